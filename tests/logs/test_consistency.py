@@ -38,9 +38,7 @@ def test_a_room_seen_twice_at_different_poses_conflicts():
     for value in (np.nan, 1e12):
         poses[3, 1] = value
         assert math.isnan(conflict_share(log, poses))
-
-
-def test_without_a_return_there_is_nothing_to_tell():
+    # Without a return there is nothing to tell.
     assert math.isnan(conflict_share(log_of([[np.inf] * 4, [np.nan] * 4]), np.zeros((2, 3))))
 
 

@@ -46,53 +46,51 @@ def test_robotlaser_log(tmp_path):
     assert log.lidar.mount.x == pytest.approx(0.1)
 
 
-def test_bad_logs(tmp_path):
-    def complain(name, content, complaint, error=ValueError):
-        path = tmp_path / name
-        if content is not None:
-            path.write_bytes(content)
-        with pytest.raises(error, match=complaint):
-            load_log(path)
-
-    complain("missing.log", None, r"missing\.log", FileNotFoundError)
-    complain("drive.txt", b"", "unknown kind of log")
-    complain("empty.log", b"ODOM 0 0 0 0 0 0 1 h 1\n", "holds no FLASER or ROBOTLASER1")
-    complain("cut.log", CARMEN.encode()[:-30], "line 6: bad FLASER line")
-    complain("end.log", CARMEN.encode()[:-6], "line 6: bad FLASER line: cut off, 12 of 13 fields")
-    complain("word.log", CARMEN.replace("2.5", "two").encode(), "line 6: bad FLASER line.*two")
-    complain("beams.log", CARMEN.replace("3 1.5 2.5", "2 2.5").encode(), "line 6: .*2 beams where earlier scans have 3")
-    complain("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5").encode(), "line 5: bad ODOM line: nan")
-    complain("time.log", CARMEN.replace("12.0 nohost", "inf nohost").encode(), "line 6: .*inf")
-    complain("beam.log", CARMEN.replace("2.5", "nan").encode(), "line 6: bad FLASER line: beam 1 is NaN")
-    complain(
-        "back.log", CARMEN.replace("12.0 nohost", "9.0 nohost").encode(), "back.log: the clock runs back from 10.5"
-    )
-    complain("below.log", CARMEN.replace("2.5", "-2.5").encode(), "beam 1 of scan 1 is -2.5 m")
-    complain("maxr.clf", ROBOTLASER.replace("20.0", "inf").encode(), r"maxr.clf: the range limit \(maxr\) is inf m")
-    complain("none.log", b"", "holds no FLASER or ROBOTLASER1")
-    complain("cut.log.gz", gzip.compress(CARMEN.encode())[:-20], "cut.log.gz: damaged or cut off")
-    complain("text.log.gz", CARMEN.encode(), "text.log.gz: damaged or cut off")
-    path = tmp_path / "topics.log"
-    path.write_text(CARMEN)
-    with pytest.raises(ValueError, match="topics can be chosen in bags only"):
-        load_log(path, scan_topic="/scan")
+@pytest.mark.parametrize(
+    ("name", "content", "complaint"),
+    [
+        ("drive.txt", "", "unknown kind of log"),
+        ("none.log", "", "holds no FLASER or ROBOTLASER1"),
+        ("cut.log", CARMEN[:-30], "line 6: bad FLASER line"),
+        ("end.log", CARMEN[:-6], "line 6: bad FLASER line: cut off, 12 of 13 fields"),
+        ("word.log", CARMEN.replace("2.5", "two"), "line 6: bad FLASER line.*two"),
+        ("beams.log", CARMEN.replace("3 1.5 2.5", "2 2.5"), "line 6: .*2 beams where earlier scans have 3"),
+        ("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5"), "line 5: bad ODOM line: nan"),
+        ("time.log", CARMEN.replace("12.0 nohost", "inf nohost"), "line 6: .*inf"),
+        ("beam.log", CARMEN.replace("2.5", "nan"), "line 6: bad FLASER line: beam 1 is NaN"),
+        ("back.log", CARMEN.replace("12.0 nohost", "9.0 nohost"), "back.log: the clock runs back from 10.5"),
+        ("below.log", CARMEN.replace("2.5", "-2.5"), "beam 1 of scan 1 is -2.5 m"),
+        ("maxr.clf", ROBOTLASER.replace("20.0", "inf"), r"maxr.clf: the range limit \(maxr\) is inf m"),
+        ("cut.log.gz", gzip.compress(CARMEN.encode())[:-20], "cut.log.gz: damaged or cut off"),
+        ("text.log.gz", CARMEN, "text.log.gz: damaged or cut off"),
+    ],
+)
+def test_bad_logs_are_named(tmp_path, name, content, complaint):
+    path = tmp_path / name
+    path.write_bytes(content if isinstance(content, bytes) else content.encode())
+    with pytest.raises(ValueError, match=complaint):
+        load_log(path)
 
 
-ARRAYS = {
-    "t": np.arange(3.0),
-    "odo": np.zeros((3, 3)),
-    "idx": np.arange(3),
-    "ranges": np.ones((3, 4)),
-    "ang0": -1.0,
-    "dang": 0.5,
-    "maxr": 8.0,
-}
+def test_a_missing_log_is_named(tmp_path):
+    with pytest.raises(FileNotFoundError, match=r"missing\.log"):
+        load_log(tmp_path / "missing.log")
+
+
+ARRAYS = {"t": np.arange(3.0), "odo": np.zeros((3, 3)), "idx": np.arange(3), "ranges": np.ones((3, 4))}
+ARRAYS |= {"ang0": -1.0, "dang": 0.5, "maxr": 8.0}
+
+
+def write_arrays(folder, **changes):
+    """Write an archive in which some arrays differ, or are missing where they are None; return its path."""
+    arrays = {name: array for name, array in (ARRAYS | changes).items() if array is not None}
+    np.savez_compressed(folder / "drive.npz", **arrays)
+    return folder / "drive.npz"
 
 
 def test_archive(tmp_path):
-    path = tmp_path / "drive.npz"
-    np.savez(path, **ARRAYS | {"ranges": np.full((3, 4), [1.0, np.nan, 8.0, 9.0]), "off": 5.0, "mount_x": 0.3})
-    log = load_log(path)
+    ranges = np.full((3, 4), [1.0, np.nan, 8.0, 9.0])
+    log = load_log(write_arrays(tmp_path, ranges=ranges, off=5.0, mount_x=0.3))
     np.testing.assert_array_equal(log.ranges, [[1.0, np.nan, np.inf, np.inf]] * 3)
     np.testing.assert_array_equal(log.times, [5.0, 6.0, 7.0])
     np.testing.assert_allclose(log.lidar.angles + log.lidar.mount.yaw, [-1.0, -0.5, 0.0, 0.5])
@@ -101,9 +99,8 @@ def test_archive(tmp_path):
 
 @pytest.mark.parametrize("dtype", [np.float16, np.int8])
 def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
-    path = tmp_path / "drive.npz"
-    np.savez(path, **ARRAYS | {name: np.asarray(ARRAYS[name]).astype(dtype) for name in ("t", "odo", "ranges")})
-    log = load_log(path)
+    changes = {name: ARRAYS[name].astype(dtype) for name in ("t", "odo", "ranges")}
+    log = load_log(write_arrays(tmp_path, **changes))
     assert (log.times.dtype, log.odometry.dtype, log.ranges.dtype) == (np.float64, np.float64, np.float32)
 
 
@@ -120,10 +117,8 @@ def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
         ({"t": np.arange(2.0)}, "numbers of times, poses and scans do not agree"),
         ({"idx": np.array([0, 1, 7])}, "rows of odometry that do not exist"),
         ({"ranges": np.ones((0, 4)), "idx": np.arange(0)}, "holds no scans"),
-        ({"maxr": np.inf}, r"range limit \(maxr\) is inf m"),
         ({"maxr": 1e9}, r"range limit \(maxr\) is 1e\+09 m"),
         ({"maxr": np.nan}, r"range limit \(maxr\) is nan m"),
-        ({"maxr": -1.0}, r"range limit \(maxr\) is -1 m"),
         ({"dang": 0.0}, "in steps of 0.0 rad"),
         ({"dang": np.nan}, "in steps of nan rad"),
         ({"idx": np.array([0.0, 1.0, np.nan])}, "array idx: must be finite"),
@@ -131,15 +126,11 @@ def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
         ({"ranges": np.ones((3, 0))}, "scans have 0 beams, from 1 to 20,000"),
         ({"ranges": np.ones((3, 30_000)), "dang": 1e-5}, "scans have 30000 beams"),
         ({"mount_x": 1e12}, "1000000000000.0 m ahead"),
-        (
-            {"odo": np.array([[0.0, 0.0, 0.0], [1e9, 0.0, 0.0], [0.0, 0.0, 0.0]])},
-            r"odometry moves by 1e\+09 m from scan 0 to the next",
-        ),
+        ({"odo": np.diag([0.0, 1e9, 0.0])[:, [1, 0, 2]]}, r"odometry moves by 1e\+09 m from scan 0 to the next"),
     ],
 )
 def test_bad_archives_are_named(tmp_path, changes, complaint):
-    path = tmp_path / "drive.npz"
-    np.savez(path, **{name: array for name, array in (ARRAYS | changes).items() if array is not None})
+    path = write_arrays(tmp_path, **changes)
     with pytest.raises(ValueError, match=complaint) as caught:
         load_log(path)
     assert str(caught.value).startswith(str(path))
@@ -148,9 +139,8 @@ def test_bad_archives_are_named(tmp_path, changes, complaint):
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("envs.files.archives.MAX_BYTES", 100_000)
-    np.savez_compressed(tmp_path / "drive.npz", **ARRAYS | {"ranges": np.ones((3, 10_000))})
     with pytest.raises(ValueError, match=r"drive\.npz: unpacks to .* bytes; at most 100,000"):
-        load_log(tmp_path / "drive.npz")
+        load_log(write_arrays(tmp_path, ranges=np.ones((3, 10_000))))
     path = tmp_path / "drive.log.gz"
     path.write_bytes(gzip.compress(b"x" * 3_000_000))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long; at most 1,000,000 characters in a line"):

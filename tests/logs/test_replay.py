@@ -1,7 +1,6 @@
 import dataclasses
 import json
 import math
-import os
 import subprocess
 import sys
 import types
@@ -18,10 +17,9 @@ from envs.logs.log import load_log
 from envs.logs.replay import Options, main
 from envs.logs.runs import picture, replay, save_g2o
 from envs.slam import SLAM_NAMES, Belief
+from tests.logs.test_relations import DATA, needs_data
 
 ROOT = Path(__file__).parents[2]
-DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
 
 LOG = """\
 ODOM 0 0 0 0 0 0 10.0 nohost 10.0
@@ -48,29 +46,35 @@ class TurningSlam:
 
 
 class ClosingSlam(TurningSlam):
-    """Closes a loop at the second scan, and corrects everything again at the end."""
+    """Closes a loop at the second scan."""
 
-    def __init__(self, lidar, resolution, has_finish=True):
-        super().__init__(lidar, resolution)
-        self.loop_closures = 0
-        if has_finish:
-            self.finish = self._finish
-
-    @property
-    def pose_graph(self):
-        edge = (0, 1, np.array([1.0, 0.0, 0.5]), np.diag([1.0, 2.0, 3.0]))
-        return types.SimpleNamespace(nodes=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]]), edges=[edge])
+    loop_closures = 0
+    pose_graph = types.SimpleNamespace(
+        nodes=np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.5]]),
+        edges=[(0, 1, np.array([1.0, 0.0, 0.5]), np.diag([1.0, 2.0, 3.0]))],
+    )
 
     def update(self, reading, motion):
         belief = super().update(reading, motion)
-        if round(self.theta / (math.pi / 2)) == 2:
+        if self.theta == math.pi:
             self.loop_closures = 1
             belief.update = MapUpdate(np.empty((0, 2), dtype=np.int32), None, redrawn=True)
             belief.path = np.array([[7.0, 0.0, 0.0], [8.0, 0.0, 0.0]])
         return belief
 
-    def _finish(self):
+
+class FinishingSlam(ClosingSlam):
+    """Corrects everything again at the end."""
+
+    def finish(self):
         self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
+
+
+class WrongSlam(TurningSlam):
+    """Corrects more poses than there are."""
+
+    def finish(self):
+        self.belief.path = np.zeros((5, 3))
 
 
 class LostSlam(TurningSlam):
@@ -78,7 +82,7 @@ class LostSlam(TurningSlam):
 
     def update(self, reading, motion):
         belief = super().update(reading, motion)
-        belief.is_lost = round(self.theta / (math.pi / 2)) == 2
+        belief.is_lost = self.theta == math.pi
         return belief
 
 
@@ -93,21 +97,8 @@ class AnchoredSlam(TurningSlam):
         self.belief.path = np.array([[10.0, 20.0, 0.5 * math.pi]])
 
 
-def test_final_poses_hang_on_the_poses_of_a_path_with_key_scans_alone(log):
-    loaded = load_log(log)
-    final = replay(loaded, AnchoredSlam(loaded.lidar, 0.1), 0).final
-    turns = 0.5 * math.pi * np.arange(1, len(loaded.ranges) + 1)
-    expected = np.column_stack([np.full_like(turns, 10.0), 20.0 + turns, np.full_like(turns, 0.5 * math.pi)])
-    np.testing.assert_allclose(final, expected, atol=1e-9)
-
-
-@pytest.fixture
-def my_slams(monkeypatch):
-    """Return a module of the user's own with SLAMs."""
-    module = types.ModuleType("my_slams")
-    module.Turning, module.Lost, module.Closing = TurningSlam, LostSlam, ClosingSlam
-    monkeypatch.setitem(sys.modules, "my_slams", module)
-    return module
+OWN = f"{__name__}:"
+"""Before the name of a SLAM of this module."""
 
 
 @pytest.fixture
@@ -117,14 +108,30 @@ def log(tmp_path):
     return path
 
 
-def test_replay_writes_maps_trajectories_and_a_summary(log, tmp_path):
-    relations = tmp_path / "relations"
-    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+@pytest.fixture
+def relations(tmp_path):
+    path = tmp_path / "relations"
+    path.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+    return path
+
+
+def read_summary(folder):
+    return json.loads((folder / "summary.json").read_text())
+
+
+def test_final_poses_hang_on_the_poses_of_a_path_with_key_scans_alone(log):
+    loaded = load_log(log)
+    final = replay(loaded, AnchoredSlam(loaded.lidar, 0.1), 0).final
+    turns = 0.5 * math.pi * np.arange(1, len(loaded.ranges) + 1)
+    expected = np.column_stack([np.full_like(turns, 10.0), 20.0 + turns, np.full_like(turns, 0.5 * math.pi)])
+    np.testing.assert_allclose(final, expected, atol=1e-9)
+
+
+def test_replay_writes_maps_trajectories_and_a_summary(log, relations, tmp_path):
     np.save(tmp_path / "unambiguous_relations.npy", np.array([True]))
     out = tmp_path / "out"
-    runs = main(
-        Options(log, slam="odometry", change={"resolution": "0.1"}, relations=relations, out=out, seeds=2, first_seed=3)
-    )
+    options = Options(log, slam="odometry", change={"resolution": "0.1"}, relations=relations, out=out)
+    runs = main(dataclasses.replace(options, seeds=2, first_seed=3))
     assert [run.seed for run in runs] == [3, 4]
     assert runs[0].error.translation == pytest.approx(0.0, abs=1e-9)
     assert runs[0].error_unambiguous.count == 1
@@ -132,34 +139,34 @@ def test_replay_writes_maps_trajectories_and_a_summary(log, tmp_path):
         trajectory = np.loadtxt(out / f"trajectory_{seed}.tum")
         np.testing.assert_allclose(trajectory[-1], [12, 1, 1, 0, 0, 0, math.sin(0.785), math.cos(0.785)], atol=1e-5)
         assert {f"map_{seed}.pgm", f"map_{seed}.yaml", f"map_with_path_{seed}.png"} <= {p.name for p in out.iterdir()}
-    summary = json.loads((out / "summary.json").read_text())
+    summary = read_summary(out)
     assert summary["params"]["resolution"] == 0.1
     assert summary["runs"][1]["error"]["count"] == 1
 
 
-def test_replay_runs_the_slam_that_it_names(log, tmp_path, my_slams):
-    main(Options(log, slam="my_slams:Turning", change={"resolution": "0.25"}, out=tmp_path))
+def test_replay_runs_the_slam_that_it_names(log, tmp_path):
+    name = OWN + "TurningSlam"
+    main(Options(log, slam=name, change={"resolution": "0.25"}, out=tmp_path))
     trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
     np.testing.assert_allclose(trajectory[:, 1][[1, 3]], 5.0)
     assert abs(trajectory[3, 6]) == pytest.approx(1.0)  # half a turn
-    summary = json.loads((tmp_path / "summary.json").read_text())
-    assert (summary["slam"], summary["params"]) == ("my_slams:Turning", None)
+    summary = read_summary(tmp_path)
+    assert (summary["slam"], summary["params"]) == (name, None)
     with pytest.raises(ValueError, match="has no parameters hole_width"):
-        main(Options(log, slam="my_slams:Turning", change={"hole_width": "0.25"}))
+        main(Options(log, slam=name, change={"hole_width": "0.25"}))
 
 
-@pytest.mark.parametrize("has_finish", [False, True])
-def test_replay_takes_the_corrected_path_and_the_pose_graph(log, tmp_path, my_slams, has_finish):
-    my_slams.closing = lambda lidar, resolution: ClosingSlam(lidar, resolution, has_finish)
-    relations = tmp_path / "relations"
-    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
-    (run,) = main(Options(log, slam="my_slams:closing", relations=relations, out=tmp_path))
+@pytest.mark.parametrize(
+    ("slam", "error", "corrected"), [("ClosingSlam", 1.0, [7.0, 8.0]), ("FinishingSlam", 0.0, [0.0, 1.0])]
+)
+def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_path, slam, error, corrected):
+    (run,) = main(Options(log, slam=OWN + slam, relations=relations, out=tmp_path))
     assert run.loop_closures == 1
     assert run.error.translation == pytest.approx(math.sqrt(2.0))  # the robot turns on the spot
-    assert run.final_error.translation == pytest.approx(0.0 if has_finish else 1.0)
+    assert run.final_error.translation == pytest.approx(error)
     assert 0.0 < run.milliseconds <= run.milliseconds_p99 <= run.milliseconds_max
     final, online = (np.loadtxt(tmp_path / f"trajectory_{name}0.tum") for name in ("", "online_"))
-    np.testing.assert_allclose(final[[1, 3], 1], [0.0, 1.0] if has_finish else [7.0, 8.0])
+    np.testing.assert_allclose(final[[1, 3], 1], corrected)
     np.testing.assert_allclose(online[[1, 3], 1], 5.0)
     lines = (tmp_path / "pose_graph_0.g2o").read_text().splitlines()
     assert lines[:3] == ["VERTEX_SE2 0 0.0 0.0 0.0", "VERTEX_SE2 1 1.0 0.0 0.5", "FIX 0"]
@@ -175,10 +182,9 @@ def test_pose_graphs_that_make_no_sense_are_not_written(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_corrected_path_has_a_pose_per_scan(log, my_slams, monkeypatch):
-    monkeypatch.setattr(ClosingSlam, "_finish", lambda self: setattr(self.belief, "path", np.zeros((5, 3))))
+def test_a_corrected_path_has_a_pose_per_scan(log):
     with pytest.raises(ValueError, match=r"corrected path of shape \(5, 3\) after 2 scans"):
-        main(Options(log, slam="my_slams:Closing"))
+        main(Options(log, slam=OWN + "WrongSlam"))
 
 
 def test_a_slam_whose_pose_is_no_number_is_named(log):
@@ -188,9 +194,7 @@ def test_a_slam_whose_pose_is_no_number_is_named(log):
         replay(load_log(log), slam, 0)
 
 
-def test_all_slams_are_compared(log, tmp_path, capsys):
-    relations = tmp_path / "relations"
-    relations.write_text("10.5 12.0 1 1 0 0 0 1.57\n")
+def test_all_slams_are_compared(log, relations, tmp_path, capsys):
     runs = main(Options(log, slam="all", relations=relations, out=tmp_path, seeds=2))
     names = [name for name in SLAM_NAMES if name != "truth"]
     assert [run.slam for run in runs] == [name for name in names for _ in range(2)]
@@ -201,14 +205,14 @@ def test_all_slams_are_compared(log, tmp_path, capsys):
     assert all((tmp_path / name / "trajectory_1.tum").is_file() for name in names)
 
 
-def test_a_slam_that_is_lost_must_not_be_trusted(log, tmp_path, my_slams, capsys):
-    (run,) = main(Options(log, slam="my_slams:Lost", out=tmp_path))
+def test_a_slam_that_is_lost_must_not_be_trusted(log, tmp_path, capsys):
+    name = OWN + "LostSlam"
+    (run,) = main(Options(log, slam=name, out=tmp_path))
     said = capsys.readouterr().out
-    assert run.lost_share == 0.5
+    assert run.lost_share == read_summary(tmp_path)["runs"][0]["lost_share"] == 0.5
     assert "lost at 50.0 % of scans" in said
-    assert "warning: do not trust my_slams:Lost, seed 0: it was lost at 50.0 % of the scans" in said
-    assert json.loads((tmp_path / "summary.json").read_text())["runs"][0]["lost_share"] == 0.5
-    main(Options(log, slam="my_slams:Turning"))
+    assert f"warning: do not trust {name}, seed 0: it was lost at 50.0 % of the scans" in said
+    main(Options(log, slam=OWN + "TurningSlam"))
     assert "warning" not in capsys.readouterr().out
 
 
@@ -249,13 +253,13 @@ def test_wheels_that_turn_the_building_inside_out_are_noticed(capsys):
         (["--seeds", "0"], "seeds must be at least 1"),
         (["--first-seed", "-1"], "first_seed 0"),
         (["--max-range", "nan"], r"drive.log: max_range \(--max-range\) must be positive"),
-        (["--max-range", "-1"], r"drive.log: max_range \(--max-range\) must be positive"),
         (["--time-offset", "nan"], "time_offset must be finite"),
-        (["--thin", "-1", "1"], "thin must be"),
         (["--thin", "nan", "1"], "thin must be"),
         (["--scan-topic", "/scan"], r"drive.log: topics can be chosen in bags only"),
         (["--preset", "none"], "unknown preset of tinyslam 'none'"),
         (["--change", "speed", "1"], "intel.yaml: unknown key 'speed'"),
+        (["--slam", "gmapping2"], "unknown SLAM 'gmapping2'.*tinyslam"),
+        (["--slam", "truth"], "true poses"),
     ],
 )
 def test_options_that_make_no_sense_are_named(log, options, complaint):
@@ -263,15 +267,13 @@ def test_options_that_make_no_sense_are_named(log, options, complaint):
         main(tyro.cli(Options, args=[str(log), *options]))
 
 
-def test_errors_are_one_line(tmp_path):
-    command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / "none.bag")]
-    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stderr) == (2, f"envs.logs.replay: no log at {tmp_path / 'none.bag'}\n")
+@pytest.mark.parametrize(("name", "says"), [("none.bag", "no log at {}\n"), ("cut.npz", "{}: ")])
+def test_errors_are_one_line(name, says, tmp_path):
     (tmp_path / "cut.npz").write_bytes(b"PK")
-    command[3] = str(tmp_path / "cut.npz")
+    command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / name)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"envs.logs.replay: {tmp_path / 'cut.npz'}: ")
+    assert done.stderr.startswith(f"envs.logs.replay: {says.format(tmp_path / name)}")
     assert done.stderr.count("\n") == 1
 
 
@@ -283,14 +285,6 @@ def test_a_map_that_outgrows_the_memory_names_the_log(tmp_path):
     with pytest.raises(ValueError, match=rf"^{path}, odometry: the map would need") as caught:
         main(Options(path, slam="odometry"))
     assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("name", "complaint"), [("gmapping2", "unknown SLAM 'gmapping2'.*tinyslam"), ("truth", "true poses")]
-)
-def test_replay_measures_nothing_under_another_name(log, name, complaint):
-    with pytest.raises(ValueError, match=complaint):
-        main(Options(log, slam=name))
 
 
 def test_picture_shows_low_y_at_the_bottom():
