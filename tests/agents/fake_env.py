@@ -25,32 +25,28 @@ SIDE = 16
 BEAMS = 36
 
 
+def observation_space(num_beams=BEAMS):
+    crop, scan = spaces.Box(0, 255, (3, 40, 40), np.uint8), spaces.Box(0.0, 1.0, (num_beams,), np.float32)
+    motion = spaces.Box(-1.0, 1.0, (6,), np.float32)
+    return spaces.Dict({"scan": scan, "map_near": crop, "map_far": crop, "motion": motion})
+
+
 class FakeEnv(LidarEnv):
     metadata = {"render_modes": []}
     belief, time = None, 0.0
 
     def __init__(self, *, split="train", world="rooms", control_hz=5.0, time_limit=None, render_mode=None, **_ignored):
-        crop = spaces.Box(0, 255, (3, 40, 40), np.uint8)
-        self.observation_space = spaces.Dict(
-            {
-                "scan": spaces.Box(0.0, 1.0, (BEAMS,), np.float32),
-                "map_near": crop,
-                "map_far": crop,
-                "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
-            }
-        )
+        self.observation_space = observation_space()
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
         if world == "nowhere":
             raise ValueError("world 'nowhere' is unknown")
-        self.world = world
+        self.world = "rooms" if split == "test" else world
         self.render_mode = render_mode
         self.control_period = 1.0 / control_hz
         self.time_limit = time_limit or 4.0
         self.robot = SimpleNamespace(name="fake", lidar=SimpleNamespace(num_beams=BEAMS), max_v=2.0)
         self.task = SimpleNamespace(measures=MEASURES, progress="explored_fraction")
         self.steps = 0
-        if split == "test":
-            self.world = "rooms"
 
     def close(self):
         """Release nothing."""

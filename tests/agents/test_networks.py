@@ -4,18 +4,7 @@ import torch
 from gymnasium import spaces
 
 from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
-
-
-def observation_space(num_beams=360, size=40):
-    crop = spaces.Box(0, 255, (3, size, size), np.uint8)
-    return spaces.Dict(
-        {
-            "scan": spaces.Box(0.0, 1.0, (num_beams,), np.float32),
-            "map_near": crop,
-            "map_far": crop,
-            "motion": spaces.Box(-1.0, 1.0, (6,), np.float32),
-        }
-    )
+from tests.agents.fake_env import observation_space
 
 
 def sample(space, batch):
@@ -32,7 +21,7 @@ def test_any_number_of_beams_gives_the_promised_width(num_beams):
 
 
 def test_every_part_of_the_observation_reaches_the_features():
-    space = observation_space()
+    space = observation_space(360)
     network = ExplorerFeatures(space)
     inputs = {key: value.requires_grad_() for key, value in sample(space, 8).items()}
     network.encode(inputs).square().sum().backward()
@@ -47,16 +36,13 @@ def test_every_part_of_the_observation_reaches_the_features():
 
 
 def test_a_lost_beam_does_not_look_like_an_obstacle():
-    space = observation_space()
+    space = observation_space(360)
     network = ExplorerFeatures(space)
     far = {key: torch.zeros(1, *box.shape) for key, box in space.spaces.items()}
     far["scan"] += 1.0
-    lost, near = dict(far), dict(far)
-    lost["scan"], near["scan"] = far["scan"].clone(), far["scan"].clone()
-    lost["scan"][0, 100] = 0.0
-    near["scan"][0, 100] = 1e-6
-    assert not torch.equal(network(far), network(lost))
-    assert not torch.equal(network(near), network(lost))
+    lost, near = ({**far, "scan": far["scan"].clone()} for _ in range(2))
+    lost["scan"][0, 100], near["scan"][0, 100] = 0.0, 1e-6
+    assert not any(torch.equal(network(other), network(lost)) for other in (far, near))
 
 
 def test_tables_crops_of_any_side_and_names_with_dots_are_read():

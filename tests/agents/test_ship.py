@@ -16,17 +16,16 @@ from agents.learned import PRETRAINED, find_policy, load_policy
 from agents.run_folder import CheckpointError
 from agents.ship import CHECKSUMS, MODEL_CARD, main
 from agents.vec_env import make_env
+from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 SHIPPED = sorted(folder for folder in PRETRAINED.iterdir() if folder.is_dir())
 
 
 def check_sums(folder):
     """Hold all files but the model card against the checksums."""
-    lines = (line.split("  ") for line in (folder / CHECKSUMS).read_text().splitlines())
-    sums = {name: digest for digest, name in lines}
-    assert set(sums) == {path.name for path in folder.iterdir()} - {CHECKSUMS, MODEL_CARD}
-    for name, digest in sums.items():
-        assert hashlib.sha256((folder / name).read_bytes()).hexdigest() == digest, name
+    files = {path for path in folder.iterdir() if path.name not in (CHECKSUMS, MODEL_CARD)}
+    sums = {f"{hashlib.sha256(path.read_bytes()).hexdigest()}  {path.name}" for path in files}
+    assert set((folder / CHECKSUMS).read_text().splitlines()) == sums
 
 
 @pytest.mark.parametrize("folder", SHIPPED, ids=lambda folder: folder.name)
@@ -44,16 +43,7 @@ def test_what_comes_with_the_package_is_whole_and_was_trained_on_the_split(folde
 
 
 def test_a_score_is_shipped_and_its_model_card_is_kept(tmp_path):
-    tiny = EvolutionConfig(
-        algorithm="evolution",
-        experiment="tiny",
-        generations=1,
-        population=4,
-        tasks=1,
-        families=("rooms",),
-        validation_tasks=1,
-        num_workers=1,
-    )
+    tiny = EvolutionConfig(**EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1})
     run, folder = evolve(tiny, run=tmp_path / "run", progress=False), tmp_path / "tiny"
     folder.mkdir()
     (folder / MODEL_CARD).write_text("the card")

@@ -1,16 +1,18 @@
-import csv
 import json
 import sys
 from concurrent.futures import Future
 from functools import partial
 from types import SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import train
 from agents import sweep
 from agents.config import EvolutionConfig
+from agents.frontiers.evolution import evolve
 from agents.sweep import expand, interval, run_sweep
 from envs.files import LockedError
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
@@ -22,20 +24,13 @@ def data(tiny_data):
     return tiny_data | changes | {"sweep": {"hyperparameters.gamma": [0.9, 0.99]}, "seeds": [0, 1]}
 
 
-def read_table(folder):
-    with open(folder / "sweep.csv", newline="") as file:
-        return list(csv.DictReader(file))
-
-
 def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, tmp_path, capsys, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "tiny.yaml").write_text(json.dumps(data))
     assert train.main(["--config", "tiny.yaml", "--evaluation.every", "64"]) == 0
     (folder,) = (tmp_path / "runs").glob("tiny__sweep__*")
-    rows = read_table(folder)
-    assert [(row["hyperparameters.gamma"], row["seed"], row["steps"]) for row in rows] == [
-        ("0.9", "0", "128"), ("0.9", "1", "128"), ("0.99", "0", "128"), ("0.99", "1", "128"),
-    ]  # fmt: skip
+    table = pd.read_csv(folder / "sweep.csv")[["hyperparameters.gamma", "seed", "steps"]]
+    assert table.values.tolist() == [[gamma, seed, 128] for gamma in (0.9, 0.99) for seed in (0, 1)]
     assert (folder / "sweep.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
     # A sweep goes on where it stopped: what is finished is not trained again.
@@ -51,11 +46,10 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, 
 def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
     data["sweep"] = {"hyperparameters.learning_rate": [1e-3, 1e30]}
     data |= {"seeds": [0], "total_steps": 256}
-    with pytest.raises(
-        ValueError, match=r"1 of 2 trainings failed, --resume .* tries again:\n001_learning_rate=1e\+30"
-    ):
+    message = r"1 of 2 trainings failed, --resume .* tries again:\n001_learning_rate=1e\+30"
+    with pytest.raises(ValueError, match=message):
         run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
-    assert len(read_table(tmp_path / "sweep")) == 1
+    assert len(pd.read_csv(tmp_path / "sweep" / "sweep.csv")) == 1
 
 
 @pytest.mark.parametrize(
@@ -89,14 +83,11 @@ def test_evolutions_are_swept_as_well_and_a_ray_cluster_takes_them(tmp_path, mon
     ray = SimpleNamespace(init=lambda **how: calls.append(how["address"]), remote=remote, shutdown=lambda: None)
     monkeypatch.setitem(sys.modules, "ray", ray)
     tiny = EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1}
-    swept = {**tiny, "families": ["rooms"], "sweep": {"sigma": [0.05]}, "seeds": [3]}
+    swept = tiny | {"sweep": {"sigma": [0.05]}, "seeds": [3]}
     folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", ray="auto", progress=False)
     assert calls == ["auto", "train_member"]
-    rows = read_table(folder)
-    assert [(row["sigma"], row["steps"]) for row in rows] == [("0.05", "1")]
+    assert pd.read_csv(folder / "sweep.csv")[["sigma", "steps"]].values.tolist() == [[0.05, 1]]
     assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))
-
-    from agents.frontiers.evolution import evolve
 
     calls.clear()
     evolve(EvolutionConfig(**tiny), run=tmp_path / "alone", ray="auto", progress=False)
@@ -104,10 +95,7 @@ def test_evolutions_are_swept_as_well_and_a_ray_cluster_takes_them(tmp_path, mon
 
 
 def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monkeypatch):
-    def locked(member, **_):
-        raise LockedError("in use")
-
-    monkeypatch.setattr(sweep, "train_member", locked)
+    monkeypatch.setattr(sweep, "train_member", Mock(side_effect=LockedError("in use")))
     with pytest.raises(ValueError, match="4 of 4 trainings failed"):
         run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
 

@@ -97,16 +97,14 @@ def test_ctrl_c_ends_at_once_and_names_the_run(tmp_path, monkeypatch, capsys):
 def test_validations_are_logged_after_nearest_which_is_measured_once(tmp_path, monkeypatch):
     config = EvolutionConfig(**TINY, generations=2)
     run = evolve(config, run=tmp_path / "run", progress=False)
-    nearest, first, last = read_evaluations(run)
-    assert [(row["policy"], row["steps"]) for row in (nearest, first, last)] == [
-        ("nearest", 0), ("learned", 0), ("learned", 2),
-    ]  # fmt: skip
+    nearest, first, last = rows = read_evaluations(run)
+    assert [(row["policy"], row["steps"]) for row in rows] == [("nearest", 0), ("learned", 0), ("learned", 2)]
     assert first["time_over_rule"] == 1.0 < nearest["time_over_rule"]
     assert first["time_over_rule_q25"] == first["success"] == 1.0
     assert last["progress"] >= 0.95
     monkeypatch.setattr(evolution, "compare", None)
     evolve(config, resume=run, progress=False)
-    assert read_evaluations(run) == [nearest, first, last]
+    assert read_evaluations(run) == rows
     events = EventAccumulator(str(run / "tensorboard")).Reload()
     assert events.Scalars("evaluation/time_over_rule")[0].value == 1.0
 

@@ -41,27 +41,23 @@ def episode():
     return (env.observation_space, env.action_space), batch_of(observations), np.array(choices)
 
 
-def make_policy(spaces_, seed=0, untrained=True, weights=None):
-    torch.manual_seed(seed)
+def make_policy(spaces_, trained=False, weights=None):
+    torch.manual_seed(0)
     prior = {} if weights is None else {"prior_policy": "pretrained/frontiers"}
     policy = FrontierPolicy(*spaces_, lambda _: 1e-3, width=32, heads=4, prior=15.0, **prior)
     if weights is not None:
         policy.load_prior(FrontierScore(weights))
-    if not untrained:
+    if trained:
         torch.nn.init.normal_(policy.network.correct[-1].weight)
     return policy
 
 
-def test_untrained_it_chooses_as_the_rule(episode):
+def test_untrained_it_chooses_as_the_rule_or_the_score_that_it_starts_from(episode):
     spaces_, batch, choices = episode
     assert len(choices) > 20
     assert (batch["candidates"][:, :, 13] > 0).any()
     np.testing.assert_array_equal(Actor(make_policy(spaces_))(batch), choices)
-    assert (Actor(make_policy(spaces_, untrained=False))(batch) != choices).any()
-
-
-def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
-    spaces_, batch, choices = episode
+    assert (Actor(make_policy(spaces_, trained=True))(batch) != choices).any()
     weights = PRIOR + np.random.default_rng(0).normal(0.0, 0.5, NUM_FEATURES)
     score = FrontierScore(weights)
     expected = [score({key: value[i] for key, value in batch.items()}) for i in range(len(choices))]
@@ -69,43 +65,33 @@ def test_untrained_it_chooses_as_the_score_that_it_starts_from(episode):
     np.testing.assert_array_equal(Actor(make_policy(spaces_, weights=weights))(batch), expected)
 
 
-def test_permuted_candidates_give_permuted_logits_and_the_same_value(episode):
+def test_the_network_sees_all_of_a_sample_whatever_its_order_and_nothing_of_the_others(episode):
     spaces_, batch, _ = episode
-    network = make_policy(spaces_, untrained=False).network
+    network = make_policy(spaces_, trained=True).network
+
+    def assert_close(changed, expected_logits, expected_values):
+        logits, values = network(to_tensors(changed))
+        assert torch.allclose(logits, expected_logits, atol=1e-3)
+        assert torch.allclose(values, expected_values, atol=1e-5)
+
     order = np.random.default_rng(0).permutation(spaces_[1].n)
     permuted = {key: batch[key][:, order] for key in ("candidates", "sectors", "action_mask")}
     permuted["gaps"] = batch["gaps"][:, order][:, :, order]
     with torch.no_grad():
         logits, values = network(to_tensors(batch))
-        other_logits, other_values = network(to_tensors(batch | permuted))
-    assert torch.allclose(other_logits, logits[:, order], atol=1e-3)
-    assert torch.allclose(other_values, values, atol=1e-5)
-    assert values.std() > 1e-3
-
-
-def test_a_sample_does_not_depend_on_the_others_of_its_batch(episode):
-    spaces_, batch, _ = episode
-    network = make_policy(spaces_, untrained=False).network
-    with torch.no_grad():
-        logits, values = network(to_tensors(batch))
-        for i in (0, len(logits) - 1):
-            alone = network(to_tensors({key: value[i : i + 1] for key, value in batch.items()}))
-            assert torch.allclose(alone[0], logits[i : i + 1], atol=1e-3)
-            assert torch.allclose(alone[1], values[i : i + 1], atol=1e-5)
-
-
-def test_attention_sees_the_distances_between_candidates(episode):
-    spaces_, batch, _ = episode
-    network = make_policy(spaces_, untrained=False).network
-    with torch.no_grad():
-        far = network(to_tensors(batch | {"gaps": np.full_like(batch["gaps"], 0.9)}))[0]
-        assert (far - network(to_tensors(batch))[0]).abs().max() > 1e-3
+        assert values.std() > 1e-3
+        assert_close(batch | permuted, logits[:, order], values)
+        for one in (slice(0, 1), slice(-1, None)):
+            assert_close({key: value[one] for key, value in batch.items()}, logits[one], values[one])
+        # Attention sees the distances between candidates.
+        far, _ = network(to_tensors(batch | {"gaps": np.full_like(batch["gaps"], 0.9)}))
+        assert (far - logits).abs().max() > 1e-3
 
 
 def test_what_is_masked_is_never_drawn(episode):
     spaces_, batch, _ = episode
     torch.manual_seed(1)
-    policy = make_policy(spaces_, untrained=False)
+    policy = make_policy(spaces_, trained=True)
     few = {key: value.copy() for key, value in batch.items()}
     few["action_mask"][:, 3:] = 0
     tensors = to_tensors(few)
@@ -119,7 +105,7 @@ def test_what_is_masked_is_never_drawn(episode):
 
 def test_nothing_to_choose_from_is_no_error(episode):
     spaces_, batch, _ = episode
-    policy = make_policy(spaces_, untrained=False)
+    policy = make_policy(spaces_, trained=True)
     nothing = {key: np.zeros_like(value[:2]) for key, value in batch.items()}
     values, log_prob, entropy = policy.evaluate_actions(to_tensors(nothing), torch.tensor([0, 5]))
     (values.mean() + log_prob.mean() + entropy.mean()).backward()
@@ -129,13 +115,12 @@ def test_nothing_to_choose_from_is_no_error(episode):
 
 def test_all_ways_through_the_policy_agree(episode):
     spaces_, batch, _ = episode
-    policy, tensors = make_policy(spaces_, untrained=False), to_tensors(batch)
+    policy, tensors = make_policy(spaces_, trained=True), to_tensors(batch)
     with torch.no_grad():
-        actions, values, log_prob = policy(tensors, deterministic=True)
-        again = policy.evaluate_actions(tensors, actions)
+        actions, *expected = policy(tensors, deterministic=True)
+        values, log_prob, _ = policy.evaluate_actions(tensors, actions)
+        torch.testing.assert_close([values, log_prob], expected, atol=0.0, rtol=0.0)
         assert torch.equal(policy.predict_values(tensors), values)
-        assert torch.equal(again[0], values)
-        assert torch.equal(again[1], log_prob)
         assert torch.equal(policy.get_distribution(tensors).mode(), actions)
     assert policy.predict({key: value[0] for key, value in batch.items()}, deterministic=True)[0] == actions[0]
 
