@@ -30,8 +30,8 @@ from benchmarks.drives.recording import (
 )
 from envs.command_line import Count
 from envs.estimation import Estimator
-from envs.logs import compose_poses, load_log, load_relations, pose_errors, rms
-from envs.logs.relations import load_mask
+from envs.logs import compose_poses, load_log, pose_errors, rms
+from envs.logs.relations import load_labelled
 from envs.logs.runs import measure, replay
 from envs.navigation import crop_to_known
 from envs.progress import Progress
@@ -113,20 +113,18 @@ def compare_on_log(
     log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
 ) -> list[Row]:
     """Return the medians over seeds of each SLAM on a log with its preset `intel`; draw the maps of the last seed."""
-    log, relations = load_log(log_path), {"error": load_relations(relations_path)}
-    mask, rows, panels = relations_path.parent / "unambiguous_relations.npy", [], []
-    if mask.exists():
-        relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
+    log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
         params, found = SLAMS[name].load("intel"), []
         slam = make_slam(name, log.lidar, params.resolution, params)
         for seed in range(seeds):
             replayed = replay(log, slam, seed)
             run = measure(log, slam, name, seed, replayed, relations)
-            row = {"translation_m": run.final_error.translation, "rotation_deg": run.final_error.rotation}
-            if run.final_error_unambiguous:
-                row["unambiguous_m"] = run.final_error_unambiguous.translation
-            row |= {"online_m": run.error.translation, "ms_per_scan": run.milliseconds, "p99_ms": run.milliseconds_p99}
+            error, online = run.errors["final relation error"], run.errors["online relation error"]
+            row = {"translation_m": error.translation, "rotation_deg": error.rotation}
+            if "final unambiguous" in run.errors:
+                row["unambiguous_m"] = run.errors["final unambiguous"].translation
+            row |= {"online_m": online.translation, "ms_per_scan": run.milliseconds, "p99_ms": run.milliseconds_p99}
             found.append(row)
         rows.append({"slam": name, "data": log_path.stem, **medians(found)})
         panels.append(Panel(f"{name}: {row['translation_m']:.3f} m", slam.belief.grid, replayed.final))

@@ -65,19 +65,24 @@ def load_relations(path: str | Path) -> np.ndarray:
     return table[:, [0, 1, 2, 3, 7]]
 
 
-def load_mask(path: Path, count: int) -> np.ndarray:
-    """Read which of `count` relations are meant: an array (.npy) of shape (count,), bool.
+def load_labelled(path: Path) -> dict[str, np.ndarray]:
+    """Read relations, all as `relation error`, and as `unambiguous` those that a mask beside them names, if there is.
+
+    The mask is `unambiguous_relations.npy`, shape (n,), bool.
 
     Raises:
-        ValueError: the file is damaged, or holds another array.
+        ValueError: a file is damaged, or holds something else.
     """
+    relations, mask_path = load_relations(path), path.parent / "unambiguous_relations.npy"
+    if not mask_path.is_file():
+        return {"relation error": relations}
     try:
-        mask = np.load(path, allow_pickle=False)
+        mask = np.load(mask_path, allow_pickle=False)
     except (ValueError, EOFError) as error:
-        raise ValueError(f"{path}: damaged or no array: {' '.join(str(error).split())}") from error
-    if mask.shape != (count,) or mask.dtype != np.bool_ or not mask.any():
-        raise ValueError(f"{path}: a mask of {count} relations is needed, got {mask.dtype} {mask.shape}")
-    return mask
+        raise ValueError(f"{mask_path}: damaged or no array: {' '.join(str(error).split())}") from error
+    if mask.shape != (len(relations),) or mask.dtype != np.bool_ or not mask.any():
+        raise ValueError(f"{mask_path}: a mask of {len(relations)} relations is needed, got {mask.dtype} {mask.shape}")
+    return {"relation error": relations, "unambiguous": relations[mask]}
 
 
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:

@@ -22,15 +22,11 @@ from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
 from .consistency import MAX_CONFLICTS
 from .log import Log, load_log
-from .relations import RelationError, load_mask, load_relations
+from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
-LABELS = {"error": "relation error", "error_unambiguous": "unambiguous"}
-"""How errors of a `Run` are called in what is printed."""
-ALL = "all"
-"""Stands for every registered SLAM that a log can be replayed with."""
 TRUTH = "truth"
-"""The one that it cannot."""
+"""The registered SLAM that a log cannot be replayed with."""
 SPARSE = 0.5
 """Median distance between scans from which on a log is sparse [m]."""
 
@@ -90,8 +86,8 @@ def main(options: Options) -> list[Run]:
         log = log.thinned(*options.thin)
     if (step := log.step_length) >= SPARSE and options.preset != "sparse":
         tqdm.write(f"sparse log: {step:.2f} m between scans (median); `--preset sparse` searches farther")
-    relations = _load_relations(options.relations)
-    names = [name for name in SLAM_NAMES if name != TRUTH] if options.slam == ALL else [options.slam]
+    relations = {} if options.relations is None else load_labelled(options.relations)
+    names = [name for name in SLAM_NAMES if name != TRUTH] if options.slam == "all" else [options.slam]
     runs: list[Run] = []
     for name in names:
         out = options.out / name if options.out and len(names) > 1 else options.out
@@ -108,23 +104,19 @@ def main(options: Options) -> list[Run]:
 def comparison(runs: list[Run]) -> Table:
     """Return a table with a row per SLAM: medians over its seeds."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    fields = [f for f in _ERROR_FIELDS if any(getattr(run, f) for run in runs)]
-    heads = [f"{_label(f)}, m / deg" for f in fields]
+    heads = [f"{label}, m / deg" for label in runs[0].errors]
     further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
     for k, head in enumerate(["SLAM", *heads, *further]):
         table.add_column(head, justify="right" if k else "left", no_wrap=k == 0)
     for name in dict.fromkeys(run.slam for run in runs):
         own = [run for run in runs if run.slam == name]
-        cells = ["{:.3f} / {:.2f}".format(*_median_error(own, f)) for f in fields]
+        cells = ["{:.3f} / {:.2f}".format(*error) for error in _median_errors(own).values()]
         cells += [f"{100 * np.median([getattr(r, f) for r in own]):.1f} %" for f in ("lost_share", "conflict_share")]
         for f in ("milliseconds", "milliseconds_p99", "milliseconds_max"):
             cells.append(f"{np.median([getattr(run, f) for run in own]):.2f}")
         counts = [run.loop_closures for run in own if run.loop_closures is not None]
         table.add_row(name, *cells, f"{np.median(counts):.0f}" if counts else "")
     return table
-
-
-_ERROR_FIELDS = ("error", "error_unambiguous", "final_error", "final_error_unambiguous")
 
 
 def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray], out: Path | None) -> list[Run]:
@@ -145,9 +137,8 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
         if out is not None:
             save_replay(out, log, slam, seed, replayed)
     median = f"median of {len(runs)}: {np.median([run.milliseconds for run in runs]):.3f} ms per scan"
-    for f in _ERROR_FIELDS:
-        if getattr(runs[0], f):
-            median += "; {} {:.3f} m, {:.2f} deg".format(_label(f), *_median_error(runs, f))
+    for label, error in _median_errors(runs).items():
+        median += "; {} {:.3f} m, {:.2f} deg".format(label, *error)
     tqdm.write(median)
     if out is not None:
         params = getattr(slam, "params", None)
@@ -167,9 +158,7 @@ def _line(run: Run) -> str:
         f"{run.slam}, seed {run.seed}: {run.milliseconds:.3f} ms per scan "
         f"(99 % below {run.milliseconds_p99:.3f}, worst {run.milliseconds_max:.3f})"
     )
-    for f in _ERROR_FIELDS:
-        error: RelationError | None = getattr(run, f)
-        line += f"; {_label(f)} {error}" if error else ""
+    line += "".join(f"; {label} {error}" for label, error in run.errors.items())
     line += "" if run.loop_closures is None else f"; {run.loop_closures} loop closures"
     return f"{line}; lost at {100 * run.lost_share:.1f} % of scans, {100 * run.conflict_share:.1f} % of beams conflict"
 
@@ -187,15 +176,10 @@ def _complaint(run: Run) -> str | None:
     return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None
 
 
-def _label(error_field: str) -> str:
-    is_final = error_field.startswith("final_")
-    return f"{'final' if is_final else 'online'} {LABELS[error_field.removeprefix('final_')]}"
-
-
-def _median_error(runs: list[Run], error_field: str) -> tuple[float, float]:
-    """Return the medians of translation [m] and rotation [deg]."""
-    errors = [getattr(run, error_field) for run in runs]
-    return float(np.median([e.translation for e in errors])), float(np.median([e.rotation for e in errors]))
+def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:
+    """Return the medians of translation and rotation by label, shape (2,) [m, deg]."""
+    errors = [{label: (e.translation, e.rotation) for label, e in run.errors.items()} for run in runs]
+    return {label: np.median([error[label] for error in errors], axis=0) for label in errors[0]}
 
 
 def _make_slam(name: str, options: Options, log: Log) -> Estimator:
@@ -210,17 +194,6 @@ def _make_slam(name: str, options: Options, log: Log) -> Estimator:
         return make_slam(name, log.lidar, load_params(options.preset, options.change).resolution)
     params = SLAMS[name].load(options.preset, options.change)
     return make_slam(name, log.lidar, params.resolution, params)
-
-
-def _load_relations(path: Path | None) -> dict[str, np.ndarray]:
-    """Return relations, as far as there are files, by the field of `Run` that holds the online error over them."""
-    if path is None:
-        return {}
-    relations = {"error": load_relations(path)}
-    mask = path.parent / "unambiguous_relations.npy"
-    if mask.is_file():
-        relations["error_unambiguous"] = relations["error"][load_mask(mask, len(relations["error"]))]
-    return relations
 
 
 def cli() -> None:

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -54,14 +54,8 @@ class Run:
     """Share of beams that contradict other scans at the final poses, from 0 to 1; see `conflict_share`."""
     loop_closures: int | None = None
     """Number of loop closures; None for estimators that do not count any."""
-    error: RelationError | None = None
-    """Of the online trajectory, over all relations."""
-    error_unambiguous: RelationError | None = None
-    """Of the online trajectory, over relations whose time stamps are unambiguous."""
-    final_error: RelationError | None = None
-    """Of the final trajectory, over all relations."""
-    final_error_unambiguous: RelationError | None = None
-    """Of the final trajectory, over relations whose time stamps are unambiguous."""
+    errors: dict[str, RelationError] = field(default_factory=dict)
+    """By `online` or `final`, of the trajectory, and the label of the relations: see `load_labelled`."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
@@ -102,31 +96,21 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Judge a replay of an estimator of some name with a seed.
-
-    `relations` are as from `load_relations`, by the field of `Run` that holds the online error over them.
+    """Judge a replay of an estimator of some name with a seed, over relations as from `load_labelled`.
 
     Raises:
         ValueError: no relation lies within the log.
     """
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
-    for prefix, poses in (("", replayed.online), ("final_", replayed.final)):
+    for when, poses in (("online", replayed.online), ("final", replayed.final)):
         trajectory = follow_odometry(log.odometry, log.scan_rows, poses)
-        for field, some in relations.items():
-            errors[f"{prefix}{field}"] = relation_error(log.times, trajectory, some)
+        for label, some in relations.items():
+            errors[f"{when} {label}"] = relation_error(log.times, trajectory, some)
     loop_closures = getattr(slam, "loop_closures", None)
-    return Run(
-        slam=name,
-        seed=seed,
-        milliseconds=float(milliseconds.mean()),
-        milliseconds_p99=float(np.percentile(milliseconds, 99)),
-        milliseconds_max=float(milliseconds.max()),
-        lost_share=float(replayed.is_lost.mean()),
-        conflict_share=conflict_share(log, replayed.final),
-        loop_closures=None if loop_closures is None else int(loop_closures),
-        **errors,
-    )
+    times = float(milliseconds.mean()), float(np.percentile(milliseconds, 99)), float(milliseconds.max())
+    shares = float(replayed.is_lost.mean()), conflict_share(log, replayed.final)
+    return Run(name, seed, *times, *shares, None if loop_closures is None else int(loop_closures), errors)
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
-from envs.logs.relations import load_mask
+from envs.logs.relations import load_labelled
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
@@ -46,17 +46,19 @@ def test_bad_relations_are_named(tmp_path, content, complaint):
 
 
 def test_a_mask_has_a_truth_value_per_relation(tmp_path):
-    file = tmp_path / "mask.npy"
+    relations, file = tmp_path / "relations", tmp_path / "unambiguous_relations.npy"
+    relations.write_text("1 2 1 0 0 0 0 0\n3 4 1 0 0 0 0 0\n")
+    assert load_labelled(relations).keys() == {"relation error"}
     np.save(file, np.array([True, False]))
-    np.testing.assert_array_equal(load_mask(file, 2), [True, False])
-    for mask in ([True] * 3, [[True, True]], [0, 1], [False, False]):
+    np.testing.assert_array_equal(load_labelled(relations)["unambiguous"][:, 0], [1.0])
+    for mask in (np.ones(3, dtype=bool), np.ones((1, 2), dtype=bool), np.array([0, 1]), np.zeros(2, dtype=bool)):
         np.save(file, mask)
-        with pytest.raises(ValueError, match=r"mask.npy: a mask of 2 relations is needed"):
-            load_mask(file, 2)
+        with pytest.raises(ValueError, match=r"relations.npy: a mask of 2 relations is needed"):
+            load_labelled(relations)
     for damaged in (b"", b"text", file.read_bytes()[:-1]):
         file.write_bytes(damaged)
-        with pytest.raises(ValueError, match=r"mask.npy: damaged"):
-            load_mask(file, 2)
+        with pytest.raises(ValueError, match=r"relations.npy: damaged"):
+            load_labelled(relations)
 
 
 def test_between_scans_the_trajectory_follows_odometry():

@@ -133,15 +133,15 @@ def test_replay_writes_maps_trajectories_and_a_summary(log, relations, tmp_path)
     options = Options(log, slam="odometry", change={"resolution": "0.1"}, relations=relations, out=out)
     runs = main(dataclasses.replace(options, seeds=2, first_seed=3))
     assert [run.seed for run in runs] == [3, 4]
-    assert runs[0].error.translation == pytest.approx(0.0, abs=1e-9)
-    assert runs[0].error_unambiguous.count == 1
+    assert runs[0].errors["online relation error"].translation == pytest.approx(0.0, abs=1e-9)
+    assert runs[0].errors["online unambiguous"].count == 1
     for seed in (3, 4):
         trajectory = np.loadtxt(out / f"trajectory_{seed}.tum")
         np.testing.assert_allclose(trajectory[-1], [12, 1, 1, 0, 0, 0, math.sin(0.785), math.cos(0.785)], atol=1e-5)
         assert {f"map_{seed}.pgm", f"map_{seed}.yaml", f"map_with_path_{seed}.png"} <= {p.name for p in out.iterdir()}
     summary = read_summary(out)
     assert summary["params"]["resolution"] == 0.1
-    assert summary["runs"][1]["error"]["count"] == 1
+    assert summary["runs"][1]["errors"]["final relation error"]["count"] == 1
 
 
 def test_replay_runs_the_slam_that_it_names(log, tmp_path):
@@ -162,8 +162,9 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path):
 def test_replay_takes_the_corrected_path_and_the_pose_graph(log, relations, tmp_path, slam, error, corrected):
     (run,) = main(Options(log, slam=OWN + slam, relations=relations, out=tmp_path))
     assert run.loop_closures == 1
-    assert run.error.translation == pytest.approx(math.sqrt(2.0))  # the robot turns on the spot
-    assert run.final_error.translation == pytest.approx(error)
+    online_error, final_error = (run.errors[f"{when} relation error"] for when in ("online", "final"))
+    assert online_error.translation == pytest.approx(math.sqrt(2.0))  # the robot turns on the spot
+    assert final_error.translation == pytest.approx(error)
     assert 0.0 < run.milliseconds <= run.milliseconds_p99 <= run.milliseconds_max
     final, online = (np.loadtxt(tmp_path / f"trajectory_{name}0.tum") for name in ("", "online_"))
     np.testing.assert_allclose(final[[1, 3], 1], corrected)
@@ -235,7 +236,7 @@ def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
 def test_the_sparse_preset_holds_where_scans_are_far_apart(slam, capsys):
     options = Options(DATA / "scans_2725.npz", slam=slam, preset="sparse", relations=DATA / "intel.relations")
     (run,) = main(dataclasses.replace(options, thin=(1.0, 0.65)))
-    assert run.final_error.translation < 0.2
+    assert run.errors["final relation error"].translation < 0.2
     assert run.conflict_share < 0.18
     assert "warning" not in capsys.readouterr().out
 
@@ -311,10 +312,10 @@ def test_picture_shows_low_y_at_the_bottom():
 def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation, milliseconds):
     options = Options(DATA / "scans_2725.npz", slam=slam, relations=DATA / "intel.relations", first_seed=seed)
     (run,) = main(options)
-    assert run.error.translation < online
-    assert run.final_error.translation < final
-    assert run.error.rotation < rotation
+    assert run.errors["online relation error"].translation < online
+    assert run.errors["final relation error"].translation < final
+    assert run.errors["online relation error"].rotation < rotation
     assert run.milliseconds < milliseconds
     if slam == "graph":
-        assert run.final_error_unambiguous.translation < 0.024
+        assert run.errors["final unambiguous"].translation < 0.024
         assert run.loop_closures > 300
