@@ -37,6 +37,7 @@ def make_pool(num_workers: int | None, ray: str | None) -> Executor:
     """Return processes of this machine, None for as many as there are cores, or the Ray cluster of an address."""
     if ray is not None:
         return RayExecutor(ray)
+    # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
     return ProcessPoolExecutor(num_workers, multiprocessing.get_context("spawn"), start_worker)
 
 

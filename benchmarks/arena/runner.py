@@ -17,7 +17,7 @@ from benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from benchmarks.arena.records import Key, Records, Row, columns_of
 from benchmarks.arena.settings import USUAL, Case, Settings
 from benchmarks.arena.trace import episode_name, recording_path, trace_path
-from benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all, run_on_ray
+from benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
 from envs.core import lidar_env_of
 from envs.files import Lock, write_file
 from envs.ids import CHOOSE
@@ -132,7 +132,7 @@ class Evaluation:
             if bags:
                 bags.mkdir(parents=True, exist_ok=True)
                 tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
-            for result in run_on_ray(tasks, ray) if ray else run_all(tasks, jobs):
+            for result in run_all(tasks, jobs, ray):
                 if result.row is None:
                     self._records.add_failure(result.key, result.reason)
                     failures.append(result)

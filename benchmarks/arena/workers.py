@@ -2,10 +2,9 @@
 
 import contextlib
 import logging
-import multiprocessing
 import traceback
 from collections.abc import Iterator, Mapping
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
+from agents.pools import make_pool, stop
 from agents.run_folder import CheckpointError
 from baselines.episode import begin_episode, decide_with, run, run_episode
 from baselines.explorer import Policy as Driver
@@ -24,11 +24,9 @@ from benchmarks.arena.settings import Case
 from benchmarks.arena.trace import Recorder
 from envs.core import lidar_env_of
 from envs.player import EpisodeRecorder
-from envs.processes import interrupts_held, start_worker, stop_workers
+from envs.processes import interrupts_held
 from envs.wrappers import BagRecorder
 
-MAX_RETRIES = 1
-"""How often an episode whose machine or process has died on a Ray cluster is tried again."""
 WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
 NOT_RUN = "not tried yet"
@@ -82,24 +80,35 @@ def explain_fault(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
 
-def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
-    """Yield the results of tasks as they end."""
-    if jobs == 1 or len(tasks) < 2:
+def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Result]:
+    """Yield the results of tasks as they end, from processes of this machine or from the Ray cluster of an address.
+
+    On the machines of a cluster, checkpoints of learned policies must lie under the same path. Ray keeps its processes,
+    and with them the environments, between tasks.
+
+    Raises:
+        ImportError: if Ray is not installed.
+        ConnectionError: if there is no cluster at the address.
+        RuntimeError: if a process of this machine dies.
+    """
+    if ray is None and (jobs == 1 or len(tasks) < 2):
         with contextlib.closing(_Worker()) as worker:
             yield from map(worker.run, tasks)
         return
-    # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
-    context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(min(jobs, len(tasks)), context, start_worker) as pool:
+    with make_pool(min(jobs, len(tasks)), ray) as pool:
         try:
             with interrupts_held():
-                futures = [pool.submit(run_in_worker, task) for task in tasks]
-            waiting = as_completed(futures)
-            del futures  # each would keep its trace until the end
-            for future in waiting:
-                yield future.result()
+                pending = {pool.submit(run_in_worker, task): task.key for task in tasks}
+            for future in as_completed(pending):
+                key = pending.pop(future)  # which would keep the trace until the end
+                error = future.exception()
+                if error is not None and ray is None:
+                    raise error
+                # Of an episode whose machine has died: those of the episode itself are results.
+                why = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
+                yield future.result() if error is None else Result(key, reason=why)
         except (KeyboardInterrupt, GeneratorExit):
-            stop_workers(pool)
+            stop(pool)
             raise
         except BrokenProcessPool as error:
             raise RuntimeError(
@@ -107,40 +116,6 @@ def run_all(tasks: list[Task], jobs: int) -> Iterator[Result]:
             ) from error
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
-
-
-def run_on_ray(tasks: list[Task], address: str) -> Iterator[Result]:
-    """Yield the results of tasks as they end on the machines of a Ray cluster; Ray is an extra, imported here alone.
-
-    The project must be installed on every machine, in the same version, and checkpoints of learned policies must lie
-    there under the same path. Ray keeps worker processes, and with them the environments, between tasks.
-
-    Args:
-        tasks: what to run.
-        address: of the cluster, as `ray.init` takes it (`auto`, `HOST:PORT`, `ray://HOST:PORT`).
-
-    Raises:
-        ImportError: if Ray is not installed.
-        ConnectionError: if there is no cluster at the address.
-    """
-    try:
-        import ray
-    except ImportError as error:
-        raise ImportError("--ray needs Ray: pip install 'lidarnaut[ray]', or -e '.[ray]' in a checkout") from error
-    ray.init(address=address, log_to_driver=False, configure_logging=False)
-    try:
-        # Ray gives a process as many threads as it has cores for it: one.
-        run = ray.remote(num_cpus=1, max_retries=MAX_RETRIES)(run_in_worker)
-        pending = {run.remote(task): task for task in tasks}
-        while pending:
-            (done,), _ = ray.wait(list(pending), num_returns=1)
-            task = pending.pop(done)
-            try:
-                yield ray.get(done)
-            except ray.exceptions.RayError as error:
-                yield Result(task.key, reason=f"{type(error).__name__}: {' '.join(str(error).split())[:200]}")
-    finally:
-        ray.shutdown()
 
 
 class _Worker:
