@@ -63,11 +63,7 @@ class SpaceRecord(BaseModel):
 
     @classmethod
     def of(cls, space: spaces.Space) -> "SpaceRecord":
-        """Return the record of a space.
-
-        Raises:
-            ValueError: if it is of a kind that cannot be saved.
-        """
+        """Return the record of a space; ValueError if it is of a kind that cannot be saved."""
         dtype: Any = str(space.dtype)
         if isinstance(space, spaces.Box):
             low, high = float(space.low.min()), float(space.high.max())
@@ -190,11 +186,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
 
 
 def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
-    """Read the tensors of a file.
-
-    Raises:
-        SafetensorError: if it is damaged, holds a type that this version of torch does not have, or NaN or infinity.
-    """
+    """Read the tensors of a file; SafetensorError if it is damaged, of unknown types, or holds NaN or infinity."""
     try:
         tensors = safetensors.torch.load(content)
     except (SafetensorError, ValueError, KeyError, AttributeError, TypeError, RuntimeError) as error:
@@ -213,11 +205,7 @@ def damaged(folder: Path, why: str) -> CheckpointError:
 
 
 def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:
-    """Hold the tensors of a file against those that the network or the optimizer needs.
-
-    Raises:
-        CheckpointError: if one is missing, unknown, or has another shape or dtype.
-    """
+    """Hold tensors of a file against those needed; CheckpointError if one is missing, unknown, or of another form."""
     for key in sorted(needed.keys() | given.keys()):
         if key not in given:
             raise damaged(folder, f"{name} lacks the tensor {key!r}")

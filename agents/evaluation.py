@@ -26,11 +26,7 @@ class Evaluator:
     """Runs the same episodes, on worlds of the test split, for learned and classic policies alike."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        """Make the environments.
-
-        Raises:
-            ValueError: if there is no such environment, or it refuses an argument.
-        """
+        """Make the environments; ValueError if there is no such environment, or it refuses an argument."""
         self._episodes = config.evaluation.episodes
         world = config.evaluation.world
         changes: dict[str, Any] = {"world": world, "world_size": None} if world is not None else {}
@@ -59,11 +55,7 @@ class Evaluator:
         return self.summarise(run_episodes(self._vector, Actor(policy), self._max_speed))
 
     def reference(self, name: str) -> dict[str, float]:
-        """Measure a policy that does not learn, by name or as `module:attribute`.
-
-        Raises:
-            ValueError: if there is none of this name, or it cannot do the task.
-        """
+        """Measure a classic policy, by name or `module:attribute`; ValueError if there is none for the task."""
         episodes = [run_episode(self._env, self.make_reference(name), seed) for seed in range(self._episodes)]
         return self.summarise([episode.course for episode in episodes])
 

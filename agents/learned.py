@@ -14,10 +14,7 @@ POLICY = "policy"
 
 
 def find_policy(path: str | Path) -> Path:
-    """Return the folder that holds the weights of a policy.
-
-    Args:
-        path: folder of a run, of a checkpoint or of a policy; or `pretrained/NAME`.
+    """Return the folder that holds the weights of a policy: of a run, a checkpoint, a policy, or `pretrained/NAME`.
 
     Raises:
         CheckpointError: if there is none.
@@ -37,9 +34,7 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | ObservationPolicy:
     """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
-    Args:
-        folder: holds the weights.
-        pursuit: whether the explorer of a score drives by pursuit (`baselines.frontier.pursuit`).
+    That explorer drives by `pursuit` if asked (`baselines.frontier.pursuit`).
 
     Raises:
         CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.

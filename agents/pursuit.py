@@ -24,14 +24,9 @@ BUMPER, PRESENT = 4, WIDTH - 1
 def pursue(plan: Tensor, motion: Tensor) -> Tensor:
     """Return the twist that turns towards the nearest point shown of the best path, and drives where that lies ahead.
 
-    Forward speed is the cosine of the direction, and 0 where that is negative. In contact the robot backs up.
-
-    Args:
-        plan: shape (batch, n), see `envs.observations.Plan`.
-        motion: shape (batch, 6), see `envs.observations.Motion`.
-
-    Returns:
-        Shape (batch, 2), float32: forward speed and yaw rate over the robot's limits.
+    Forward speed is the cosine of the direction, and 0 where that is negative. In contact the robot backs up. Takes the
+    parts `plan`, shape (batch, n), and `motion`, (batch, 6), of observations; returns forward speed and yaw rate over
+    the robot's limits, shape (batch, 2), float32.
     """
     cosine, sine, present, bumper = plan[:, 0], plan[:, 1], plan[:, PRESENT], motion[:, BUMPER]
     turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
@@ -62,11 +57,7 @@ class PursuitPolicy(JointPolicy):
         weight: float = 1.0,
         **arguments: Any,
     ) -> None:
-        """Build the network; `arguments` are those of the base class.
-
-        Raises:
-            ValueError: if the observation has no `plan`.
-        """
+        """Build the network; `arguments` are those of the base class; ValueError if the observation has no `plan`."""
         if "plan" not in observation_space.spaces:
             raise ValueError(
                 "network.pursuit needs the observation `plan`; name it in environment.observations, or set it to 0"

@@ -59,11 +59,7 @@ class ReplayFiles:
         return dict(self._sums)
 
     def read(self, sums: dict[str, str]) -> None:
-        """Fill the buffer with the rows of files, as far as it has room for the newest.
-
-        Raises:
-            CheckpointError: if a file is missing, altered, or of another environment.
-        """
+        """Fill the buffer with the newest rows of files; CheckpointError if one is missing, altered or does not fit."""
         buffer, count = self._buffer, 0
         if sums:
             self._sums, self._end = dict(sums), _end_of(list(sums)[-1])

@@ -38,11 +38,7 @@ def list_checkpoints(run: Path) -> list[Path]:
 
 
 def find_checkpoint(path: str | Path) -> Path:
-    """Return the checkpoint that `path` means: a checkpoint folder, or a run folder with checkpoints in it.
-
-    Raises:
-        CheckpointError: if there is none.
-    """
+    """Return the checkpoint that a run folder or a checkpoint folder means; CheckpointError if there is none."""
     path = Path(path)
     if path.is_dir() and (re.fullmatch(r"step_\d+", path.name) or (path / RECORD_FILE).exists()):
         return path
@@ -53,11 +49,7 @@ def find_checkpoint(path: str | Path) -> Path:
 
 
 def find_config(path: str | Path) -> Path:
-    """Return the configuration of the run that `path` means: a run folder, a checkpoint folder in it, or a sweep's.
-
-    Raises:
-        CheckpointError: if there is none.
-    """
+    """Return the configuration of a run, a checkpoint or a sweep by its folder; CheckpointError if there is none."""
     path = Path(path)
     if (path / SWEEP).exists():
         return path / SWEEP

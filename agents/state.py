@@ -48,11 +48,7 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
 
 
 def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
-    """Bring a fresh model, and the global generators, to the state of a checkpoint.
-
-    Raises:
-        CheckpointError: if the checkpoint was made with other spaces or another network, or is damaged.
-    """
+    """Bring a fresh model and the global generators to a checkpoint's state; CheckpointError if it does not fit."""
     record, given = checkpoint.record, checkpoint.training
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     # An optimizer that has not met a weight yet keeps nothing of it.

@@ -71,11 +71,7 @@ class FrontierScore:
 
     @classmethod
     def load(cls, folder: str | Path) -> "FrontierScore":
-        """Read what `save` wrote.
-
-        Raises:
-            CheckpointError: if something is missing or damaged, or was trained on other features.
-        """
+        """Read what `save` wrote; CheckpointError if it is missing, damaged, or of other features."""
         folder = Path(folder)
         try:
             record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))

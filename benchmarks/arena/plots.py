@@ -137,14 +137,10 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Draw a dot with its interval for every policy, the first at the top.
+    """Draw a dot with its interval for every policy, the first at the top, and write beside it what comes with it.
 
-    Args:
-        values: estimates as they are drawn, and what to write beside them.
-        marked: policies in colour.
-        levels: vertical lines, by what they are.
-        title: of the horizontal axis.
-        are_shares: whether the axis ends at `MAX_SHARE`; what is beyond is an arrow at its edge.
+    Policies that are `marked` are in colour, `levels` are vertical lines by what they are. The axis of shares ends at
+    `MAX_SHARE`; what is beyond is an arrow at its edge.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()

@@ -64,14 +64,10 @@ class Records:
         shard: str = "",
         worlds: Mapping[str, str] | None = None,
     ) -> None:
-        """Open a folder, new or from an evaluation that is to be continued.
+        """Open a folder, new or from an evaluation that is to be continued, for rows with `settings` in common.
 
-        Args:
-            folder: where.
-            columns: of the rows; see `columns_of`.
-            settings: what all rows must have in common.
-            shard: name of the part of the evaluation that will be added, such as `1of4`; empty if it is the whole.
-            worlds: paths and `module:attribute` of the user's own worlds, by what they are called in rows.
+        `shard` is the part that will be added, such as `1of4`; empty for the whole. `worlds` are paths and
+        `module:attribute` of the user's own worlds, by what they are called in rows.
 
         Raises:
             ValueError: if the folder holds an evaluation with other settings or worlds, or rows that this version
@@ -127,11 +123,7 @@ class Records:
                 )
 
     def find(self, key: Key, model: str = "") -> Row | None:
-        """Return the row of an episode, or None if it has not been run.
-
-        Raises:
-            ValueError: if it was run with other weights, whose fingerprint is not `model`.
-        """
+        """Return the row of an episode, or None; ValueError if it was run with other weights than those of `model`."""
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(
@@ -206,11 +198,7 @@ class _Table:
 
 
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
-    """Yield the rows of a table; an incomplete last line is skipped.
-
-    Raises:
-        ValueError: if it is damaged, or has other columns.
-    """
+    """Yield the rows of a table, but for an incomplete last line; ValueError if damaged, or of other columns."""
     try:
         content = path.read_bytes().decode()
     except UnicodeDecodeError as error:

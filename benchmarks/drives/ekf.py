@@ -157,7 +157,10 @@ def compare_fusions(
         if fusion == DRIVER:
             completed = sum(drive.end_reason == "completed" for drive in some)
             rows[-1] |= {"completed": completed, "collisions": sum(drive.collisions for drive in some)}
-    draw_figures(drives, images)
+    images.mkdir(parents=True, exist_ok=True)
+    with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
+        _draw_drive(drives[0], images)
+        _draw_errors(drives).savefig(images / "ekf_errors.png", dpi=110)
     return [*rows, {"fusion": "the paper", **PAPER}]
 
 
@@ -251,17 +254,6 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
     nees = np.array([drive.nees(fusion)[:steps] for drive in drives])
     mean = nees.mean(axis=0)
     return row | {"nees": float(nees.mean()), "nees_within": float(np.mean((low <= mean) & (mean <= high)))}
-
-
-def draw_figures(drives: Sequence[RouteDrive], folder: Path) -> None:
-    """Draw the paper's figures into a folder: `ekf_position.png`, `ekf_heading.png` and `ekf_errors.png`.
-
-    Drives may be of several physics; figures of one drive show the first.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    with matplotlib.rc_context({"axes.spines.top": False, "axes.spines.right": False, "font.size": 9}):
-        _draw_drive(drives[0], folder)
-        _draw_errors(drives).savefig(folder / "ekf_errors.png", dpi=110)
 
 
 def _draw_drive(drive: RouteDrive, folder: Path) -> None:

@@ -1,22 +1,20 @@
 """Drives through known worlds, recorded once and replayed through SLAMs and localizers as often as needed."""
 
 import math
-import multiprocessing
 import os
 import time
 from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agents.pools import make_pool
 from envs.estimation import Estimator
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation import CostmapParams, make_costmap, plan_path
-from envs.processes import start_worker
 from envs.progress import Progress
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist, make_simulator
@@ -151,8 +149,7 @@ def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: i
     """Call a function with each tuple of arguments, by so many processes, behind a progress bar; return the results."""
     if jobs == 1:
         return [work(*task) for task in Progress(tasks, desc)]
-    # A fresh interpreter each: forked copies of a process that has threads may hang.
-    with ProcessPoolExecutor(jobs, multiprocessing.get_context("spawn"), start_worker) as pool:
+    with make_pool(jobs, None) as pool:
         return list(Progress(pool.map(work, *zip(*tasks)), desc, len(tasks)))
 
 

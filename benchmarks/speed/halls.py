@@ -35,11 +35,7 @@ def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.n
 
 @lru_cache(maxsize=2)
 def make_hall(num_bodies: int) -> Hall:
-    """Scatter bodies over a hall, one in ten of them a pillar and the others crates, and leave room to pass everywhere.
-
-    Raises:
-        RuntimeError: so many do not fit.
-    """
+    """Scatter crates and pillars over a hall, and leave room to pass everywhere; RuntimeError if not all fit."""
     rng = np.random.default_rng(num_bodies)
     largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
     placed = np.empty((0, 3))

@@ -76,11 +76,8 @@ def steps_per_second(case: Case, seconds: float) -> float:
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
     """Return the median steps per second of cases, measured in turn: what else the machine does meets all alike.
 
-    Args:
-        calls: processes by the number of their cores.
-        cases: those whose number of cores is missing are left out.
-        seconds: length of one measurement [s].
-        repeats: measurements of which the median is taken.
+    `calls` are processes by the number of their cores; cases with another number are left out. A measurement takes
+    `seconds` [s].
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():

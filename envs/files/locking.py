@@ -21,13 +21,7 @@ class Lock:
     """
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock.
-
-        Args:
-            folder: takes the file `.<name>`, which is empty while nobody has held the lock.
-            name: of the lock, where a folder has several.
-            shared: whether others may hold it at the same time, if they share it too.
-        """
+        """Prepare a lock by the file `.<name>` in a folder; who shares it may hold it at the same time."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 

@@ -63,13 +63,10 @@ def _is_imported(value: Any, module: str) -> bool:
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
-    """Return what an argument stands for that takes a name, `module:attribute` or the object itself.
+    """Return what an argument stands for that takes a name of a table, `module:attribute`, or the object itself.
 
-    Args:
-        value: the argument. What is not text is returned as it is.
-        table: the names that are known, and what they stand for.
-        what: kind of thing that the names denote, for messages.
-        files: whether the path of a YAML file is allowed too, and returned as a `Path`.
+    `what` is the kind of thing, for messages; with `files`, the path of a YAML file is allowed too, and returned as a
+    `Path`.
 
     Raises:
         ValueError: the name is unknown (lists the known ones), or `module:attribute` cannot be loaded.

@@ -20,11 +20,7 @@ def write_file(path: Path, content: bytes | str) -> None:
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create the folder `path` with `files` in it, all of them or nothing.
-
-    Raises:
-        OSError: if it cannot be written or exists already; nothing is left beside it.
-    """
+    """Create the folder `path` with `files` in it, all of them or nothing; OSError also if it exists already."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -70,11 +66,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let errors of the operating system that name no file name `path`: of a full disk, Python says nothing more.
-
-    Raises:
-        OSError: one that names a file.
-    """
+    """Let errors of the operating system that name no file name `path`: of a full disk, Python says nothing more."""
     try:
         yield
     except OSError as error:

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -23,17 +23,6 @@ BASE_FRAMES = ("base_footprint", "base_link")
 """Frames of the base, for odometry that does not say which."""
 
 
-class _Track(NamedTuple):
-    """Poses of the base by odometry."""
-
-    times: np.ndarray
-    """Shape (n,), float64, ascending [s]."""
-    poses: np.ndarray
-    """Shape (n, 3), float64: x, y, heading [m, m, rad]."""
-    base: str
-    """Frame of the base; may be empty."""
-
-
 def is_bag(path: Path) -> bool:
     """Tell whether a path is that of a bag, by its name or by what the folder holds."""
     return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
@@ -45,13 +34,8 @@ def read_bag(path: Path, scan_topic: str | None = None, odom_topic: str | None =
     Stamps are those of the messages' headers. Where scans lie between two odometry messages, odometry is interpolated;
     scans before the first or after the last are left out. By REP 117, ranges above `range_max` are no return, and those
     below `range_min` or NaN are ignored. The lidar's mount follows from the transforms between the frame of the scans
-    and that of the base, static ones first.
-
-    Args:
-        path: `.bag`, `.mcap`, or the folder of a ROS 2 bag.
-        scan_topic: topic of LaserScan messages; None for the only one.
-        odom_topic: topic of Odometry messages, or of transforms from `odom` to the base; None for the only one of the
-            former, or else of the latter.
+    and that of the base, static ones first. Without a topic the only one is taken: of LaserScan messages, and of
+    Odometry messages or else of transforms from `odom` to the base.
 
     Raises:
         BagError: the bag is damaged, a topic is missing or ambiguous, or messages make no sense.
@@ -59,18 +43,18 @@ def read_bag(path: Path, scan_topic: str | None = None, odom_topic: str | None =
     with open_bag(path) as bag:
         scan_topic = bag.choose([SCAN], scan_topic, "scan_topic")
         scan_times, ranges, scan = _read_scans(bag, scan_topic)
-        track = _read_odometry(bag, odom_topic)
-        mount = _find_mount(bag, track.base, frame_name(scan.header.frame_id))
+        odom_times, poses, base = _read_odometry(bag, odom_topic)
+        mount = _find_mount(bag, base, frame_name(scan.header.frame_id))
     first, step = bag.checked(scan_topic, planar_beams, mount, scan.angle_min, scan.angle_increment)
     if step < 0.0:
         first, step, ranges = first + step * (ranges.shape[1] - 1), -step, ranges[:, ::-1]
-    inside = (scan_times >= track.times[0]) & (scan_times <= track.times[-1])
+    inside = (scan_times >= odom_times[0]) & (scan_times <= odom_times[-1])
     if not inside.any():
-        spans = [f"{times[0]:.3f} to {times[-1]:.3f} s" for times in (scan_times, track.times)]
+        spans = [f"{times[0]:.3f} to {times[-1]:.3f} s" for times in (scan_times, odom_times)]
         raise BagError(f"{path}: scans from {spans[0]} and odometry from {spans[1]} do not overlap")
-    times = np.union1d(track.times, scan_times[inside])
-    x, y, theta = track.poses.T
-    columns = [np.interp(times, track.times, column) for column in (x, y, np.unwrap(theta))]
+    times = np.union1d(odom_times, scan_times[inside])
+    x, y, theta = poses.T
+    columns = [np.interp(times, odom_times, column) for column in (x, y, np.unwrap(theta))]
     return {
         "t": times,
         "odo": np.stack([columns[0], columns[1], wrap_angle(columns[2])], axis=1),
@@ -105,8 +89,8 @@ def _read_scans(bag: BagReader, topic: str) -> tuple[np.ndarray, np.ndarray, Any
     return np.array(times)[order], np.stack(rows)[order], first
 
 
-def _read_odometry(bag: BagReader, topic: str | None) -> _Track:
-    """Return the poses of Odometry messages, or of transforms from `odom` to the base."""
+def _read_odometry(bag: BagReader, topic: str | None) -> tuple[np.ndarray, np.ndarray, str]:
+    """Return times, ascending, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base's frame, perhaps empty."""
     moving = [name for name in bag.topics(TRANSFORMS) if not name.endswith("tf_static")]
     if topic is None and len(moving) == 1 and not bag.topics([ODOMETRY]):
         topic = moving[0]
@@ -123,7 +107,7 @@ def _read_odometry(bag: BagReader, topic: str | None) -> _Track:
     if len(bases) > 1:
         raise bag.error(f"{topic} holds odometry of several frames: {', '.join(sorted(bases))}")
     order = _time_order(bag, topic, times)
-    return _Track(np.array(times)[order], np.array(poses)[order], bases.pop())
+    return np.array(times)[order], np.array(poses)[order], bases.pop()
 
 
 def _poses(bag: BagReader, topic: str) -> Iterator[tuple[Any, Any, Any, str]]:

@@ -75,11 +75,7 @@ class BagReader:
         return found[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """Yield the messages of a topic.
-
-        Raises:
-            BagError: there are fewer than the bag's index says.
-        """
+        """Yield the messages of a topic; BagError if there are fewer than the bag's index says."""
         count = 0
         for connection, _, raw in self._reader.messages([c for c in self._reader.connections if c.topic == topic]):
             yield self._reader.deserialize(raw, connection.msgtype)

@@ -66,11 +66,7 @@ class BagWriter:
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:
-        """Finish the bag and put it in its place.
-
-        Raises:
-            OSError: if it cannot be written; nothing is left of it.
-        """
+        """Finish the bag and put it in its place; OSError if it cannot be written; nothing is left of it."""
         try:
             self._writer.close()
             written = self._folder / self.path.stem / self.path.name

@@ -50,16 +50,7 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _count_conflicts(occupancy, ranges, angles, sensors, resolution, range_max):
-    """Return how many beams pass through occupied cells, and how many beams there are.
-
-    Args:
-        occupancy: shape (height, width), int8, percent; -1 unknown.
-        ranges: shape (m, num_beams), float32 [m].
-        angles: shape (num_beams,), float64, of the beams in the frame of the lidar [rad].
-        sensors: shape (m, 3), float64, of the lidar: x, y from the map's corner [cells], heading [rad].
-        resolution: side of a cell [m].
-        range_max: readings beyond are no return [m].
-    """
+    """Return how many beams pass through occupied cells, and how many have a return; `sensors` [cells, cells, rad]."""
     height, width = occupancy.shape
     conflicts = count = 0
     for i in range(ranges.shape[0]):

@@ -95,11 +95,7 @@ def _numbers(fields: list[str]) -> list[float]:
 
 
 def read_archive(path: Path) -> dict[str, Any]:
-    """Read the arrays of `load_log`, `off` added to `t`.
-
-    Raises:
-        ValueError: the file is damaged, or an array is missing or has another shape.
-    """
+    """Read the arrays of `load_log`, `off` added to `t`; ValueError if damaged, or one is missing or misshapen."""
     arrays: dict[str, Any] = {}
     name = ""
     try:

@@ -96,11 +96,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Judge a replay of an estimator of some name with a seed, over relations as from `load_labelled`.
-
-    Raises:
-        ValueError: no relation lies within the log.
-    """
+    """Judge a replay, by relations as from `load_labelled`; ValueError if none of them lies within the log."""
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
     for when, poses in (("online", replayed.online), ("final", replayed.final)):
@@ -135,11 +131,8 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
 def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.ndarray, np.ndarray]]) -> None:
     """Write a pose graph of the plane as g2o text, its first node held fixed (Kümmerle et al., ICRA 2011).
 
-    Args:
-        path: the file.
-        nodes: shape (n, 3): x, y, heading, map frame [m, m, rad].
-        edges: rows of two nodes, the second as seen from the first, shape (3,) [m, m, rad], and the inverse of its
-            covariance, shape (3, 3) [1/m2, 1/(m rad), 1/rad2].
+    `nodes` are poses, shape (n, 3), map frame [m, m, rad]; `edges` are two rows of them, the second pose as seen from
+    the first, shape (3,) [m, m, rad], and the inverse of its covariance, shape (3, 3) [1/m2, 1/(m rad), 1/rad2].
 
     Raises:
         ValueError: an edge leads to a node that does not exist, or a number is not finite.

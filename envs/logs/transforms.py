@@ -17,11 +17,7 @@ class FrameTree:
         self._parents: dict[str, tuple[str, np.ndarray]] = {}
 
     def add(self, transforms: Iterable[Any]) -> None:
-        """Add `geometry_msgs/TransformStamped` messages.
-
-        Raises:
-            ValueError: a transform is not finite, or its rotation is zero.
-        """
+        """Add `geometry_msgs/TransformStamped` messages; ValueError if one is not finite, or no rotation."""
         for transform in transforms:
             child, parent = frame_name(transform.child_frame_id), frame_name(transform.header.frame_id)
             if child not in self._parents:
@@ -50,11 +46,7 @@ def frame_name(name: str) -> str:
 
 
 def matrix(transform: Any) -> np.ndarray:
-    """Return a `geometry_msgs/Transform` as a homogeneous matrix, shape (4, 4).
-
-    Raises:
-        ValueError: it is not finite, or its rotation is zero.
-    """
+    """Return a `geometry_msgs/Transform` as a matrix, shape (4, 4); ValueError if not finite, or no rotation."""
     t, result = transform.translation, np.eye(4)
     result[:3, :3] = _rotation(transform.rotation).as_matrix()
     result[:3, 3] = t.x, t.y, t.z
@@ -64,11 +56,7 @@ def matrix(transform: Any) -> np.ndarray:
 
 
 def heading(quaternion: Any) -> float:
-    """Return the heading of a `geometry_msgs/Quaternion`, rotation about z after those about y and x [rad].
-
-    Raises:
-        ValueError: it is not finite, or zero.
-    """
+    """Return a quaternion's rotation about z after those about y and x [rad]; ValueError if not finite, or zero."""
     r = _rotation(quaternion).as_matrix()
     return float(np.arctan2(r[1, 0], r[0, 0]))
 

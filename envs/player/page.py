@@ -20,11 +20,7 @@ _FOLDER = Path(__file__).parent
 
 
 def build_page(recordings: Sequence[Recording]) -> str:
-    """Return a page with one episode, or with two in step, as HTML that loads nothing else.
-
-    Raises:
-        ValueError: if there are none or too many.
-    """
+    """Return a page with one episode, or two in step, as HTML that loads nothing else; ValueError for more or none."""
     if not 1 <= len(recordings) <= MAX_EPISODES:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
     texts = {name: (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}

@@ -33,12 +33,10 @@ class EpisodeRecorder:
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
-        """Prepare to record; the next reset must follow.
+        """Prepare to record an environment of this package or of a task of your own; the next reset must follow.
 
-        Args:
-            env: any environment of this package or of a task of your own, wrapped or not.
-            explorer: what drives. Candidates are recorded of explorers whose `navigator` is a `FrontierNavigator`, and
-                scores where `scores` has them (`baselines.frontier.explorer.RuleExplorer`).
+        Of an explorer whose `navigator` is a `FrontierNavigator`, candidates are recorded, and scores where `scores`
+        has them (`baselines.frontier.explorer.RuleExplorer`).
 
         Raises:
             TypeError: the environment is another one.
@@ -124,8 +122,7 @@ class EpisodeRecorder:
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
         """Return what was recorded since the last reset, with the moment of the call at its end.
 
-        Args:
-            about: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
+        `about` are further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
         """
         env = self._env
         if env.time > self._samples[-1]["time"]:
