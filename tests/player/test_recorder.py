@@ -154,6 +154,7 @@ def test_corners_keep_within_the_tolerance():
     away = np.abs(path[:, 1] - np.interp(path[:, 0], *kept.T))
     assert away.max() < 3.2 * PLAN_TOLERANCE  # across a slope of 3, vertical distances are longer
     np.testing.assert_array_equal(corners(np.array([(0, 0), (1, 0), (2, 0), (2, 1.0)]), 0.1), [(0, 0), (2, 0), (2, 1)])
+    np.testing.assert_array_equal(corners(path[:2], 0.1), path[:2])
 
 
 def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(tmp_path):

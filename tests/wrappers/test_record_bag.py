@@ -215,13 +215,9 @@ def test_what_cannot_be_recorded_is_refused(tmp_path):
         BagRecorder(env, tmp_path / "other.mcap")
 
 
-def test_sensors_of_the_users_own_have_topics(tmp_path):
+def test_sensors_of_the_users_own_have_topics(drive_recorded):
     sensor = SimpleNamespace(name="level", shape=(2,), reset=lambda *_: None, measure=lambda *_: np.array([1.0, 2.5]))
-    env = RecordBag(make(sensors=[sensor]), tmp_path)
-    env.reset(seed=0)
-    env.step(np.zeros(2, dtype=np.float32))
-    env.close()
-    with AnyReader([tmp_path / "episode_0.mcap"], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as bag:
-        found = [bag.deserialize(raw, one.msgtype) for one, _, raw in bag.messages() if one.topic == "/sensors/level"]
-    assert [message.data.tolist() for message in found] == [[1.0, 2.5]] * 2
-    assert found[0].layout.dim[0].size == 2
+    _, readings, bag = drive_recorded(sensors=[sensor])
+    messages = [message for _, message in read(bag)["/sensors/level"]]
+    assert [message.data.tolist() for message in messages] == [[1.0, 2.5]] * len(readings)
+    assert messages[0].layout.dim[0].size == 2
