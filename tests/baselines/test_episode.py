@@ -68,7 +68,7 @@ class ScriptedExplorer:
 
     def reset(self, robot, control_period, rng):
         self.end_reason = None
-        self.decisions = 0
+        self.decisions, self.period = 0, control_period
         self.draw = rng.random()
 
     def act(self, reading, belief):
@@ -94,17 +94,11 @@ def test_measures_of_a_scripted_episode():
     assert 0.0 < episode.decision_ms < 50.0
 
 
-def test_a_mark_that_is_never_reached_is_recorded_as_such():
+def test_an_episode_that_ends_early_says_why_and_which_marks_were_never_reached():
     episode = run_episode(ScriptedEnv([0.2, 0.5, 0.92], time_limit=4.0), ScriptedExplorer(), seed=1)
-    assert (episode.time_to_90, episode.time_to_95, episode.time_to_99) == (4.0, math.inf, math.inf)
-    assert (episode.distance_to_95, episode.distance_limit) == (math.inf, 0.5 * 4.0)
-    assert (episode.success, episode.end_reason) == (False, "time_limit")
-    assert episode.area_left == pytest.approx(4.0)
-
-
-def test_an_explorer_that_gives_up_ends_the_episode_and_says_why():
-    env = ScriptedEnv([0.2, 0.4, 0.5, 0.9, 0.9], time_limit=100.0)
-    episode = run_episode(env, ScriptedExplorer(stop_at=3), seed=1)
+    assert (episode.time_to_90, episode.time_to_95, episode.distance_to_95) == (4.0, math.inf, math.inf)
+    assert (episode.success, episode.end_reason, episode.distance_limit) == (False, "time_limit", 0.5 * 4.0)
+    episode = run_episode(ScriptedEnv([0.2, 0.4, 0.5, 0.9], time_limit=100.0), ScriptedExplorer(stop_at=3), seed=1)
     assert (episode.end_reason, episode.duration, episode.explored_fraction) == ("no_reachable_frontier", 4.0, 0.5)
     assert (episode.time_to_90, episode.success, episode.map_iou) == (math.inf, False, 0.8)
     assert episode.area_under_curve == pytest.approx((0.6 + 0.9 + 0.5 * 96.0) / 100.0)
@@ -158,14 +152,8 @@ def test_classic_policies_do_the_tasks_that_they_are_offered_for(id, arguments, 
 
 
 def test_actions_are_repeated_where_a_policy_decides_less_often():
-    class Slow(ScriptedExplorer):
-        control_hz = 0.25  # every 4 s, and the environment steps every 2 s
-
-        def reset(self, robot, control_period, rng):
-            super().reset(robot, control_period, rng)
-            self.period = control_period
-
-    explorer = Slow()
+    explorer = ScriptedExplorer()
+    explorer.control_hz = 0.25  # every 4 s, and the environment steps every 2 s
     run_episode(ScriptedEnv([0.2] * 6, time_limit=10.0), explorer, seed=1)
     assert (explorer.decisions, explorer.period) == (3, 4.0)
     explorer.control_hz = 0.3

@@ -7,6 +7,7 @@ import pytest
 from PIL import Image
 
 from baselines.global_localization import main
+from envs.rendering.style import ESTIMATED
 from envs.worlds import load_map
 
 
@@ -22,21 +23,15 @@ def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path, capsys):
     assert (tmp_path / "run" / "global_localization.png").exists()
     with Image.open(said["animation"]) as animation:
         assert animation.n_frames > 10
-        first, last = (np.asarray(_frame(animation, k)) for k in (0, animation.n_frames - 1))
-    # The particles cover the map at first, and a spot in the end.
-    assert _area(first) > 5.0 * _area(last)
+        # The particles cover the map at first, and a spot in the end.
+        assert _area(animation, 0) > 5.0 * _area(animation, animation.n_frames - 1)
 
 
-def _frame(animation, k):
+def _area(animation, k):
+    """Pixels of a frame with about the colour of particles and of the estimated pose, without the legend."""
     animation.seek(k)
-    return animation.convert("RGB")
-
-
-def _area(picture):
-    """Pixels with about the colour of particles and of the estimated pose, without the legend."""
-    from envs.rendering.style import ESTIMATED
-
-    return np.count_nonzero(np.abs(picture[120:660].astype(int) - np.array(ESTIMATED)).sum(axis=-1) < 100)
+    picture = np.asarray(animation.convert("RGB"))[120:660].astype(int)
+    return np.count_nonzero(np.abs(picture - np.array(ESTIMATED)).sum(axis=-1) < 100)
 
 
 def test_a_world_that_does_not_exist_is_named(tmp_path):

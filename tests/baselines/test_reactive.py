@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from baselines import EXPLORERS, WallFollower, make_explorer
+from baselines import WallFollower, make_explorer
 from baselines.explorer import to_action
 from tests.baselines.maps import BURGER, reading_of
 
@@ -26,12 +26,9 @@ def wall_follower(*, following):
     return explorer
 
 
-def test_the_wall_follower_drives_straight_on_to_a_wall_and_turns_left_there():
+def test_the_wall_follower_drives_to_a_wall_turns_left_and_stays_beside_it_until_it_ends():
     assert wall_follower(following=False).act(reading_of_walls(), None).w == 0.0
     assert wall_follower(following=False).act(reading_of_walls(ahead=0.3, right=0.25), None).w > 0.0
-
-
-def test_the_wall_follower_stays_beside_its_wall_and_turns_right_where_it_ends():
     explorer = wall_follower(following=True)
     along = explorer.act(reading_of_walls(right=0.3), None)
     assert along.v > 0.3 * BURGER.max_v
@@ -41,8 +38,7 @@ def test_the_wall_follower_stays_beside_its_wall_and_turns_right_where_it_ends()
 
 def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     explorer = wall_follower(following=True)
-    turn, period = 0.3 * BURGER.max_w, 0.1
-    steps = 0
+    turn, period, steps = 0.3 * BURGER.max_w, 0.1, 0
     while explorer.act(reading_of_walls(right=1.5, yaw_rate=-turn), None).w <= 0.0:
         steps += 1
         assert steps < 200
@@ -67,4 +63,3 @@ def test_random_covers_the_action_space_and_follows_its_generator():
 def test_unknown_names_are_answered_with_the_known_ones():
     with pytest.raises(ValueError, match=r"'teleporter'.*random, nearest, frontier"):
         make_explorer("teleporter")
-    assert set(EXPLORERS) >= {"random", "nearest", "frontier"}

@@ -77,19 +77,24 @@ def test_the_loop_of_cleanrl_learns_in_both_autoreset_modes(load, mode):
     assert np.isfinite(means).all()
 
 
-@pytest.mark.parametrize("name", ["torchrl_ppo", "rllib_ppo"])
-def test_other_libraries_train(load, name):
-    assert np.isfinite(load(name).main(total_timesteps=128, batch_size=64))
+OWN_SHAPES = {"motion": (6,), "sectors": (8,)}
 
 
-def test_the_team_steps_by_agents(load):
-    rewards = load("pettingzoo_team").main(steps=20, num_robots=2)
-    assert len(set(rewards.values())) == 1
-
-
-def test_worlds_and_robots_of_ones_own_are_explored(load):
-    assert load("own_map").main(seconds=60.0) > 0.5
-    assert load("own_robot").main(seconds=20.0) > 0.3
+@pytest.mark.parametrize(
+    ("name", "arguments", "is_right"),
+    [
+        ("torchrl_ppo", {"total_timesteps": 128, "batch_size": 64}, np.isfinite),
+        ("rllib_ppo", {"total_timesteps": 128, "batch_size": 64}, np.isfinite),
+        ("pettingzoo_team", {"steps": 20, "num_robots": 2}, lambda rewards: len(set(rewards.values())) == 1),
+        ("own_map", {"seconds": 60.0}, lambda explored: explored > 0.5),
+        ("own_robot", {"seconds": 20.0}, lambda explored: explored > 0.3),
+        ("own_slam", {"seconds": 20.0}, lambda errors: errors["forgetful"] > 2.0 * errors["hector"]),
+        ("own_reward", {"steps": 30}, lambda rewards: rewards["careful"] > 0.0),
+        ("own_observation", {"steps": 20}, lambda seen: {name: seen[name].shape for name in seen} == OWN_SHAPES),
+    ],
+)
+def test_an_example_gives_what_it_says(load, name, arguments, is_right):
+    assert is_right(load(name).main(**arguments))
 
 
 def test_a_sensor_of_ones_own_measures_distances_with_noise(load):
@@ -122,20 +127,6 @@ def test_explorers_of_ones_own_explore_and_enter_the_arena(load, tmp_path):
         lengths = {row["policy"]: float(row["path_length"]) for row in csv.DictReader(file)}
     assert list(lengths) == policies
     assert min(lengths.values()) > 0.2
-
-
-def test_a_slam_of_ones_own_drifts(load):
-    errors = load("own_slam").main(seconds=20.0)
-    assert errors["forgetful"] > 2.0 * errors["hector"]
-
-
-def test_a_reward_of_ones_own_counts(load):
-    assert load("own_reward").main(steps=30)["careful"] > 0.0
-
-
-def test_an_observation_of_ones_own_is_seen(load):
-    observation = load("own_observation").main(steps=20)
-    assert {name: values.shape for name, values in observation.items()} == {"motion": (6,), "sectors": (8,)}
 
 
 def test_a_robot_localizes_on_its_map_and_drives(load, tmp_path):
