@@ -20,11 +20,6 @@ class Model:
         return np.array([3.0, -0.5]), (state or 0) + 1
 
 
-class Plain:
-    def predict(self, observation):
-        return observation["scan"][:2]
-
-
 def drive(policy, steps=1):
     policy.reset(SimpleNamespace(name="robot"), 0.1, np.random.default_rng(0))
     return [policy(SEEN) for _ in range(steps)]
@@ -66,7 +61,8 @@ def test_models_are_asked_as_they_expect():
     assert model.seen == (1, False, True, SEEN["action_mask"])
     drive(policy)
     assert model.seen[:2] == (None, True)  # each episode begins anew
-    assert drive(make_policy(Plain, BOX))[0].tolist() == [1.0, 1.0]
+    plain = SimpleNamespace(predict=lambda observation: observation["scan"][:2])
+    assert drive(make_policy(plain, BOX))[0].tolist() == [1.0, 1.0]
 
 
 def test_reset_plan_and_reason_of_a_policy_are_used():
@@ -87,15 +83,10 @@ def test_reset_plan_and_reason_of_a_policy_are_used():
 
 
 def test_levels_are_declared():
-    def choose(observation):
-        return 0
-
-    assert level_of(choose) == "twist"
-    choose.level = "decision"
-    assert level_of(choose) == "decision"
-    choose.level = "goal"
+    assert level_of(lambda observation: 0) == "twist"
+    assert level_of(SimpleNamespace(level="decision")) == "decision"
     with pytest.raises(ValueError, match="must be one of twist, decision, got 'goal'"):
-        level_of(choose)
+        level_of(SimpleNamespace(level="goal"))
 
 
 def test_what_cannot_explore_is_refused():

@@ -14,6 +14,7 @@ from agents.explorer import LearnedPolicy
 from agents.learned import find_policy
 from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
+from baselines.episode import run_episode
 from envs.files import parse_record, read_record
 
 TINY = {
@@ -21,17 +22,11 @@ TINY = {
     "total_steps": 64,
     "num_envs": 2,
     "algorithm": "PPO",
-    "environment": {
-        "world": "rooms",
-        "world_size": [7, 7],
-        "observations": ["scan", "motion", "plan"],
-        "num_workers": 0,
-        "control_hz": 5.0,
-        "target_coverage": 0.95,
-    },
+    "environment": {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95},
     "hyperparameters": {"n_steps": 32, "batch_size": 32},
     "network": {"pursuit": 1.0},
 }
+TINY["environment"] |= {"observations": ["scan", "motion", "plan"], "num_workers": 0}
 
 
 def plan_of(angle, *, present=1.0):
@@ -74,15 +69,10 @@ def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
     config = parse_record(TINY, "tiny", TrainingConfig).environment
     env = make_env(config.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
-    observation, _ = env.reset(seed=0)
-    driver.reset(env.unwrapped.robot, 0.2, np.random.default_rng(0))
-    over = False
-    while not over:
-        observation, _, terminated, truncated, info = env.step(driver(observation))
-        over = terminated or truncated
-    assert info["end_reason"] == "covered"
-    assert info["time"] < 0.5 * env.unwrapped.time_limit
-    assert info["collisions"] <= 1
+    episode = run_episode(env, driver, 0)
+    assert episode.end_reason == "covered"
+    assert episode.duration < 0.5 * episode.time_limit
+    assert episode.collisions <= 1
 
 
 def test_the_policy_of_the_package_was_trained_by_its_configuration():

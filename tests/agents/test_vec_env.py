@@ -32,20 +32,16 @@ def test_sub_environments_give_what_single_environments_give():
     ours, theirs = (GymnasiumVecEnv(make_vector(config, "train", 3)) for config in (QUICK, singles))
     for env in (ours, theirs):
         env.seed(11)
-    first, expected = ours.reset(), theirs.reset()
-    assert all((first[key] == expected[key]).all() for key in expected)
+    np.testing.assert_equal(ours.reset(), theirs.reset())
     ended = 0
     for action in np.random.default_rng(0).uniform(-1, 1, (32, 3, 2)).astype(np.float32):
-        (seen, rewards, dones, infos), (expected, wanted, ends, their_infos) = ours.step(action), theirs.step(action)
-        assert all((seen[key] == expected[key]).all() for key in expected)
-        np.testing.assert_array_equal(rewards, wanted)
-        np.testing.assert_array_equal(dones, ends)
+        (*seen, infos), (*expected, their_infos) = ours.step(action), theirs.step(action)
+        np.testing.assert_equal(seen, expected)
         for info, other in zip(infos, their_infos, strict=True):
             assert set(info) == set(other)
             if info:
                 ended += 1
-                last, other_last = info.pop("terminal_observation"), other.pop("terminal_observation")
-                assert all((last[key] == other_last[key]).all() for key in other_last)
+                np.testing.assert_equal(info.pop("terminal_observation"), other.pop("terminal_observation"))
                 assert info == {**other, "episode": pytest.approx(other["episode"])}
     assert ended == 6
     ours.close()
@@ -98,11 +94,10 @@ def test_masked_ppo_learns_and_never_takes_what_is_masked(kind):
 def test_sub_environments_can_be_reached(kind):
     env = adapt(3, kind, "lidarnaut/ExploreFrontiers-v0", render_mode="rgb_array")
     env.seed(4)
-    seen = env.reset()
-    masks = env.env_method("action_masks")
-    np.testing.assert_array_equal(masks, seen["action_mask"])
-    np.testing.assert_array_equal(masks, env.env.call("action_masks"))
-    np.testing.assert_array_equal(env.env_method("action_masks", indices=[2]), seen["action_mask"][2:])
+    masks = env.reset()["action_mask"]
+    for found in (env.env_method("action_masks"), env.env.call("action_masks")):
+        np.testing.assert_array_equal(found, masks)
+    np.testing.assert_array_equal(env.env_method("action_masks", indices=[2]), masks[2:])
     assert env.has_attr("action_masks")
     if kind != "async":  # Gymnasium's processes end when asked for what they do not have
         assert not env.has_attr("no_such_thing")
@@ -112,20 +107,17 @@ def test_sub_environments_can_be_reached(kind):
     assert env.get_attr("nickname", indices=[1]) == ["second"]
     with pytest.raises(ValueError, match=r"render can be called in all sub-environments, not in \[0\] alone"):
         env.env_method("render", indices=0)
-    picture = env.render()
-    assert picture.ndim == 3
-    assert picture.std() > 1.0
+    assert env.render().std() > 1.0
     env.close()
 
 
 def test_seeds_count_up_and_hold_for_one_reset():
     env = adapt()
     env.seed(7)
-    first, second = env.reset(), env.reset()
-    assert any((first[key] != second[key]).any() for key in first)
+    first, second = env.reset()["scan"], env.reset()["scan"]
+    assert (first != second).any()
     env.seed(8)
-    shifted = env.reset()
-    np.testing.assert_array_equal(shifted["scan"][:2], first["scan"][1:])
+    np.testing.assert_array_equal(env.reset()["scan"][:2], first[1:])
     env.close()
 
 
