@@ -23,15 +23,10 @@ def hall():
     return OccupancyGrid(data, 0.05, (-1.5, -4.0))
 
 
-def corridor(*unknown, length=400):
-    """A corridor of 2 m x 20 m, closed all around, with unknown cells in it.
-
-    Args:
-        unknown: (first column, last column) of each stretch of half its width that is unknown.
-        length: columns.
-    """
-    data = np.full((44, length), 100, dtype=np.int8)
-    data[2:42, 2 : length - 2] = 0
+def corridor(*unknown):
+    """A corridor of 2 m x 20 m, closed all around; `unknown` are (first, last) columns where half of it is unknown."""
+    data = np.full((44, 400), 100, dtype=np.int8)
+    data[2:42, 2:398] = 0
     for first, last in unknown:
         data[22:42, first : last + 1] = -1
     return OccupancyGrid(data, 0.05, (0.0, -1.1))

@@ -18,7 +18,6 @@ from agents.frontiers import evolution
 from agents.frontiers.evolution import evolve
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
-from agents.frontiers.score import ScoreExplorer
 from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError
@@ -69,10 +68,9 @@ def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
     evolve(EvolutionConfig(**TINY, generations=3), resume=part, progress=False)
     for name in (GENERATIONS, "evaluations.csv"):
         assert (part / name).read_text() == (whole / name).read_text()
-    policy, other = load_policy(find_policy(whole)), load_policy(find_policy(part))
-    assert isinstance(policy, ScoreExplorer)
-    np.testing.assert_array_equal(policy.score.weights, other.score.weights)
-    assert len(policy.score.weights) == len(NAMES)
+    first, second = (load_policy(find_policy(run)).score.weights for run in (whole, part))
+    np.testing.assert_array_equal(first, second)
+    assert len(first) == len(NAMES)
     assert (part / "learning_curve.png").read_bytes().startswith(b"\x89PNG")
 
 
@@ -131,5 +129,5 @@ def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
 def test_there_is_no_run_where_there_is_none(tmp_path):
     with pytest.raises(CheckpointError, match="no run folder"):
         evolve(EvolutionConfig(**TINY), resume=tmp_path, progress=False)
-    with pytest.raises(CheckpointError, match="pretrained"):
+    with pytest.raises(CheckpointError, match="pretrained/nothing"):
         find_policy("pretrained/nothing")
