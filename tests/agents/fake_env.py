@@ -63,7 +63,7 @@ class FakeEnv(LidarEnv):
     def step(self, action):
         assert self.action_space.contains(action)
         self.steps += 1
-        if self.world == "broken" and self.steps > 5:
+        if self.world == f"broken_{self.steps}":
             raise RuntimeError("the floor gave way")
         if self.world == f"deadly_{self.steps}":
             os.kill(os.getpid(), signal.SIGKILL)

@@ -191,7 +191,7 @@ def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it
 @pytest.mark.filterwarnings("ignore:.*ERROR")  # how Gymnasium tells what happened in a process
 @pytest.mark.parametrize("vectorization", ["sync", "async"])
 def test_an_environment_that_fails_is_heard(vectorization, tiny_data, tmp_path):
-    broken = tiny_data["environment"] | {"world": "broken", "vectorization": vectorization}
+    broken = tiny_data["environment"] | {"world": "broken_6", "vectorization": vectorization}
     with pytest.raises(RuntimeError, match="the floor gave way"):
         train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
 

@@ -73,7 +73,7 @@ def test_a_map_is_completed_by_the_true_one_where_it_is_unknown():
     walls.data[:, 30] = 100
     # The map frame is turned by a right angle: its x axis is the world's y axis.
     truth = TrueMap(walls, Pose2D(1.0, 0.0, np.pi / 2))
-    estimated = OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5))
+    unknown, estimated = (OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5)) for _ in range(2))
     estimated.data[2, 3] = 100
     completed = truth.complete(estimated)
     assert estimated.data[0, 0] == -1
@@ -89,5 +89,4 @@ def test_a_map_is_completed_by_the_true_one_where_it_is_unknown():
     assert completed.data.shape[0] >= 40
     # Without anything in common, only the true map is left.
     far = OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (50.0, 50.0))
-    unknown = OccupancyGrid(np.full((10, 10), -1, dtype=np.int8), 0.1, (-0.5, -0.5))
     np.testing.assert_array_equal(truth.complete(far).data, truth.complete(unknown).data)

@@ -9,9 +9,8 @@ from baselines.rrt.detector import RrtDetector, mean_shift
 from baselines.rrt.robot import RrtRobot
 from baselines.rrt.team import UNASSIGNED, assign
 from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
-from envs.estimation import Belief
-from envs.geometry import OccupancyGrid, Pose2D
-from tests.baselines.maps import BURGER, reading_of
+from envs.geometry import OccupancyGrid
+from tests.baselines.maps import BURGER, belief_at, reading_of
 
 
 def rooms():
@@ -177,10 +176,6 @@ def test_points_that_cannot_be_reached_are_not_assigned():
     assert assign(island_map(), robots, ISLANDS[:0], costs[:, :0], RrtParams()).tolist() == [UNASSIGNED, UNASSIGNED]
 
 
-def belief_in(grid):
-    return Belief(Pose2D(0.0, 0.0, 0.0), grid)
-
-
 def test_the_filter_keeps_few_points_and_drops_stale_ones():
     grid, detector = rooms(), RrtDetector(RrtParams(), np.random.default_rng(0))
     for _ in range(20):
@@ -196,7 +191,7 @@ def test_the_filter_keeps_few_points_and_drops_stale_ones():
 def navigator_at(grid, points, **params):
     navigator = RrtRobot(BURGER, 0.1, RrtParams(**params), 0)
     navigator.points = points
-    navigator.begin(reading_of(), belief_in(grid))
+    navigator.begin(reading_of(), belief_at(0.0, 0.0, grid))
     return navigator
 
 
@@ -231,11 +226,11 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
     if door_closes:
         # The global tree stays behind the door, and finds on.
         for _ in range(20):
-            explorer.act(reading_of(), belief_in(grid))
+            explorer.act(reading_of(), belief_at(0.0, 0.0, grid))
         grid.data[42:62, 100:102] = 100
     else:
         grid.data[12:92, 202:] = 100
-    belief = belief_in(OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin))
+    belief = belief_at(0.0, 0.0, OccupancyGrid(grid.data.copy(), grid.resolution, grid.origin))
     steps = 0
     while explorer.end_reason is None and steps < 1000:
         explorer.act(reading_of(), belief)

@@ -17,8 +17,8 @@ from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
 from envs.navigation import CostmapParams, make_costmap, travel_field
 from envs.tasks.explore import Explore, ExploreTeam
-from envs.worlds import World
 from tests.baselines.maps import BURGER
+from tests.baselines.oracle.test_cover_planner import world_of
 
 
 def drive(env, seed, grid=None):
@@ -36,19 +36,9 @@ def drive(env, seed, grid=None):
         yield team, info
 
 
-def corridor(width=0.45, length=4.0):
-    """Two rooms of 2 m x 2 m, joined by a corridor along x in which two robots cannot pass each other."""
-    side, end = 0.5 * width, 0.5 * length
-    left = [[-end, side], [-end, 1.0], [-end - 2, 1.0], [-end - 2, -1.0], [-end, -1.0], [-end, -side]]
-    right = [[end, -side], [end, -1.0], [end + 2, -1.0], [end + 2, 1.0], [end, 1.0], [end, side]]
-    points = np.array([*left, *right, left[0]])
-    return World(
-        name="corridor",
-        segments=np.hstack([points[:-1], points[1:]]),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(-end - 1.0, 0.0, 0.0),),
-        bounds=(-end - 2, -1.0, end + 2, 1.0),
-    )
+LEFT = [(-2.0, 0.225), (-2.0, 1.0), (-4.0, 1.0), (-4.0, -1.0), (-2.0, -1.0), (-2.0, -0.225)]
+CORRIDOR = world_of(*LEFT, *((-x, -y) for x, y in LEFT), start=(-3.0, 0.0))
+"""Two rooms of 2 m x 2 m, joined by a corridor along x in which two robots cannot pass each other."""
 
 
 def known_map(env, targets):
@@ -70,7 +60,7 @@ def known_map(env, targets):
 @pytest.mark.parametrize("indices", [(0, 1), (1, 0)])
 def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch):
     starts, targets = [(-2.3, 0.0, 0.0), (2.3, 0.0, math.pi)], [(3.3, 0.3), (-3.3, -0.3)]
-    settings = {"world": corridor(), "physics": "kinematic", "slam": "truth", "target_coverage": 1.0}
+    settings = {"world": CORRIDOR, "physics": "kinematic", "slam": "truth", "target_coverage": 1.0}
     env = LidarEnv(ExploreTeam, **settings, start=tuple(starts[k] for k in indices))
     env.reset(seed=0)
     targets = [targets[k] for k in indices]
