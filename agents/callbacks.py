@@ -96,17 +96,13 @@ class RunCallback(BaseCallback):
         self._bar.update(self._config.num_envs)
         if self.locals["dones"].any():
             self._has_news = True
-            self._show()
+            headline, progress, last = self._evaluator.headline, self._evaluator.progress, self._evaluations[-1]
+            recent = [episode[progress] for episode in self.model.ep_info_buffer or () if progress in episode]
+            shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
+            if headline.name in last:
+                shown[headline.label] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
+            self._bar.set_postfix(shown, refresh=False)
         return True
-
-    def _show(self) -> None:
-        """Show how far recent training episodes got, and the headline of the last evaluation."""
-        headline, progress, last = self._evaluator.headline, self._evaluator.progress, self._evaluations[-1]
-        recent = [episode[progress] for episode in self.model.ep_info_buffer or () if progress in episode]
-        shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
-        if headline.name in last:
-            shown[headline.label] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
-        self._bar.set_postfix(shown, refresh=False)
 
     def _on_rollout_end(self) -> None:
         if self._has_news and self.model.ep_info_buffer:

@@ -18,9 +18,6 @@ from envs.core import lidar_env_of
 from envs.files import resolve
 from envs.measures import Course, headline_of, measures_of
 
-Act = Callable[[Observations, np.ndarray], np.ndarray]
-"""Returns actions for observations, and for which environments' episodes begin."""
-
 
 class Evaluator:
     """Runs the same episodes, on worlds of the test split, for learned and classic policies alike."""
@@ -85,12 +82,14 @@ class Evaluator:
 
 
 def run_episodes(
-    vector: VectorEnv[Observations, np.ndarray, np.ndarray], act: Act, max_speed: float = math.inf
+    vector: VectorEnv[Observations, np.ndarray, np.ndarray],
+    act: Callable[[Observations, np.ndarray], np.ndarray],
+    max_speed: float = math.inf,
 ) -> list[Course]:
     """Run one episode in each environment, environment i seeded with i; return their courses.
 
-    Environments reset in the same step; those that end early are stepped on, and ignored. `max_speed` is the robot's
-    [m/s].
+    `act` is told in which environments episodes begin. Environments reset in the same step; those that end early are
+    stepped on, and ignored. `max_speed` is the robot's [m/s].
     """
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it

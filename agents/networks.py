@@ -37,9 +37,9 @@ class ExplorerFeatures(BaseFeaturesExtractor):
         for key, space in observation_space.spaces.items():
             if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):  # which arrive one-hot
                 shapes[key] = (int(spaces.flatdim(space)),)
-        crops = [
-            key for key in sorted(shapes, reverse=True) if _is_crop(observation_space[key])
-        ]  # the nearer one first
+        boxes = {key: space for key, space in observation_space.items() if isinstance(space, spaces.Box)}
+        crops = [key for key, box in boxes.items() if len(box.shape) >= 3 and (box.high == 255).all()]
+        crops.sort(reverse=True)  # the nearer one first
         first = [key for key in ("scan", "motion") if key in shapes and key not in crops]
         total, self._encoders = 0, dict[str, str]()
         for key in (*crops, *first, *(key for key in sorted(shapes) if key not in (*crops, *first))):
@@ -156,10 +156,6 @@ class _Rows(nn.Sequential):
     def forward(self, table: Tensor) -> Tensor:
         """Return the features of all rows side by side, shape (batch, width)."""
         return super().forward(table.flatten(0, -self._num_axes - 1)).reshape(len(table), -1)
-
-
-def _is_crop(space: spaces.Space) -> bool:
-    return isinstance(space, spaces.Box) and len(space.shape) >= 3 and bool((space.high == 255).all())
 
 
 def _make_encoder(key: str, shape: tuple[int, ...], channels: int, is_crop: bool) -> tuple[nn.Module, int]:

@@ -68,10 +68,7 @@ def curve_figures(
 
 
 def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Curve]]]:
-    """Return each policy's curves by case, in shares of the limits, or of what the reference needed to the marks.
-
-    What it saw at once is left out.
-    """
+    """Return curves by policy and case, as shares of the limits or of the reference's; without starts seen at once."""
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
     curves: dict[str, dict[Case, list[Curve]]] = {}
     for row in episodes:

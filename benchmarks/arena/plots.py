@@ -19,7 +19,6 @@ from PIL import Image
 from benchmarks.arena.policies import is_bound, short
 from benchmarks.arena.statistics import Band, Estimate, curve_band
 from benchmarks.arena.trace import Curve, Trace
-from envs.geometry import OccupancyGrid, Pose2D
 from envs.rendering import style
 
 
@@ -215,7 +214,11 @@ def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent
     picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
     picture[known] = TIMES(np.sqrt(since[known] / max(end, 1e-9)))
     picture[known & (data >= 50)] = to_rgba(INK)
-    show_map(axes, picture, trace.grid, trace.start, trace.segments)
+    x_min, y_min, x_max, y_max = trace.grid.bounds
+    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
+    image.set_transform(Affine2D().rotate(trace.start.theta).translate(*trace.start[:2]) + axes.transData)
+    walls = list(trace.segments.reshape(-1, 2, 2))
+    axes.add_collection(LineCollection(walls, colors=ERROR, linewidths=0.6, alpha=0.7))
     rings = [Circle((x, y), radius) for x, y, radius in trace.circles]
     axes.add_collection(PatchCollection(rings, facecolor="none", edgecolor=ERROR, linewidth=0.6, alpha=0.7))
     samples = int(np.searchsorted(trace.curve.time, moment, side="right"))
@@ -225,16 +228,6 @@ def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent
     axes.plot(*trail[0], marker="o", markersize=4, color=PAPER, markeredgecolor=INK)
     axes.plot(*trail[-1], marker="o", markersize=4.5, color=ERROR, markeredgecolor=PAPER)
     show_only(axes, extent, UNKNOWN)
-
-
-def show_map(
-    axes: Axes, picture: np.ndarray, grid: OccupancyGrid, start: Pose2D, segments: np.ndarray, walls: str = ERROR
-) -> None:
-    """Show the picture of a map, shape (height, width, 4), where it lies in the world, and the true walls over it."""
-    x_min, y_min, x_max, y_max = grid.bounds
-    image = axes.imshow(picture, origin="lower", extent=(x_min, x_max, y_min, y_max), interpolation="auto")
-    image.set_transform(Affine2D().rotate(start.theta).translate(start.x, start.y) + axes.transData)
-    axes.add_collection(LineCollection(list(segments.reshape(-1, 2, 2)), colors=walls, linewidths=0.6, alpha=0.7))
 
 
 def show_only(axes: Axes, extent: Extent, background: str) -> None:

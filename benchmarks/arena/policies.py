@@ -66,15 +66,12 @@ class Policy:
 
 
 def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any] | None = None) -> Policy:
-    """Read a name, and make the policy once to see that it can be made.
+    """Read a name of a policy that the task allows or that is given, and make it once to see that it can be made.
 
-    Args:
-        name: a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
-            by pursuit), `module:attribute`, a classic policy with parameters, `nearest?max_time=8,inflation=0.3`, or
-            `LABEL=` before one of the latter. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`; of
-            several that a pattern with `*` fits, the last by name.
-        classic: what the task allows.
-        given: policies by further names.
+    A name is a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
+    by pursuit), `module:attribute`, a classic policy with parameters, `nearest?max_time=8,inflation=0.3`, or `LABEL=`
+    before one of the latter. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`; of several that a
+    pattern with `*` fits, the last by name.
 
     Raises:
         ValueError: if there is no such policy, or it cannot do the task; lists those that can.

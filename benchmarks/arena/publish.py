@@ -35,10 +35,7 @@ PAIRED_AXES = ("physics", "slam")
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
-    """Run an evaluation behind a progress bar that shows the latest episode; return and say what could not be run.
-
-    `how` goes to `Evaluation.run`.
-    """
+    """Run an evaluation behind a progress bar (`how`: see `Evaluation.run`); return and say what could not be run."""
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 

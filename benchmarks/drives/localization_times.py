@@ -51,12 +51,7 @@ def time_amcl(picture: Path | None = None) -> list[Row]:
 
 
 def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time the updates of the default preset during global localization.
-
-    Returns:
-        For each scan that was used: its time [s], the number of particles that were weighted, and the time of the
-        update [us].
-    """
+    """Time the default preset in global localization: times of the scans used [s], particles weighted, updates [us]."""
     drive, params = record_from_anywhere(setup, np.random.SeedSequence(seed), 30.0), PRESETS["default"]
     amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
     localize(amcl, grid, drive, seed, None)  # compiles the kernels

@@ -130,10 +130,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time from which on a pose is right, shape (n,), bool, to the end [s].
-
-    Infinite if it is so for less than `hold` [s] at the end.
-    """
+    """Return since when flags, shape (n,), bool, are set to the end [s]; infinite if for less than `hold` [s]."""
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)

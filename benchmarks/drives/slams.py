@@ -137,11 +137,7 @@ def compare_on_log(
 
 
 def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tuple[Row, np.ndarray]:
-    """Run a SLAM along a drive that began at the first spawn, and measure it.
-
-    Returns:
-        What was measured, and the estimated poses, shape (n, 3), world frame [m, rad].
-    """
+    """Run a SLAM along a drive from the first spawn; return what was measured, and its poses in the world, (n, 3)."""
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     tracked, start = track(slam, drive), setup.world.spawns[0]
     poses = compose_poses(np.array([start]), tracked["poses"])

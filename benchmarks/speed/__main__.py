@@ -46,7 +46,6 @@ def main(
     only: tuple[Stage, ...] = get_args(Stage),
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     quick: bool = False,
-    plot: Path = PLOT,
 ) -> None:
     """Measure, print a table for each stage, and draw how cost grows with beams, cells and sub-environments.
 
@@ -54,7 +53,6 @@ def main(
         only: what to measure.
         json_file: also write everything measured to this file.
         quick: shorter measurements, no growth.
-        plot: where to draw how cost grows.
     """
     seconds, repeats = (0.1, 3) if quick else (0.4, 5)
     results: dict[str, Any] = {"machine": machine()}
@@ -77,7 +75,7 @@ def main(
     if json_file is not None:
         json_file.write_text(json.dumps(results, indent=1) + "\n")
     if "growth" in results:
-        plot_growth(results["growth"], plot)
+        plot_growth(results["growth"], PLOT)
 
 
 def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -16,10 +16,7 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Sum occupancies, shape (height, width), under hits, (2, n), float32, at poses, (k, 3) [cells].
-
-    Returns shape (k,), float32.
-    """
+    """Sum occupancies, shape (height, width), under hits, (2, n), at poses, (k, 3) [cells]: shape (k,), float32."""
     height, width = values.shape
     x, y, c, s = (
         part.astype(np.float32)[:, None] for part in (*poses[:, :2].T, np.cos(poses[:, 2]), np.sin(poses[:, 2]))

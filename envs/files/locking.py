@@ -15,10 +15,7 @@ class LockedError(RuntimeError):
 
 
 class Lock:
-    """A lock on a folder, which ends with its process, however that ends.
-
-    Where the operating system has no such locks, it does nothing.
-    """
+    """A lock on a folder, which ends with its process, however that ends; none where the system has no such locks."""
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
         """Prepare a lock by the file `.<name>` in a folder; who shares it may hold it at the same time."""

@@ -61,18 +61,15 @@ class BagReader:
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
         """Return the topic that is asked for, or else the only one of some types."""
         found = self.topics(kinds)
-        listing = ", ".join(f"{t} ({kind}, {self._counts[t]} messages)" for t, kind in sorted(self.types.items()))
-        if wanted is not None:
-            for topic in (wanted, f"/{wanted}"):
-                if topic in found:
-                    return topic
-            raise self.error(f"{option} {wanted} holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
-        if not found:
-            raise self.error(f"holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
-        if len(found) > 1:
+        allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
+        if not allowed:
+            listing = ", ".join(f"{t} ({kind}, {self._counts[t]} messages)" for t, kind in sorted(self.types.items()))
+            what = "" if wanted is None else f"{option} {wanted} "
+            raise self.error(f"{what}holds no {' or '.join(kinds)}; there are {listing or 'no topics'}")
+        if wanted is None and len(found) > 1:
             choice = f"choose one by {option} (--{option.replace('_', '-')})"
             raise self.error(f"{len(found)} topics hold {kinds[0]}: {', '.join(found)}; {choice}")
-        return found[0]
+        return allowed[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
         """Yield the messages of a topic; BagError if there are fewer than the bag's index says."""

@@ -20,8 +20,6 @@ PERIOD = 0.5
 """Time between two samples [s]."""
 MAX_BEAMS = 90
 """Beams of a scan that are kept at most."""
-NOWHERE = (math.nan, math.nan)
-"""The goal of tasks that have none."""
 PLAN_TOLERANCE = 0.03
 """How far the corners that are kept may lead off a planned path [m]."""
 
@@ -108,7 +106,7 @@ class EpisodeRecorder:
                 "time": env.time,
                 "true_poses": truth.state.pose,
                 "poses": pose,
-                "goals": tuple(getattr(env.task, "goal", NOWHERE)[:2]),
+                "goals": tuple(getattr(env.task, "goal", (math.nan, math.nan))[:2]),
                 "progress": float(env.task.metrics()[env.task.progress]),
                 "path_length": truth.path_length,
                 "contacts": robot.collisions,
@@ -185,7 +183,11 @@ class MapHistory:
     def append(self, grid: OccupancyGrid) -> None:
         """Add the map as it is now."""
         corner = np.rint(np.subtract(grid.origin, self._first)[::-1] / self._resolution).astype(np.int64)
-        self._grow(corner, corner + grid.data.shape)
+        if not self._kinds.size:
+            self._corner = corner
+        before = np.maximum(self._corner - corner, 0)
+        after = np.maximum(corner + grid.data.shape - self._corner - self._kinds.shape, 0)
+        self._kinds, self._corner = np.pad(self._kinds, list(zip(before, after))), self._corner - before
         now = np.zeros_like(self._kinds)
         (top, left), (height, width) = corner - self._corner, grid.data.shape
         kinds = np.where(grid.data >= OCCUPIED_FROM, np.uint8(OCCUPIED), np.uint8(FREE))
@@ -195,16 +197,6 @@ class MapHistory:
         self._cells.append(cells + self._corner)
         self._changes.append(changes[tuple(cells.T)])
         self._kinds = now
-
-    def _grow(self, low: np.ndarray, high: np.ndarray) -> None:
-        """Make room for a map between two corners."""
-        if not self._kinds.size:
-            self._corner = low
-        before = np.maximum(self._corner - low, 0)
-        after = np.maximum(high - self._corner - self._kinds.shape, 0)
-        if before.any() or after.any():
-            self._kinds = np.pad(self._kinds, list(zip(before, after)))
-            self._corner = self._corner - before
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
         """Return what `Recording` holds of the map: its shape and origin, cells, changes, and ends of the samples.
