@@ -14,8 +14,6 @@ from benchmarks.arena.records import Row
 from benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
 from envs.measures import SUCCESS, Measure
 
-EASIEST = {"slam": "truth"}
-"""Values that the others of their axis are compared with; where it is not among them, the first one."""
 DASH = Cell("-")
 LEAST = 1.0
 """Times and distances below count as this one in ratios: the first scan may show a small world as a whole [s, m]."""
@@ -169,12 +167,12 @@ def worlds_section(episodes: Episodes) -> Section:
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
     """Compare the values of an axis, a column, pair by pair on the starts that all of them have; None if there is one.
 
-    Differences of times and distances are shares of what the policy needed under the base (`EASIEST`).
+    Differences of times and distances are shares of what the policy needed under the base: ground truth, or the first.
     """
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
         return None
-    base = EASIEST[axis] if EASIEST.get(axis) in values else values[0]
+    base = "truth" if axis == "slam" and "truth" in values else values[0]
     values.sort(key=lambda value: value != base)
     lines, worlds, num_starts = [], dict[str, None](), 0
     for policy in episodes.policies:

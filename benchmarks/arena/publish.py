@@ -30,8 +30,6 @@ TEXT = (
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
-PAIRED_AXES = ("physics", "slam")
-"""Columns along which starts stay the same. Robots differ in which cells they can traverse."""
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
@@ -135,7 +133,8 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
             leaderboard.measures_section(fair),
         ]
     sections += [
-        *(leaderboard.axis_section(everything, axis) for axis in PAIRED_AXES),
+        # Along these, starts stay the same; robots differ in which cells they can traverse.
+        *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         _missing_section(evaluation.missing(), len(episodes), len(fair)),

@@ -24,8 +24,6 @@ WARM_UP = 5000
 """Steps of all sub-environments together before anything is measured, but 20 to 100 of each."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
 """What cost is measured to grow with: beams of a scan, cells along a side of a map of 20 m, sub-environments."""
-MAP_SIDE = 20.0
-"""Side of a new map [m]."""
 STATE_ENVS = (4, 12)
 """Numbers of sub-environments whose memory is compared."""
 Call = Callable[..., Any]
@@ -110,7 +108,7 @@ def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int
         for at in values:
             size = {"beams": 360, "map_cells": 400, "num_envs": FEW} | {key: at}
             design = Design("vector", size["num_envs"])
-            cases[Case(design, num_bodies, slam, size["beams"], MAP_SIDE / size["map_cells"])] = at
+            cases[Case(design, num_bodies, slam, size["beams"], 20.0 / size["map_cells"])] = at
         speeds = compare(calls, list(cases), seconds, repeats)
         rows += [{"grows": key, "slam": slam, "at": cases[case], "us": 1e6 / speed} for case, speed in speeds.items()]
     return rows

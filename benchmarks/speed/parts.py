@@ -13,7 +13,6 @@ from envs.robots import load_robot
 from envs.simulation import PHYSICS, Twist, make_simulator
 from envs.worlds import load_world
 
-ROBOTS = ("turtlebot3_burger", "turtlebot3_waffle_pi")
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 """Where decisions are taken."""
 NUM_DECIDING = (1, 16, 64, 256)
@@ -26,7 +25,7 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
     """Time one control step of 0.1 s with all sensors, and a reset."""
     world, calls = load_world("turtlebot3_world"), {}
     for name in PHYSICS:
-        for robot in map(load_robot, ROBOTS):
+        for robot in map(load_robot, ("turtlebot3_burger", "turtlebot3_waffle_pi")):
             driven, placed = (make_simulator(name, robot, 0.1) for _ in range(2))
             start = world, [world.spawns[0]], [np.random.default_rng(0)]
             driven.reset(*start)

@@ -16,14 +16,14 @@ MAX_EPISODES = 2
 """Episodes that a page shows."""
 SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
 """Joined in this order."""
-_FOLDER = Path(__file__).parent
 
 
 def build_page(recordings: Sequence[Recording]) -> str:
     """Return a page with one episode, or two in step, as HTML that loads nothing else; ValueError for more or none."""
     if not 1 <= len(recordings) <= MAX_EPISODES:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
-    texts = {name: (_FOLDER / name).read_text(encoding="utf-8") for name in ("page.html", "page.css", *SCRIPTS)}
+    names = ("page.html", "page.css", *SCRIPTS)
+    texts = {name: Path(__file__).with_name(name).read_text(encoding="utf-8") for name in names}
     explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
     worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
     return Template(texts["page.html"]).substitute(
