@@ -1,4 +1,4 @@
-"""Episodes and worlds for tests."""
+"""Episodes for tests, and vector environments beside the single environments that they must equal."""
 
 import numpy as np
 
@@ -26,4 +26,44 @@ def nearest(observation):
 
 def hall(width=8.0, height=4.0, segments=()):
     """Return a rectangular world with its lower left corner at the origin, and further walls in it."""
-    return make_room(0.0, 0.0, width, height, segments, spawn=Pose2D(0.4, 0.4, 0.0))
+    walls = [[0, 0, width, 0], [width, 0, width, height], [width, height, 0, height], [0, height, 0, 0]]
+    return World(
+        name="hall",
+        segments=np.array([*walls, *segments], dtype=float),
+        circles=np.empty((0, 3)),
+        spawns=(Pose2D(0.4, 0.4, 0.0),),
+        bounds=(0.0, 0.0, width, height),
+    )
+
+
+def assert_same(ours, theirs):
+    """Compare two of Gymnasium's observation or info dicts, one sub-environment after the other, where masks say so."""
+    if isinstance(theirs, np.ndarray):  # an observation that is no dict
+        np.testing.assert_array_equal(ours, theirs)
+        return
+    for key, value in theirs.items():
+        if key.startswith("_"):
+            np.testing.assert_array_equal(ours[key], value)
+        elif isinstance(value, dict):
+            assert_same(ours[key], value)
+        elif key == "final_obs":
+            for i in np.flatnonzero(theirs["_final_obs"]):
+                assert_same(ours[key][i], value[i])
+        else:
+            mask = theirs.get(f"_{key}", np.ones(len(value), dtype=bool))
+            np.testing.assert_array_equal(np.asarray(ours[key])[mask], np.asarray(value)[mask], err_msg=key)
+
+
+def step_both(ours, theirs, actions, seed=5):
+    """Reset and step two vector environments alike, hold them equal, and yield each step's outcome and info."""
+    for ours_out, theirs_out in zip(ours.reset(seed=seed), theirs.reset(seed=seed), strict=True):
+        assert_same(ours_out, theirs_out)
+    for action in actions:
+        observation, *outcome, info = ours.step(action)
+        expected, *expected_outcome, expected_info = theirs.step(action)
+        assert_same(observation, expected)
+        assert_same(info, expected_info)
+        for value, wanted in zip(outcome, expected_outcome, strict=True):
+            np.testing.assert_array_equal(value, wanted)
+            assert value.dtype == wanted.dtype
+        yield outcome, info

@@ -17,8 +17,7 @@ from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
 from envs.worlds import load_world
-from tests.rollouts import rollout
-from tests.side_by_side import step_both
+from tests.rollouts import rollout, step_both
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 STILL = np.zeros(2, dtype=np.float32)

@@ -1,14 +1,14 @@
 """Robots whose parameters differ from episode to episode."""
 
-import importlib.util
 import json
 import pickle
+from importlib.util import find_spec
+from operator import attrgetter
 
 import gymnasium
 import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
-from gymnasium.vector import AutoresetMode, SyncVectorEnv
 
 import envs  # noqa: F401
 from envs.core import LidarEnv
@@ -18,20 +18,11 @@ from envs.robots import load_robot
 from envs.tasks.explore import Explore
 from tests.rollouts import rollout
 from tests.rooms import square_room
-from tests.side_by_side import step_both
+from tests.test_core import QUICK
+from tests.test_vector import RANGES
 
-HAS_BULLET = importlib.util.find_spec("pybullet") is not None
-BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not HAS_BULLET, reason="PyBullet is not installed"))
+BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not find_spec("pybullet"), reason="needs PyBullet"))
 BURGER = load_robot("turtlebot3_burger")
-RANGES = {
-    "lidar.noise_std": (0.005, 0.03),
-    "lidar.dropout": (0.0, 0.1),
-    "lidar.mount.yaw": (-0.05, 0.05),
-    "drive.wheel_radius": (0.031, 0.035),
-    "drive.slip_std": (0.0, 0.01),
-    "max_v": (0.15, 0.22),
-}
-QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "physics": "kinematic"}
 ROOM = {"world": square_room(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
 HALL = {**ROOM, "world": square_room(10.0)}
 
@@ -91,36 +82,30 @@ def test_lidars_are_as_drawn_and_the_robot_is_told_nothing():
     np.testing.assert_allclose(turned[:-10], exact[10:], atol=1e-3)
 
 
+def drive_ahead(physics, steps, **values):
+    """Drive straight on with fixed values; return the environment and the last `info`."""
+    env = LidarEnv(Explore, **{**HALL, "physics": physics}, randomize=fixed(**values))
+    env.reset(seed=0)
+    for _ in range(steps):
+        *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    env.close()
+    return env, info
+
+
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])
 def test_larger_wheels_drive_farther_than_odometry_says(physics):
-    env = LidarEnv(
-        Explore, **{**HALL, "physics": physics}, randomize=fixed(drive__wheel_radius=0.0363, drive__slip_std=0.0)
-    )
-    env.reset(seed=0)
-    for _ in range(50):
-        *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
+    env, info = drive_ahead(physics, 50, drive__wheel_radius=0.0363, drive__slip_std=0.0)
     assert info["path_length"] / env.belief.pose.x == pytest.approx(1.1, abs=0.01)
-    env.close()
 
 
 def test_a_lower_limit_of_speed_cuts_commands():
-    env = LidarEnv(Explore, **HALL, randomize=fixed(max_v=0.1))
-    env.reset(seed=0)
-    for _ in range(20):
-        env.step(np.array([1.0, 0.0], dtype=np.float32))
+    env, _ = drive_ahead("kinematic", 20, max_v=0.1)
     assert env.truths[0].state.twist.v == pytest.approx(0.1, abs=0.01)
 
 
-@pytest.mark.skipif(not HAS_BULLET, reason="PyBullet is not installed")
 def test_wheels_without_grip_spin():
-    driven = []
-    for friction in (1.0, 0.002):
-        env = LidarEnv(Explore, **{**HALL, "physics": "bullet"}, randomize=fixed(drive__friction=friction))
-        env.reset(seed=0)
-        for _ in range(20):
-            *_, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
-        driven.append(info["path_length"])
-        env.close()
+    pytest.importorskip("pybullet")
+    driven = [drive_ahead("bullet", 20, drive__friction=friction)[1]["path_length"] for friction in (1.0, 0.002)]
     assert driven[1] < 0.5 * driven[0]
 
 
@@ -129,37 +114,6 @@ def test_coverage_knows_where_the_lidar_really_looks():
     env.reset(seed=0)
     scan = env.task.coverage._true_scan(env.reading.ranges, Pose2D(1.0, 2.0, 0.0))
     assert (scan.x, scan.y, scan.theta) == pytest.approx((1.2, 2.0, 0.3 + BURGER.lidar.angle_min))
-
-
-LIDAR = {name: RANGES[name] for name in RANGES if name.startswith("lidar.")}
-CASES = {
-    "fused": ("lidarnaut/Explore-v0", {**QUICK, "slam": "hector", "time_limit": 3.0, "randomize": RANGES}),
-    "bullet": (
-        "lidarnaut/Explore-v0",
-        {**QUICK, "physics": "bullet", "time_limit": 1.0, "randomize": {**RANGES, "drive.friction": (0.4, 1.0)}},
-    ),
-    "frontiers": ("lidarnaut/ExploreFrontiers-v0", {**QUICK, "time_limit": 12.0, "randomize": RANGES}),
-    "abstract": ("lidarnaut/ExploreFrontiersAbstract-v0", {**QUICK, "time_limit": 12.0, "randomize": LIDAR}),
-    "team": ("lidarnaut/ExploreTeam-v0", {**QUICK, "num_robots": 2, "time_limit": 1.0, "randomize": RANGES}),
-}
-
-
-@pytest.mark.parametrize("case", CASES)
-def test_sub_environments_draw_what_single_ones_draw(case):
-    if case == "bullet" and not HAS_BULLET:
-        pytest.skip("PyBullet is not installed")
-    id, arguments = CASES[case]
-    mode = AutoresetMode.SAME_STEP
-    ours = gymnasium.make_vec(id, 2, num_workers=1, autoreset_mode=mode, **arguments)
-    theirs = SyncVectorEnv([lambda: gymnasium.make(id, **arguments).unwrapped] * 2, autoreset_mode=mode)
-    ours.action_space.seed(0)
-    drawn = set()
-    for (_, terminated, truncated), info in step_both(ours, theirs, [ours.action_space.sample() for _ in range(18)]):
-        drawn |= set(info["randomized"]["lidar.noise_std"].tolist())
-        for i in np.flatnonzero(terminated | truncated):
-            assert info["final_info"]["randomized"]["lidar.noise_std"][i] in drawn
-    assert len(drawn) >= 4
-    ours.close()
 
 
 @pytest.mark.parametrize("physics", ["kinematic", BULLET])
@@ -182,10 +136,7 @@ def test_randomized_environments_pickle_and_their_specs_are_json(physics):
         ({"lidar.noise_std": 0.1}, r"'lidar.noise_std'.*two numbers \(low, high\), got 0.1"),
         ({"lidar.noise_std": (0.1, 0.0)}, r"'lidar.noise_std'.*low <= high"),
         ({"lidar.noise_std": (0.1, np.inf)}, r"'lidar.noise_std'.*finite"),
-        (
-            {"lidar.noise_std": (-0.1, 0.1)},
-            r"'lidar.noise_std'.*noise_std: .*or equal to 0, got -0.1",
-        ),
+        ({"lidar.noise_std": (-0.1, 0.1)}, r"'lidar.noise_std'.*noise_std: .*or equal to 0, got -0.1"),
         ({"max_v": (0.1, 0.3)}, r"'max_v'.*must not exceed the robot's 0.22"),
     ],
 )
@@ -204,8 +155,5 @@ def test_every_name_is_a_parameter_of_robots(name):
     robot = load_robot("mpo_500")
     value = 0.7 if name == "drive.track" else 0.01
     changed = Randomization({name: (value, value)}, robot).robot({name: value})
-    found = changed
-    for part in name.split("."):
-        found = getattr(found, part)
-    assert found == value
+    assert attrgetter(name)(changed) == value
     assert changed != robot

@@ -1,6 +1,10 @@
-"""Vector environments that are interrupted, whose workers fail, or whose requests cannot be sent."""
+"""Vector environments that are misused or interrupted, whose workers fail, or whose requests cannot be sent."""
 
+import copy
+import gc
 import multiprocessing
+import pickle
+import re
 import signal
 import threading
 import time
@@ -10,9 +14,9 @@ import numpy as np
 import pytest
 
 from envs.core import LidarEnv
-from envs.tasks.explore import Explore
-from envs.vector import LidarVectorEnv
-from tests.side_by_side import assert_same
+from envs.tasks.explore import Explore, ExploreTeam
+from envs.vector import LidarEnvs, LidarVectorEnv
+from tests.rollouts import assert_same
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0, "physics": "kinematic"}
 ACTIONS = np.full((3, 2), 0.5, dtype=np.float32)
@@ -74,17 +78,15 @@ def raise_signal():
     signal.raise_signal(signal.SIGINT)
 
 
-def interrupt_soon():
+def interrupt_soon(delays=(0.3,)):
     """Let a signal of Ctrl-C come to the main thread after a while, as it waits for others by then."""
-    main = threading.main_thread().ident
-    threading.Timer(0.3, signal.pthread_kill, (main, signal.SIGINT)).start()
+    for delay in delays:
+        threading.Timer(delay, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
 
 
 def interrupt_twice():
     """Do so again after a while: the first may have to wait for the end of a step."""
-    interrupt_soon()
-    main = threading.main_thread().ident
-    threading.Timer(0.6, signal.pthread_kill, (main, signal.SIGINT)).start()
+    interrupt_soon((0.3, 0.6))
 
 
 def fall_asleep():
@@ -188,3 +190,81 @@ def test_ended_sub_environments_are_told_by_the_last_step():
     env.reset(options={"reset_mask": np.array([False, True, False])})
     env.step(ACTIONS)
     env.close()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "culprit"),
+    [
+        ({"num_envs": 1.5}, "num_envs must be whole and from 1 to 100,000, got 1.5"),
+        ({"num_envs": 10**7}, "num_envs must be whole and from 1 to 100,000"),
+        ({"num_workers": -1}, "num_workers must be whole"),
+        ({"max_episode_steps": 0}, "max_episode_steps must be whole"),
+        ({"render_mode": "human"}, "render_mode"),
+    ],
+)
+def test_bad_arguments_are_named(arguments, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        LidarEnvs(**{"num_envs": 1, "task": Explore, **QUICK, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("task", "actions", "message"),
+    [
+        (Explore, np.zeros((1, 2)), "have shape"),
+        (Explore, np.full((2, 2), np.nan), r"be finite.*sub-environment 0$"),
+        (Explore, np.full((2, 2), 1.5), r"be finite.*sub-environment 0; clip_actions=True clips"),
+        (ExploreTeam, np.full((2, 2, 2), 1.5), r"be finite(.|\n)*sub-environment 0; clip_actions=True clips"),
+    ],
+)
+def test_bad_actions_are_refused(task, actions, message):
+    env = LidarEnvs(2, task=task, num_workers=1, **QUICK)
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=f"actions must {message}"):
+        env.step(actions)
+    env.close()
+
+
+def test_seeds_and_options_are_numbers_and_mappings():
+    env = LidarEnvs(2, task=Explore, num_workers=0, **QUICK)
+    for wrong in (1.5, True, [1], "ab", (1.5, 2.5), np.array(3)):
+        says = re.escape(f"seed must be one whole number or 2 of them, got {wrong!r}")
+        with pytest.raises(ValueError, match=says):
+            env.reset(seed=wrong)
+    for each in (env, LidarEnv(Explore, **QUICK)):
+        with pytest.raises(ValueError, match="options must map names to values, got 5"):
+            each.reset(options=5)
+    env.close()
+
+
+@pytest.mark.parametrize("num_workers", [0, 2])
+def test_errors_and_calls_out_of_order_are_told_and_do_no_harm(num_workers):
+    env, actions = LidarEnvs(np.int64(2), task=Explore, num_workers=num_workers, **QUICK), np.zeros((2, 2))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes have begun"):
+        env.step(actions)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="first reset must start all"):
+        env.reset(options={"reset_mask": np.array([True, False])})
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match="unknown options"):
+        env.reset(options={"weather": "rain"})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episodes have begun"):
+        env.step(actions)
+    env.reset(seed=0)
+    with pytest.raises(AttributeError, match="no_such_thing"):
+        env.get_attr("no_such_thing")
+    for copied in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="cannot be copied or pickled"):
+            copied(env)
+    gc.collect()
+    env.step(actions)
+    env.close()
+    for call in CALLS.values():
+        with pytest.raises(gymnasium.error.ClosedEnvironmentError):
+            call(env)
+
+
+def test_a_worker_that_dies_is_an_error(env):
+    for child in multiprocessing.active_children():
+        child.kill()
+        child.join()
+    with pytest.raises(RuntimeError, match="worker process died"):
+        env.step(ACTIONS)
