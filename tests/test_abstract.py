@@ -71,20 +71,3 @@ def test_a_lidar_that_looks_ahead_looks_around():
     env = ExploreFrontiersAbstractEnv(world="rooms", world_size=(8.0, 8.0), robot="raspimouse", target_coverage=0.8)
     info, _ = explore(env, 1)
     assert info["explored_fraction"] > 0.5
-
-
-@pytest.mark.parametrize(
-    ("wrong", "named"),
-    [
-        ({"physics": "bullet"}, "physics must be 'kinematic'"),
-        ({"slam": "hector"}, "slam must be 'truth'"),
-        ({"scan_distance": 0.0}, "scan_distance"),
-        ({"drift": (0.1, -0.1)}, "drift"),
-        ({"drift": 0.1}, "drift must be"),
-        ({"drift": (float("nan"), 0.1)}, "drift must be"),
-        ({"false_returns": 1.0}, "false_returns"),
-    ],
-)
-def test_arguments_are_checked(wrong, named):
-    with pytest.raises(ValueError, match=named):
-        ExploreFrontiersAbstractEnv(**QUICK, **wrong)

@@ -1,6 +1,7 @@
 """What holds for every id and every task: Gymnasium's contract, seeds, copies, docstrings, what is refused."""
 
 import itertools
+import math
 import pickle
 import warnings
 
@@ -13,6 +14,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import envs  # noqa: F401  (registers the environments)
+from envs.tasks.explore import Explore
 
 IDS = [id for id in gymnasium.registry if id.startswith("lidarnaut/")]
 ROOMS = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
@@ -26,12 +28,12 @@ TASKS = {
         **{"path": [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]], "map_resolution": 0.1},
     },
 }
-STILL = np.zeros(2, dtype=np.float32)
+STILL, AHEAD = np.zeros(2, dtype=np.float32), np.array([1.0, 0.0], dtype=np.float32)
 every_task = pytest.mark.parametrize("task", TASKS)
 
 
 def make(task, **arguments):
-    return gymnasium.make(f"lidarnaut/{task}-v0", disable_env_checker=True, **TASKS[task] | arguments)
+    return gymnasium.make(f"lidarnaut/{task}-v0", disable_env_checker=True, **TASKS.get(task, ROOMS) | arguments)
 
 
 def rollout(env, seed, steps):
@@ -122,3 +124,140 @@ def test_bad_actions_are_refused(task, value):
     shape = env.action_space.shape
     with pytest.raises(ValueError, match="action must"):
         env.step(np.zeros((1, *shape)) if value is None else np.full(shape, value))
+
+
+MOTION = {"pose_error", "path_length", "collisions", "time", "rewards", "is_success"}
+EXPLORED = MOTION | {"explored_fraction", "explored_area"}
+DECISION = {"action_mask", "action", "outcome", "decision_time", "decision_length", "decision_steps", "area_left"}
+INFO_KEYS = {
+    "Explore": EXPLORED,
+    "ExploreTeam": EXPLORED,
+    "ExploreFrontiers": EXPLORED | DECISION,
+    "Navigate": MOTION | {"distance_to_goal", "geodesic_distance", "progress", "is_lost"},
+    "Track": MOTION | {"deviation", "progress", "is_lost"},
+}
+
+
+@every_task
+def test_info_has_every_key_rewards_sum_up_and_time_runs_out(task):
+    env = make(task, time_limit=4.0, **({"max_deviation": 9.0} if task == "Track" else {}))
+    out = rollout(env, 2, 100)
+    assert all(set(step[-1]) == INFO_KEYS[task] for step in out[:-1])
+    weights = getattr(env.unwrapped, "task", Explore).weights
+    for _, reward, _, _, info in out[1:]:
+        assert reward == pytest.approx(sum(info["rewards"].values()))
+        assert set(info["rewards"]) == set(weights)
+    assert out[-1][2:4] == (False, True)
+    assert (info["end_reason"], info["time"]) == ("time_limit", pytest.approx(4.0))
+    further = {"map_iou", "area_left"} if "Explore" in task else set()
+    assert set(info) == INFO_KEYS[task] | {"end_reason"} | further
+    assert 0.0 < info.get("map_iou", 1.0) <= 1.0
+
+
+@pytest.mark.parametrize(
+    ("task", "term", "quantity", "sign"),
+    [("Explore", "explored", "explored_area", 1), ("Navigate", "progress", "geodesic_distance", -1)],
+)
+def test_rewards_add_up_to_what_has_changed(task, term, quantity, sign):
+    out = rollout(make(task, reward={term: 2.0}), 3, 60)
+    rewarded = sum(step[4]["rewards"][term] for step in out[1:])
+    change = out[-1][4][quantity] - out[0][1][quantity]
+    assert rewarded == pytest.approx(2.0 * sign * change)
+    assert rewarded != 0.0
+
+
+NEAR = {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0.0)}
+
+
+@pytest.mark.parametrize(
+    ("task", "arguments", "action", "reason", "term"),
+    [
+        ("Explore", {"target_coverage": 0.05}, STILL, "covered", "completed"),
+        ("ExploreFrontiers", {"target_coverage": 0.5}, 0, "covered", "completed"),
+        (
+            "Navigate",
+            {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0.0)},
+            AHEAD,
+            "reached",
+            "reached",
+        ),
+    ],
+)
+def test_success_terminates_and_pays(task, arguments, action, reason, term):
+    env = make(task, **arguments).unwrapped
+    env.reset(seed=0)
+    for _ in range(100):
+        _, _, terminated, truncated, info = env.step(action)
+        if terminated or truncated:
+            break
+    assert (terminated, truncated, info["end_reason"], info["is_success"]) == (True, False, reason, True)
+    assert info["rewards"][term] == getattr(env, "task", Explore).weights[term]
+    assert 0.25 < info.get("distance_to_goal", 0.3) <= 0.3
+
+
+BAD_ARGUMENTS = [
+    ("Explore", {"robot": "r2d2"}, "r2d2"),
+    ("Explore", {"physics": "mujoco"}, "mujoco"),
+    ("Explore", {"slam": "cartographer"}, "cartographer"),
+    ("Explore", {"reward": {"explred": 1.0}}, "explred"),
+    ("Explore", {"start": (math.nan, 0.0, 0.0)}, "start"),
+    *(("Explore", {"start": wrong}, "start must be") for wrong in ("home", 5, None, (1.0, "b", 0.0))),
+    ("Explore", {"render_mode": "ascii"}, "render_mode"),
+    ("Explore", {"split": "validation"}, "split"),
+    *(("Explore", {"control_hz": wrong}, "control_hz must be positive") for wrong in (0, "10", 10**400, True, None)),
+    ("Explore", {"observations": ([],)}, r"observations must have names, got \[\]"),
+    ("Explore", {"control_hz": 1e9}, r"control_period must be .* at least 0.0001 s \(10,000 Hz\)"),
+    ("Explore", {"time_limit": "5"}, "time_limit must be positive or None, got '5'"),
+    ("Explore", {"target_coverage": 1.5}, "target_coverage must lie in"),
+    ("Explore", {"map_resolution": "fine"}, "map_resolution must be positive"),
+    ("Explore", {"world": "rooms", "world_size": 8}, "size must be"),
+    ("Explore", {"world": "atlantis", "world_size": (8, 8)}, "unknown world 'atlantis'"),
+    ("Explore", {"world": "os:path", "world_size": None}, "world 'os:path' must name a World"),
+    ("Explore", {"robot": "os:path"}, "robot 'os:path' must name RobotParams"),
+    ("Explore", {"reward": {"time": "a"}}, "reward weight 'time' must be finite"),
+    ("Explore", {"reward": "a"}, "unknown reward 'a'; allowed is module:attribute"),
+    ("Explore", {"randomize": 5}, "randomize must map names"),
+    ("Explore", {"observations": "scan"}, "observations must be a sequence of names .* got 'scan'"),
+    ("Explore", {"observations": {"scan": 5}}, "'scan' must be a part or make one, got 5"),
+    ("Explore", {"observations": {"map_near": {"size": 10**6}}}, "whole size from 1 to 4,096"),
+    ("Explore", {"observations": {"map_near": {"resolution": "a"}}}, "positive resolution, got 'a'"),
+    ("ExploreTeam", {"num_robots": 5}, "num_robots"),
+    ("ExploreTeam", {"num_robots": 1.5}, "num_robots"),
+    ("ExploreTeam", {"start": np.zeros((3, 3)), "num_robots": 2}, "start must be"),
+    ("ExploreTeam", {"start": ((1.0, 1.0, 0.0),), "num_robots": 2}, "start"),
+    ("ExploreTeam", {"start": ((1.0, 1.0, 0.0), (1.0, math.nan, 0.0)), "num_robots": 2}, "start"),
+    ("ExploreFrontiers", {"max_candidates": 5.0}, "max_candidates must be whole"),
+    ("ExploreFrontiers", {"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
+    ("ExploreFrontiers", {"max_decision_time": "4"}, "max_decision_time"),
+    ("ExploreFrontiers", {"observations": ("scan",)}, "observations cannot be chosen"),
+    ("Navigate", {"localizer": "gps"}, "gps"),
+    ("Navigate", {"amcl": "nav3"}, "nav3"),
+    ("Navigate", {"initial_pose": "guessed"}, "initial_pose"),
+    ("Navigate", {"initial_pose": "unknown", "localizer": "odometry"}, "initial_pose='unknown' needs"),
+    ("Navigate", {"goal_tolerance": 0.0}, "goal_tolerance"),
+    ("Navigate", {"heading_tolerance": 4.0}, "heading_tolerance"),
+    ("Navigate", {"goal": (0.0, math.nan, 0.0)}, "goal must be"),
+    ("Navigate", {"goal": np.zeros((3, 3))}, "goal must be"),
+    ("Navigate", {"map_pose": (0.0, 0.0)}, "map_pose"),
+    ("Navigate", {"map": "nowhere.yaml"}, "nowhere.yaml"),
+    ("Track", {"fusion": "gps"}, "fusion 'gps'.*encoder_compass"),
+    ("Track", {"fusion": "encoder_compass"}, "needs a compass"),
+    ("Track", {"path": [[0.0, 0.0], [0.0, math.nan]]}, "path"),
+    ("Track", {"max_deviation": -1.0}, "max_deviation"),
+    ("Track", {"map_latency": -0.1}, "map_latency"),
+    ("Track", {"start_spread": (0.1, -0.1)}, "start_spread"),
+    ("ExploreFrontiersAbstract", {"physics": "bullet"}, "physics must be 'kinematic'"),
+    ("ExploreFrontiersAbstract", {"slam": "hector"}, "slam must be 'truth'"),
+    ("ExploreFrontiersAbstract", {"scan_distance": 0.0}, "scan_distance"),
+    ("ExploreFrontiersAbstract", {"drift": (0.1, -0.1)}, "drift"),
+    ("ExploreFrontiersAbstract", {"false_returns": 1.0}, "false_returns"),
+    ("Explore", {"observations": {"plan": {"detection_time": 0.0}}}, "plan needs"),
+    ("Explore", {"observations": {"plan": {"num_candidates": 0}}}, "plan needs"),
+]
+
+
+@pytest.mark.filterwarnings("ignore:.*possible render_modes")
+@pytest.mark.parametrize(("task", "arguments", "culprit"), BAD_ARGUMENTS)
+def test_bad_arguments_are_named(task, arguments, culprit):
+    with pytest.raises((ValueError, FileNotFoundError), match=culprit):
+        make(task, **arguments)

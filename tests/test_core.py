@@ -1,15 +1,17 @@
 """What all environments have in common: options of a reset, observation parts, rewards, SLAMs of the user's own."""
 
 import pickle
-import sys
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from envs.core import LidarEnv
 from envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from envs.estimation.motion import make_motion_source
+from envs.geometry import Pose2D
 from envs.observations import MapCrop
 from envs.slam import KnownPoses, load_params
 from envs.task import Rewards
@@ -22,15 +24,6 @@ from tests.rollouts import rollout, step_both
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 STILL = np.zeros(2, dtype=np.float32)
 
-OWN_CODE = '''
-import numpy as np
-from gymnasium import spaces
-
-from envs.estimation import Belief
-from envs.slam import KnownPoses, load_params
-from envs.task import Rewards
-from dataclasses import dataclass, replace
-
 
 class Speed:
     """How fast the robot is, by odometry."""
@@ -42,11 +35,15 @@ class Speed:
         out[0] = robot.twist.v / robot.params.max_v
 
 
-class Nailed(KnownPoses):
-    """Takes the robot to stay where it starts."""
+class Own(KnownPoses):
+    """A SLAM that maps at the poses that it is told."""
 
     def __init__(self, lidar, resolution):
-        super().__init__(lidar, replace(load_params("default"), resolution=resolution))
+        super().__init__(lidar, load_params("default", {"resolution": resolution}))
+
+
+class Nailed(Own):
+    """Takes the robot to stay where it starts."""
 
     def update(self, reading, motion):
         return super().update(reading, type(motion)(0.0, 0.0, 0.0))
@@ -57,15 +54,6 @@ class Hurry(Rewards):
 
     def terms(self, quantities):
         return super().terms({**quantities, "hurry": quantities["time"]})
-'''
-
-
-@pytest.fixture
-def own_code(tmp_path, monkeypatch):
-    (tmp_path / "own_parts_of_core.py").write_text(OWN_CODE)
-    monkeypatch.syspath_prepend(str(tmp_path))
-    monkeypatch.delitem(sys.modules, "own_parts_of_core", raising=False)
-    return "own_parts_of_core"
 
 
 def test_world_and_start_can_be_chosen_for_one_episode():
@@ -80,25 +68,23 @@ def test_world_and_start_can_be_chosen_for_one_episode():
     assert same(first, rollout(env, 3, 10))
 
 
-@pytest.mark.parametrize(
-    "env",
-    [
-        LidarEnv(Explore, **QUICK),
-        LidarEnv(ExploreTeam, **QUICK),
-        LidarEnv(Navigate, **QUICK),
-        LidarEnv(FollowRoute, robot="mpo_500", control_hz=17.0, physics="kinematic"),
-    ],
-)
-def test_unknown_options_are_named(env):
+@pytest.mark.parametrize("task", [Explore, ExploreTeam, Navigate, FollowRoute])
+def test_unknown_options_are_named(task):
+    env = LidarEnv(task, robot="mpo_500", physics="kinematic")
     with pytest.raises(ValueError, match=r"unknown options \['weather'\]; allowed are .*'start'"):
         env.reset(options={"weather": "rain", "start": "spawn"})
 
 
 @pytest.mark.parametrize("options", [{"start": "home"}, {"world": "atlantis"}, {"start": (99.0, 0.0, 0.0)}])
-def test_options_that_are_not_allowed_are_named(options):
-    env = LidarEnv(Explore, **QUICK)
-    with pytest.raises(ValueError, match=str(next(iter(options)))):
-        env.reset(seed=0, options=options)
+def test_options_that_are_not_allowed_are_named_and_begin_no_episode(options):
+    env = LidarEnv(Explore, **QUICK, slam="truth")
+    env.reset(seed=0)
+    with pytest.raises(ValueError, match=next(iter(options))):
+        env.reset(options=options)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+        env.step(STILL)
+    env.reset()
+    env.step(STILL)
 
 
 def test_a_prepared_world_is_the_one_that_would_have_been_drawn():
@@ -116,11 +102,8 @@ def test_observations_are_chosen_by_name_and_argument():
     parts = {"scan": None, "map_near": {"resolution": 0.1, "size": 64}, "wide": MapCrop(0.4, size=48)}
     env = LidarEnv(Explore, **QUICK, observations=parts)
     observation, _ = env.reset(seed=0)
-    assert {key: part.shape for key, part in observation.items()} == {
-        "scan": (360,),
-        "map_near": (3, 64, 64),
-        "wide": (3, 48, 48),
-    }
+    shapes = {key: part.shape for key, part in observation.items()}
+    assert shapes == {"scan": (360,), "map_near": (3, 64, 64), "wide": (3, 48, 48)}
     assert observation in env.observation_space
     usual = LidarEnv(Explore, **QUICK)
     expected = usual.reset(seed=0)[0]
@@ -136,13 +119,9 @@ def test_unknown_observations_are_named(observations):
         LidarEnv(Explore, **QUICK, observations=observations)
 
 
-def test_parts_rewards_and_slams_of_the_users_own_code(own_code):
-    arguments = {
-        **QUICK,
-        "observations": {"speed": f"{own_code}:Speed", "motion": None},
-        "reward": f"{own_code}:Hurry",
-        "slam": f"{own_code}:Nailed",
-    }
+def test_parts_rewards_and_slams_of_the_users_own_code():
+    own = {"observations": {"speed": f"{__name__}:Speed", "motion": None}, "reward": f"{__name__}:Hurry"}
+    arguments = {**QUICK, **own, "slam": f"{__name__}:Nailed"}
     env = gymnasium.make("lidarnaut/Explore-v0", **arguments)
     env.reset(seed=0)
     for _ in range(5):
@@ -172,24 +151,18 @@ def test_a_slam_can_be_given_as_an_object_and_is_copied():
         LidarEnv(Explore, **QUICK, slam=7)
 
 
-def test_a_slam_that_cannot_share_its_map_is_refused_for_teams(own_code):
-    class Own(KnownPoses):
+def test_a_slam_that_cannot_share_its_map_is_refused_for_teams():
+    class Unshared(Own):
         shares_maps = False
 
-        def __init__(self, lidar, resolution):
-            super().__init__(lidar, load_params("default", {"resolution": resolution}))
-
-    LidarEnv(ExploreTeam, **QUICK, slam=Own, num_robots=1).reset(seed=0)
-    for slam in (Own, "graph", "gmapping"):
+    LidarEnv(ExploreTeam, **QUICK, slam=Unshared, num_robots=1).reset(seed=0)
+    for slam in (Unshared, "graph", "gmapping"):
         with pytest.raises(ValueError, match="cannot share a map; choose hector, tinyslam, odometry or truth"):
             LidarEnv(ExploreTeam, **QUICK, slam=slam, num_robots=2)
 
 
-class Redrawing(KnownPoses):
+class Redrawing(Own):
     """Moves its whole map by a metre at the tenth scan, as a closed loop may."""
-
-    def __init__(self, lidar, resolution):
-        super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
     def reset(self, rng, pose=ORIGIN, map=None):
         self._count = 0
@@ -263,17 +236,6 @@ def test_steps_and_pictures_before_a_reset_are_refused(id):
     env.close()
 
 
-def test_a_reset_that_failed_begins_no_episode():
-    env = LidarEnv(Explore, **QUICK, slam="truth")
-    env.reset(seed=0)
-    with pytest.raises(ValueError, match="atlantis"):
-        env.reset(options={"world": "atlantis"})
-    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
-        env.step(STILL)
-    env.reset()
-    env.step(STILL)
-
-
 def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
     env = LidarEnv(Explore, **QUICK, slam="truth")
     env.reset(seed=0)
@@ -299,3 +261,33 @@ def test_a_task_without_weights_is_named():
 
     with pytest.raises(ValueError, match="task Weightless needs weights of reward terms"):
         LidarEnv(Weightless)
+
+
+@pytest.mark.parametrize("robot", ["turtlebot3_burger", "raspimouse"])
+@pytest.mark.parametrize("slam", ["odometry", "truth"])
+def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
+    """The kernels of a control period against the classes that do the same one after the other, in Python."""
+    env = LidarEnv(Explore, slam=slam, **{**QUICK, "robot": robot})
+    env.reset(seed=2)
+    odometry, one, truth = make_motion_source(env.robot, env.control_period), env.robots[0], env.truths[0]
+    odometry.reset(env.reading)
+    pose, true_pose, length, contacts, was_touched = Pose2D(0.0, 0.0, 0.0), truth.state.pose, 0.0, 0, False
+    positions = [true_pose[:2]]
+    rng = np.random.default_rng(1)
+    for _ in range(40):
+        env.step(rng.uniform((0.3, -0.5), (1.0, 0.5)).astype(np.float32))
+        by_wheels, before, true_pose = odometry.update(env.reading), true_pose, truth.state.pose
+        motion = before.between(true_pose) if slam == "truth" else by_wheels
+        pose = pose.compose(motion)
+        length += float(np.sqrt((true_pose.x - before.x) ** 2 + (true_pose.y - before.y) ** 2))
+        contacts += env.reading.bumper and not was_touched
+        was_touched = env.reading.bumper
+        if np.hypot(*np.subtract(true_pose[:2], positions[-1])) >= 0.1:
+            positions.append(true_pose[:2])
+        assert one.motion == motion
+        assert one.belief.pose == one.predicted_pose == pose
+        assert one.twist == (by_wheels.x / env.control_period, by_wheels.theta / env.control_period)
+        assert (one.collisions, one.bumper) == (contacts, was_touched)
+        assert truth.path_length == pytest.approx(length, abs=1e-12)
+        np.testing.assert_array_equal(truth.trail.positions, positions)
+    assert len(positions) > 5

@@ -168,25 +168,6 @@ def test_bad_actions_are_refused(action):
         env.step(action)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "culprit"),
-    [
-        ({"max_candidates": 0}, "max_candidates"),
-        ({"max_candidates": 5.0}, "max_candidates must be whole"),
-        ({"max_candidates": True}, "max_candidates must be whole"),
-        ({"max_candidates": 10**9}, "max_candidates .* from 1 to 1,000"),
-        ({"max_decision_time": "4"}, "max_decision_time"),
-        ({"observations": ("scan",)}, "observations cannot be chosen"),
-        ({"reward": {"explred": 1.0}}, "explred"),
-    ],
-)
-def test_bad_arguments_are_named(arguments, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        ExploreFrontiersEnv(**{**QUICK, **arguments})
-    with pytest.raises(TypeError, match="max_candidate"):
-        ExploreFrontiersEnv(max_candidate=3)
-
-
 def test_rewards_are_those_of_the_control_steps(monkeypatch):
     env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam, {}), reward={"collision": -1.0})
     observation, info = env.reset(seed=5)
@@ -217,24 +198,6 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
             info["explored_area"] / info["explored_fraction"] - info["explored_area"]
         )
     assert collision < 0.0
-
-
-def test_reaching_the_target_terminates():
-    env = ExploreFrontiersEnv(**QUICK, target_coverage=0.5)
-    *_, (_, _, terminated, truncated, info) = rollout(env, 0, 100)
-    assert (terminated, truncated, info["end_reason"]) == (True, False, "covered")
-    assert info["is_success"]
-    assert info["rewards"]["completed"] == Explore.weights["completed"]
-
-
-def test_time_up_truncates_within_a_decision():
-    env = ExploreFrontiersEnv(**QUICK, time_limit=9.0)
-    *_, (_, _, terminated, truncated, info) = rollout(env, 0, 100)
-    assert terminated is False
-    assert truncated is True
-    assert (info["end_reason"], info["outcome"]) == ("time_limit", "episode_end")
-    assert info["time"] == pytest.approx(9.0)
-    assert 0.0 < info["map_iou"] <= 1.0
 
 
 @pytest.mark.parametrize("kind", [ExploreFrontiersEnv, ExploreFrontiersAbstractEnv])

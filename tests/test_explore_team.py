@@ -47,23 +47,6 @@ def test_a_team_of_one_equals_a_single_robot_to_the_bit(slam, physics):
     np.testing.assert_array_equal(env.belief.grid.data, team.robots[0].belief.grid.data)
 
 
-@pytest.mark.parametrize(
-    ("kwargs", "culprit"),
-    [
-        ({"num_robots": 0}, "num_robots"),
-        ({"num_robots": 5}, "num_robots"),
-        ({"num_robots": 1.5}, "num_robots"),
-        ({"start": np.zeros((3, 3))}, "start must be"),
-        ({"start": ((1.0, 1.0, 0.0), 5)}, "start must be"),
-        ({"start": ((1.0, 1.0, 0.0),)}, "start"),
-        ({"start": ((1.0, 1.0, 0.0), (1.0, math.nan, 0.0))}, "start"),
-    ],
-)
-def test_bad_arguments_are_named(kwargs, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        LidarEnv(ExploreTeam, **{"physics": "kinematic", **kwargs})
-
-
 def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
     env = LidarEnv(ExploreTeam, **{**QUICK, "world_size": (10.0, 10.0)}, num_robots=4)
     for seed in range(3):

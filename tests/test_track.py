@@ -201,23 +201,3 @@ def test_render_shows_the_robot_on_its_map():
     assert before.shape == after.shape == (720, 1280, 3)
     assert (before != after).any()
     env.close()
-
-
-@pytest.mark.parametrize(
-    ("kwargs", "culprit"),
-    [
-        ({"world": "atlantis"}, "atlantis"),
-        ({"fusion": "gps"}, "fusion 'gps'.*encoder_compass"),
-        ({"fusion": "encoder_compass"}, "needs a compass"),
-        ({"path": [[0.0, 0.0]]}, "path"),
-        ({"path": [[0.0, 0.0], [0.0, math.nan]]}, "path"),
-        ({"map_resolution": "fine"}, "map_resolution must be positive, got 'fine'"),
-        ({"max_deviation": -1.0}, "max_deviation"),
-        ({"map_latency": -0.1}, "map_latency"),
-        ({"start_spread": (0.1, -0.1)}, "start_spread"),
-        ({"reward": {"progres": 1.0}}, "progres"),
-    ],
-)
-def test_bad_arguments_are_named(kwargs, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        LidarEnv(FollowRoute, **{**QUICK, **kwargs})
