@@ -2,9 +2,7 @@
 
 import numpy as np
 
-from envs.geometry import Pose2D
 from envs.navigation.candidates import COST, FAILURES
-from tests.rooms import make_room
 
 
 def rollout(env, seed, steps):
@@ -22,18 +20,6 @@ def nearest(observation):
     """Return the candidate with the cheapest path, as an action; those that failed come last."""
     features, mask = observation["candidates"], observation["action_mask"] == 1
     return np.int64(np.where(mask, features[:, COST] + 10.0 * (features[:, FAILURES] > 0), np.inf).argmin())
-
-
-def hall(width=8.0, height=4.0, segments=()):
-    """Return a rectangular world with its lower left corner at the origin, and further walls in it."""
-    walls = [[0, 0, width, 0], [width, 0, width, height], [width, height, 0, height], [0, height, 0, 0]]
-    return World(
-        name="hall",
-        segments=np.array([*walls, *segments], dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(0.4, 0.4, 0.0),),
-        bounds=(0.0, 0.0, width, height),
-    )
 
 
 def assert_same(ours, theirs):

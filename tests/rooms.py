@@ -32,6 +32,11 @@ def square_room(size, segments=(), circles=(), movers=()):
     return make_room(-size, -size, size, size, segments, circles, movers)
 
 
+def hall(width=8.0, height=4.0, segments=()):
+    """A room with its lower left corner at the origin, in which a robot starts near there."""
+    return make_room(0.0, 0.0, width, height, segments, spawn=Pose2D(0.4, 0.4, 0.0))
+
+
 PLAIN = square_room(60.0)
 """Flat ground with nothing near."""
 

@@ -9,19 +9,19 @@ from envs.core import LidarEnv
 from envs.estimation.peers import remove_peers
 from envs.geometry import Pose2D
 from envs.observations.positions import PEERS_RANGE
-from envs.robots import load_robot
 from envs.simulation.contact import check_starts
 from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.starts import draw_starts
 from envs.worlds import Mover, explorable_area, world_sampler
-from tests.rollouts import hall
-
-QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
-BURGER = load_robot("turtlebot3_burger")
+from tests.rooms import BURGER, hall
+from tests.test_core import QUICK
 
 
-def still(env, steps=1):
-    return [env.step(np.zeros(env.action_space.shape, dtype=np.float32)) for _ in range(steps)]
+def team_in(world, start, **arguments):
+    """Return a team at the beginning of an episode in a world, with what it observes and is told."""
+    arguments = {"physics": "kinematic", "num_robots": len(start), **arguments}
+    env = LidarEnv(ExploreTeam, world=world, start=start, **arguments)
+    return env, *env.reset(seed=0)
 
 
 @pytest.mark.parametrize(
@@ -63,15 +63,11 @@ def test_robots_start_near_each_other_in_sight_and_with_known_relative_poses():
 
 def test_starts_can_be_chosen_but_not_in_each_other():
     poses = ((1.0, 1.0, 0.5), (2.0, 1.0, -0.5))
-    env = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=poses)
-    env.reset(seed=0)
-    assert tuple(tuple(truth.state.pose) for truth in env.truths) == poses
-    same = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=np.array(poses))
-    same.reset(seed=0)
-    assert tuple(tuple(truth.state.pose) for truth in same.truths) == poses
-    close = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
+    for start in (poses, np.array(poses)):
+        env, *_ = team_in(hall(), start)
+        assert tuple(tuple(truth.state.pose) for truth in env.truths) == poses
     with pytest.raises(ValueError, match="robots 0 and 1"):
-        close.reset(seed=0)
+        team_in(hall(), ((1.0, 1.0, 0.0), (1.2, 1.0, 0.0)))
 
 
 def test_more_robots_than_fit_are_refused():
@@ -112,21 +108,15 @@ def test_robots_start_close_together_or_out_of_sight_only_where_there_is_no_room
 
 
 def test_peers_are_seen():
-    start = ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi))
-    env = LidarEnv(ExploreTeam, world=hall(), physics="kinematic", start=start)
-    observation, _ = env.reset(seed=0)
-    ahead = np.argmin(np.abs(BURGER.lidar.angles))
-    for k in range(2):
-        x = BURGER.lidar.mount.x
-        seen = observation["scan"][k, ahead] * BURGER.lidar.range_max
-        assert seen == pytest.approx(2.0 - BURGER.radius - x, abs=0.05)
+    _, observation, _ = team_in(hall(), ((1.0, 2.0, 0.0), (3.0, 2.0, math.pi)))
+    seen = observation["scan"][:, np.argmin(np.abs(BURGER.lidar.angles))] * BURGER.lidar.range_max
+    assert seen == pytest.approx([2.0 - BURGER.radius - BURGER.lidar.mount.x] * 2, abs=0.05)
     np.testing.assert_allclose(observation["teammates"], [[2 / PEERS_RANGE, 0, -1, 0]] * 2, atol=1e-6)
 
 
 def test_peers_are_shown_by_position_and_heading_and_saturate():
     start = ((1.0, 1.0, math.pi / 2), (1.0, 3.5, 0.0), (39.0, 1.0, math.pi / 2))
-    env = LidarEnv(ExploreTeam, world=hall(40.0), physics="kinematic", num_robots=3, start=start, slam="truth")
-    observation, _ = env.reset(seed=0)
+    _, observation, _ = team_in(hall(40.0), start, slam="truth")
     np.testing.assert_allclose(observation["teammates"][0], [2.5 / PEERS_RANGE, 0, 0, -1, 0, -1, 1, 0], atol=1e-6)
 
 
@@ -145,10 +135,7 @@ def test_beams_that_end_at_a_peer_are_left_out_and_no_others():
 @pytest.mark.parametrize("slam", ["truth", "tinyslam"])
 def test_peers_leave_no_trace_in_the_map(slam):
     start = ((1.0, 2.0, 0.0), (2.5, 2.0, math.pi / 2), (2.0, 3.2, 0.0))
-    env = LidarEnv(
-        ExploreTeam, world=hall(), physics="kinematic", num_robots=3, slam=slam, start=start, target_coverage=1.0
-    )
-    env.reset(seed=1)
+    env, *_ = team_in(hall(), start, slam=slam, target_coverage=1.0)
     grid, highest = env.robots[0].belief.grid, 0
     for _ in range(150):
         backwards = env.robots[1].reading.bumper
@@ -164,14 +151,11 @@ def test_peers_leave_no_trace_in_the_map(slam):
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_robots_that_collide_both_report_contact(physics):
     start = ((1.0, 2.0, 0.0), (2.0, 2.0, 0.0), (4.0, 2.0, 0.0))
-    env = LidarEnv(ExploreTeam, world=hall(), physics=physics, num_robots=3, start=start, slam="truth")
-    env.reset(seed=0)
+    env, *_ = team_in(hall(), start, physics=physics, slam="truth")
     ahead = np.array([[1.0, 0.0], [0.0, 0.0], [0.0, 0.0]], dtype=np.float32)
     infos = [env.step(ahead)[4] for _ in range(60)]
     assert infos[0]["collisions"].tolist() == [0, 0, 0]
-    assert infos[-1]["collisions"][0] >= 1
-    assert infos[-1]["collisions"][1] >= 1
-    assert infos[-1]["collisions"][2] == 0
+    assert (infos[-1]["collisions"] >= 1).tolist() == [True, True, False]
     # Both pay for it.
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
     first, second = (truth.state.pose for truth in env.truths[:2])
@@ -188,11 +172,9 @@ def test_robots_that_collide_both_report_contact(physics):
 
 def test_area_counts_once_whoever_sees_it():
     start = ((1.0, 2.0, 0.0), (1.5, 2.0, 0.0))
-    env = LidarEnv(
-        ExploreTeam, world=hall(3.0, 4.0), physics="kinematic", start=start, slam="truth", target_coverage=1.0
-    )
-    _, info = env.reset(seed=0)
-    total = sum(step[4]["rewards"]["explored"] for step in still(env, 10))
+    env, _, info = team_in(hall(3.0, 4.0), start, slam="truth", target_coverage=1.0)
+    still = np.zeros((2, 2), dtype=np.float32)
+    total = sum(env.step(still)[4]["rewards"]["explored"] for _ in range(10))
     single = LidarEnv(Explore, world=hall(3.0, 4.0), physics="kinematic", start=start[0], slam="truth")
     _, alone = single.reset(seed=0)
     assert alone["explored_area"] <= info["explored_area"] <= env.task.coverage.area.area

@@ -9,9 +9,9 @@ from envs.core import LidarEnv
 from envs.estimation import ORIGIN, Belief, MapUpdate, Window
 from envs.estimation.belief import check_belief
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.slam import KnownPoses, load_params
+from envs.slam import KnownPoses
 from envs.tasks.explore import Explore, ExploreTeam
-from tests.test_core import QUICK, STILL
+from tests.test_core import QUICK, STILL, Own
 
 CELLS = np.array([[3, 4], [5, 6]], dtype=np.int32)
 FAR = np.array([[3, 100_000]], dtype=np.int32)
@@ -64,11 +64,8 @@ FAULTS = {
 }
 
 
-class Faulty(KnownPoses):
-    """Maps at poses by odometry, and spoils its belief at the second scan of an episode."""
-
-    def __init__(self, lidar, resolution):
-        super().__init__(lidar, load_params("default", {"resolution": resolution}))
+class Faulty(Own):
+    """Spoils its belief at the second scan of an episode."""
 
     def reset(self, *args, **kwargs):
         self._count = 0
