@@ -6,7 +6,7 @@ from envs.geometry import Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.robots import LidarParams, Mount, OdometryNoise
 from envs.simulation import Reading
-from envs.slam import HectorParams
+from envs.slam import HectorParams, load_params, make_slam
 from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.fields import Field
 
@@ -19,6 +19,18 @@ CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
 BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # 3 % too far, and 10 % too much of a turn
 WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
 CORRIDOR = [(-50, -1, 50, -1), (-50, 1, 50, 1)]
+ELSEWHERE = [(-0.5, -0.4, 0.5, -0.4), (0.5, -0.4, 0.5, 0.4), (0.5, 0.4, -0.5, 0.4), (-0.5, 0.4, -0.5, -0.4)]
+"""A box of 1 m x 0.8 m."""
+SMALL = {
+    "tinyslam": {},
+    "hector": {"map_width": 20.0, "map_height": 20.0, "min_travel_angle": 0.3},
+    "gmapping": {"map_width": 10.0, "map_height": 10.0, "num_particles": 10},
+}
+"""Parameters that suit the room."""
+
+
+def make_small(name, preset="default", noise=WHEELS, **changes):
+    return make_slam(name, LIDAR, 0.05, load_params(preset, SMALL[name] | changes, name), noise)
 
 
 def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR):
@@ -29,15 +41,26 @@ def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR):
     return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
 
 
+def see(pose, *args, **kwargs):
+    return Reading.of_scan(scan(pose, *args, **kwargs))
+
+
+def follow(slam, motions, rng=None, pose=STAY):
+    """Yield the true pose and the belief at the start and after each motion, which odometry measures as it is."""
+    for motion in [STAY, *motions]:
+        pose = pose.compose(motion)
+        yield pose, slam.update(see(pose, rng), motion)
+
+
 def drive(slam, motions, odometry, seed=0, walls=ROOM + BOX):
     """Return the true and the estimated pose after the motions, of which odometry measures others."""
     rng = np.random.default_rng(seed)
     slam.reset(np.random.default_rng(seed + 1))
     pose = STAY
-    slam.update(Reading.of_scan(scan(pose, rng, walls=walls)), STAY)
+    slam.update(see(pose, rng, walls=walls), STAY)
     for motion, measured in zip(motions, odometry):
         pose = pose.compose(motion)
-        slam.update(Reading.of_scan(scan(pose, rng, walls=walls)), measured)
+        slam.update(see(pose, rng, walls=walls), measured)
     return pose, slam.belief.pose
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from envs.slam.matching.correlative import TURN_STEP, SearchWindow, search_window
 from envs.slam.matching.covariance import correct_covariance, invert, predict_covariance, without_noise
-from envs.slam.matching.gauss_newton import Fit, Prior, evaluate, refine, solve
+from envs.slam.matching.gauss_newton import Fit, Prior, evaluate, refine
 
 NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
@@ -46,18 +46,6 @@ def test_evaluate_matches_the_slow_reference(scale):
     np.testing.assert_allclose(fit[6:9], b, rtol=1e-3, atol=1e-4)
     assert fit.total == pytest.approx(m.sum())
     assert fit.squares == pytest.approx(((1.0 - m) ** 2).sum())
-
-
-def test_solve_takes_the_step_of_the_normal_equations():
-    rng = np.random.default_rng(2)
-    g, w = rng.normal(size=(3, 9)), rng.normal(size=(3, 5))
-    h, w, b = g @ g.T, w @ w.T, rng.normal(size=3)
-    i, j = np.triu_indices(3)
-    fit = Fit(*h[i, j], *b, 0.0, 0.0)
-    off = np.array([0.3, -0.2, 0.1])
-    step = solve(fit, Prior(*(np.array([5.0, 6.0, 1.0]) + off), *w[i, j]), 5.0, 6.0, 1.0)
-    np.testing.assert_allclose(step, np.linalg.solve(h + w, b + w @ off), rtol=1e-9)
-    assert solve(Fit(*np.zeros(11)), NO_PRIOR, 5.0, 6.0, 1.0) == (0.0, 0.0, 0.0)
 
 
 def walls():

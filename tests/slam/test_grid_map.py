@@ -24,15 +24,6 @@ def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
     return grid_map
 
 
-def test_one_beam_by_hand():
-    # From the middle cell (2, 2) two cells along x: passes (2, 2) and (2, 3), ends in (2, 4).
-    grid_map = draw(SMALL, [(2.0, 0.0)])
-    expected = np.full((5, 5), UNKNOWN)
-    expected[2, 2:5] = 1, 1, 95
-    np.testing.assert_array_equal(grid_map.grid.data, expected)
-    np.testing.assert_array_equal(grid_map.words & MAX_COUNT, expected >= 0)
-
-
 def test_no_return_clears_up_to_the_range_unless_skipped():
     lidar = dataclasses.replace(ONE_BEAM, range_max=2.0)
     cleared = draw(SMALL, [(np.inf, math.pi / 2)], lidar=lidar).grid.data
@@ -41,25 +32,6 @@ def test_no_return_clears_up_to_the_range_unless_skipped():
     assert (skipped.grid.data == UNKNOWN).all()
     lost = draw(SMALL, [(np.nan, 0.0), (-np.inf, 0.0), (0.0, 0.0)])
     assert (lost.grid.data == UNKNOWN).all()
-
-
-def test_a_cell_holds_the_mean_by_hand():
-    # Cell (2, 3) is hit by a beam of one metre, then passed by one of two; quality 0.5.
-    for count, value in enumerate([0.5 + 0.45 * 0.5, (0.725 + 0.5 - 0.49 * 0.5) / 2], start=1):
-        grid_map = draw(SMALL, [(1.0, 0.0), (2.0, 0.0)][:count], quality=0.5)
-        assert probabilities(grid_map.words)[2, 3] == pytest.approx(value, abs=1e-5)
-        assert abs(grid_map.grid.data[2, 3] - 100 * value) <= 0.501
-
-
-@pytest.mark.parametrize(("blur", "below"), [("add", 0.01), ("assign", 0.0)])
-def test_wall_blur_by_hand(blur, below):
-    # Hole of 3 cells before a hit 4 cells away: cells at distance 2 and 1 get 1 - d2 / 9 of the hit's occupancy.
-    params = dataclasses.replace(SMALL, map_width=11.0, hole_width=3.0, blur=blur)
-    lidar = dataclasses.replace(ONE_BEAM, range_max=6.0)
-    values = probabilities(draw(params, [(4.0, 0.0)], lidar=lidar).words)[2, 5:10]
-    np.testing.assert_allclose(values, [0.01, 0.01, below + 0.95 * 5 / 9, below + 0.95 * 8 / 9, 0.95], atol=1e-5)
-    short = probabilities(draw(params, [(3.0, 0.0)], lidar=lidar).words)[2, 5:9]
-    np.testing.assert_allclose(short, [0.01, 0.01, 0.01, 0.95], atol=1e-5)  # not longer than the hole: no blur
 
 
 @pytest.mark.parametrize(

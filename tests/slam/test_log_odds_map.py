@@ -1,4 +1,3 @@
-import dataclasses
 import math
 
 import numpy as np
@@ -24,37 +23,10 @@ def beam(r):
     return np.array([r], dtype=np.float32)
 
 
-def test_one_beam_by_hand():
-    grid_map = LogOddsMap(SMALL, ONE_BEAM)
-    update = grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
-    expected = np.full((5, 5), UNKNOWN)
-    expected[2, 2:5] = 40, 40, 90
-    np.testing.assert_array_equal(grid_map.grid.data, expected)
-    assert sorted(map(tuple, update.new_cells.tolist())) == [(2, 2), (2, 3), (2, 4)]
-    grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
-    np.testing.assert_allclose(log_odds(grid_map.words[0])[2, 2:5], [2 * PASSED, 2 * PASSED, 2 * HIT], atol=5e-3)
-
-
-def test_a_scan_observes_a_cell_once_and_hits_override():
-    # Both beams along x: one ends in cell (2, 3), the other passes it.
-    lidar = LidarParams(num_beams=2, range_max=3.0, fov=1e-6)
-    for ranges in ([1.0, 2.0], [2.0, 1.0]):
-        grid_map = LogOddsMap(SMALL, lidar)
-        grid_map.integrate(np.array(ranges, dtype=np.float32), Pose2D(0.5, 0.5, 0.0))
-        np.testing.assert_allclose(log_odds(grid_map.words[0])[2, 2:5], [PASSED, HIT, HIT], atol=2e-3)
-
-
-def test_log_odds_are_bounded():
-    grid_map = LogOddsMap(dataclasses.replace(SMALL, max_log_odds=3.0), ONE_BEAM)
-    for _ in range(20):
-        grid_map.integrate(beam(2.0), Pose2D(0.5, 0.5, 0.0))
-    np.testing.assert_array_equal(log_odds(grid_map.words[0])[2, 2:5], [-3.0, -3.0, 3.0])
-
-
 @pytest.mark.parametrize("skip_exceeding", [False, True])
 def test_every_level_matches_the_slow_reference(skip_exceeding):
     params = HectorParams(
-        resolution=0.1, map_width=1.0, map_height=3.0, num_levels=3, skip_exceeding=skip_exceeding, max_log_odds=5.0
+        resolution=0.1, map_width=1.0, map_height=3.0, num_levels=3, skip_exceeding=skip_exceeding, max_log_odds=3.0
     )
     lidar = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
     rng = np.random.default_rng(5)
@@ -66,7 +38,7 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
         update = grid_map.integrate(ranges, pose)
         for k, cells in enumerate(levels):
-            observe(cells, ranges, pose, lidar, params.resolution * 2**k, skip_exceeding, 5.0)
+            observe(cells, ranges, pose, lidar, params.resolution * 2**k, skip_exceeding, 3.0)
         rows, cols = (update.new_cells + grid_map.corner[::-1]).T
         new = set(zip(rows.tolist(), cols.tolist()))
         assert not new & known

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from envs.slam.grid_map import ONE, unvisited_word
-from envs.slam.matcher import SearchParams, match, score
+from envs.slam.matcher import SearchParams, match
 from envs.slam.scans import ScanGeometry, project_hits
 
 from . import reference
@@ -38,22 +38,6 @@ def test_search_matches_the_slow_reference(seed):
     assert seen[1:, 4].tolist() == [is_better for *_, is_better in tested[1:]]
 
 
-def test_spread_is_halved_only_by_an_improvement_after_a_third_of_the_failures():
-    # Occupancy rises to the right, one point, unit steps: +1 improves, 0 fails.
-    words = np.tile(np.arange(40, dtype=np.int32) << 17, (3, 1))
-    point = np.zeros((2, 1), dtype=np.float32)
-
-    def final_x(*steps):
-        noise = np.zeros((20, 3))
-        noise[: len(steps), 0] = steps
-        return match(words, point, 1, (2.5, 1.5, 0.0), SearchParams(1.0, 1.0, 6, 20, 0), noise, np.empty((21, 5))).x
-
-    assert final_x(0, 0, 1, 1) == 4.5  # after 2 of 6: not yet
-    assert final_x(0, 0, 0, 1, 4) == 2.5 + 1 + 0.5 * 4  # after 3: halved
-    assert final_x(0, 0, 1, 0, 1, 4) == 2.5 + 1 + 1 + 0.5 * 4  # the first two still count, since nothing forgave them
-    assert final_x(0, 0, 0, 0, 0, 0, 1) == 2.5  # six failures end the search
-
-
 def test_the_prior_holds_the_search_by_the_squared_distance_from_the_start():
     # Each cell to the right gains 32; distances of 1 and 2 lose 20 and 80.
     words = np.tile(np.arange(40, dtype=np.int32) << 17, (3, 1))
@@ -66,19 +50,6 @@ def test_the_prior_holds_the_search_by_the_squared_distance_from_the_start():
     noise[:2] = 0.0, 0.0, 0.1
     turning = match(words, point + 1, 1, (2.5, 1.5, 0.0), free._replace(heading_penalty=1e9), noise, np.empty((21, 5)))
     assert turning.accepted == 0
-
-
-def test_outside_the_map_nothing_was_ever_observed():
-    _, words, values, unvisited, points = random_case(9)
-    wide = np.full((200, 210), unvisited, dtype=np.int32)
-    wide[80:120, 80:130] = words
-    indices = np.empty(60, dtype=np.uint32)
-    for x, y, theta in np.random.default_rng(1).uniform((-20, -20, -3), (70, 60, 3), (50, 3)):
-        narrow = score(words, unvisited, points, 60, x, y, theta, indices)
-        padded = score(wide, unvisited, points, 60, x + 80, y + 80, theta, indices)
-        # In single precision a shift of the map may carry a point over the edge of a cell.
-        assert abs(narrow - padded) <= 2 << 19
-        assert 60 - narrow / (1 << 18) == pytest.approx(reference.cost(values, points, x, y, theta, -1.0), abs=1e-9)
 
 
 def test_only_hits_are_matched_and_the_mount_counts():

@@ -5,10 +5,9 @@ import pytest
 
 from benchmarks.drives.slams import kidnap
 from envs.geometry import Pose2D
-from envs.simulation import Reading
 from envs.slam import make_slam
 from envs.slam.relocalization import LossTracker, Relocalizer
-from tests.slam.rooms import LIDAR, ROOM, STAY, scan
+from tests.slam.rooms import LIDAR, ROOM, STAY, follow, scan, see
 
 MOTION = Pose2D(0.15, 0.0, -0.25)
 
@@ -17,13 +16,8 @@ MOTION = Pose2D(0.15, 0.0, -0.25)
 def grid():
     """Return the map of the room, made on a drive in a circle."""
     slam = make_slam("hector", LIDAR, 0.05)
-    slam.reset(np.random.default_rng(0))
-    pose = STAY
-    slam.update(Reading.of_scan(scan(pose)), STAY)
-    for _ in range(30):
-        pose = pose.compose(MOTION)
-        slam.update(Reading.of_scan(scan(pose)), MOTION)
-    assert math.dist(slam.belief.pose[:2], pose[:2]) < 0.03
+    for pose, belief in follow(slam, [MOTION] * 30):
+        assert math.dist(belief.pose[:2], pose[:2]) < 0.03
     return slam.belief.grid
 
 
@@ -69,15 +63,10 @@ def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
 @pytest.mark.parametrize("name", ["graph", "gmapping"])
 def test_a_robot_is_lost_only_once_it_is_kidnapped_and_then_found_on_a_map_that_was_left_alone(name):
     slam, rng = make_slam(name, LIDAR, 0.05), np.random.default_rng(3)
-    slam.reset(np.random.default_rng(0))
-    pose = STAY
-    slam.update(Reading.of_scan(scan(pose, rng)), STAY)
-    for _ in range(80):
-        pose = pose.compose(MOTION)
-        assert not slam.update(Reading.of_scan(scan(pose, rng)), MOTION).is_lost
+    assert not any(belief.is_lost for _, belief in follow(slam, [MOTION] * 80, rng))
     before, pose, lost = slam.belief.grid.data.copy(), Pose2D(2.0, -1.0, -2.8), 0
     for _ in range(60):
-        belief = slam.update(Reading.of_scan(scan(pose, rng)), MOTION)
+        belief = slam.update(see(pose, rng), MOTION)
         if lost and not belief.is_lost:
             break
         lost += belief.is_lost
@@ -87,7 +76,7 @@ def test_a_robot_is_lost_only_once_it_is_kidnapped_and_then_found_on_a_map_that_
     assert math.dist(belief.pose[:2], pose[:2]) < 0.1
     for _ in range(60):
         pose = pose.compose(MOTION)
-        assert not slam.update(Reading.of_scan(scan(pose, rng)), MOTION).is_lost
+        assert not slam.update(see(pose, rng), MOTION).is_lost
     assert math.dist(slam.belief.pose[:2], pose[:2]) < 0.05
     assert (slam.belief.grid.data != before).any()
     slam.finish()
@@ -101,7 +90,7 @@ def test_the_pose_graph_has_a_loop_closure_and_no_odometry_across_a_relocalizati
     for k in range(200):
         if k == 60:
             pose, before = Pose2D(2.0, -1.0, -2.8), slam.graph.num_nodes
-        slam.update(Reading.of_scan(scan(pose)), MOTION if k else STAY)
+        slam.update(see(pose), MOTION if k else STAY)
         pose = pose.compose(MOTION)
     constraints = slam.graph.arrays.constraints
     is_across = (constraints.node >= before) & (slam.nodes.spans[constraints.submap, 0] < before)

@@ -1,4 +1,4 @@
-"""Matching on tiles and proposal distributions, against the matcher on one array and against sampled poses."""
+"""Matching on tiles, proposals and resampling, against the matcher on one array and against sampled poses."""
 
 import math
 
@@ -6,6 +6,7 @@ import numpy as np
 
 from envs.geometry import Pose2D
 from envs.slam import GMappingParams, HectorParams
+from envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
 from envs.slam.gmapping.particle_maps import ParticleMaps
 from envs.slam.gmapping.proposal import Proposals, draw_poses, propose, take_better
 from envs.slam.gmapping.tiles import TileMap
@@ -138,3 +139,24 @@ def test_the_better_proposal_is_taken_for_each_particle():
     other.known_scores[:], other.fits[:] = 1.0, (True, False, False)
     take_better(one, other, 5.0)
     assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
+
+
+def test_weights_from_logarithms_far_below_zero():
+    weights = normalized_weights(np.log([1.0, 2.0, 5.0]) - 4000.0)
+    np.testing.assert_allclose(weights, [0.125, 0.25, 0.625])
+
+
+def test_each_particle_is_chosen_as_often_as_its_weight_says():
+    rng, counts = np.random.default_rng(0), np.zeros(12)
+    weights = rng.dirichlet(np.full(12, 0.5))
+    for _ in range(4000):
+        chosen = np.bincount(systematic_resample(weights, rng.random()), minlength=12)
+        assert (np.abs(chosen - 12 * weights) < 1.0).all()
+        counts += chosen
+    np.testing.assert_allclose(counts / 4000, 12 * weights, atol=0.05)
+
+
+def test_spread_by_hand_and_across_half_a_turn():
+    poses = np.array([[1.0, 0.0, math.pi - 0.1], [3.0, 0.0, -math.pi + 0.1]])
+    covariance = spread(poses, np.array([0.5, 0.5]), poses[0])
+    np.testing.assert_allclose(covariance, [[1.0, 0.0, 0.1], [0.0, 0.0, 0.0], [0.1, 0.0, 0.01]], atol=1e-12)

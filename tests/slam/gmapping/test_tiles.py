@@ -7,7 +7,7 @@ from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, Mount
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.tiles import EMPTY, TILE, copy_maps, enlarge_pool, level_start, make_pool, own_tile
+from envs.slam.gmapping.tiles import make_pool
 from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap
 
 LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
@@ -87,41 +87,6 @@ def test_the_grid_follows_the_particle_that_is_rendered():
             for row, col in (cell for cell in after if after[cell] != before.get(cell)):
                 assert col_min <= col - ours.corner[0] <= col_max
                 assert row_min <= row - ours.corner[1] <= row_max
-
-
-def test_a_tile_is_copied_only_when_others_refer_to_it():
-    pool = make_pool(8, 2)
-    assert pool.words.shape == (8, TILE * TILE * 5 // 4) == (8, level_start(2))
-    index = np.full((3, 2), EMPTY, dtype=np.int32)
-    first = own_tile(pool, index[0], 0, 1)
-    pool.words[first] = 7
-    assert own_tile(pool, index[0], 0, 2) == first
-    assert pool.written[first] == 2
-    copy_maps(pool, index, np.array([0, 0, 0]))
-    assert index[:, 0].tolist() == [first] * 3
-    assert (pool.references[first], pool.num_free[0]) == (3, 6)
-    second = own_tile(pool, index[1], 0, 3)
-    assert second != first
-    assert (pool.words[second] == 7).all()
-    assert (pool.references[first], pool.references[second]) == (2, 1)
-    copy_maps(pool, index, np.array([1, 1, 1]))
-    assert (pool.references[first], pool.references[second], pool.num_free[0]) == (0, 3, 6)
-    assert own_tile(pool, index[0], 1, 4) == first  # free again, and empty
-    assert (pool.words[first] == 0).all()
-    assert (pool.occupancy[first] == UNKNOWN).all()
-
-
-def test_a_pool_that_is_full_changes_nothing_and_can_be_enlarged():
-    pool, index = make_pool(2, 1), np.full(3, EMPTY, dtype=np.int32)
-    slot = own_tile(pool, index, 0, 1)
-    pool.words[slot] = 5
-    assert own_tile(pool, index, 1, 2) == -1
-    assert index.tolist() == [slot, EMPTY, EMPTY]
-    pool = enlarge_pool(pool)
-    assert own_tile(pool, index, 0, 3) == slot
-    others = {own_tile(pool, index, 1, 3), own_tile(pool, index, 2, 3)}
-    assert others == {2, 3}
-    assert (pool.words[slot] == 5).all()
 
 
 def test_a_scan_for_which_the_pool_is_enlarged_midway_is_integrated_once():

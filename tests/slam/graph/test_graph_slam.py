@@ -5,14 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
 from envs.geometry import UNKNOWN, Pose2D
 from envs.robots import LidarParams, OdometryNoise
 from envs.simulation import Reading
-from envs.slam import PRESETS, GraphSlam, GraphSlamParams, LoopClosureParams, load_params, make_slam
+from envs.slam import GraphSlam, GraphSlamParams, load_params
 from envs.slam.graph.local_slam import LocalSlam
 from envs.slam.graph.nodes import MapRendering, NodeStore
-from envs.tasks.explore import ExploreTeam
 
 from ..rooms import rectangle, scan
 
@@ -190,15 +188,6 @@ def test_covariance_of_a_node_grows_with_odometry_and_shrinks_with_the_match():
     assert along[2, 2] < 0.1 * free[2, 2]
 
 
-def test_scans_without_hits_follow_odometry():
-    slam = GraphSlam(LIDAR, GraphSlamParams())
-    for _ in range(90):
-        slam.update(Reading.of_scan(NOTHING), Pose2D(0.25, 0.0, 0.0))
-    assert slam.belief.pose.x == pytest.approx(22.5)
-    assert slam.graph.num_nodes == 90
-    assert slam.loop_closures == 0
-
-
 def test_the_start_pose_is_that_of_the_first_node(drive):
     _, ranges, motions = drive
     start = Pose2D(3.0, -2.0, 1.0)
@@ -208,34 +197,3 @@ def test_the_start_pose_is_that_of_the_first_node(drive):
         pose, other = (each.update(Reading.of_scan(seen), motion).pose for each in (slam, at_origin))
     np.testing.assert_allclose(pose, start.compose(other), atol=1e-6)
     np.testing.assert_allclose(slam.graph.arrays.nodes[0], start)
-
-
-def test_maps_are_not_shared():
-    with pytest.raises(ValueError, match="cannot share a map"):
-        LidarEnv(ExploreTeam, world="turtlebot3_world", robot="turtlebot3_burger", slam="graph", num_robots=2)
-    slam = GraphSlam(LIDAR, GraphSlamParams())
-    with pytest.raises(ValueError, match="cannot go on with a map"):
-        slam.reset(np.random.default_rng(0), map=slam.map)
-
-
-@pytest.mark.parametrize(
-    ("kind", "change"),
-    [
-        (GraphSlamParams, {"resolution": 0.0}),
-        (GraphSlamParams, {"submap_spacing": 0}),
-        (GraphSlamParams, {"phi": math.nan}),
-        (LoopClosureParams, {"min_score": 1.2}),
-    ],
-)
-def test_params_that_make_no_sense_are_refused(kind, change):
-    with pytest.raises(ValueError, match=next(iter(change))):
-        kind(**change)
-
-
-def test_presets():
-    assert sorted(PRESETS["graph"]) == ["default", "intel", "sparse"]
-    assert load_params("default", slam="graph") == GraphSlamParams()
-    assert load_params("intel", {"loops": {"min_score": "0.6"}}, "graph").loops.min_score == 0.6
-    assert make_slam("graph", LIDAR, 0.1, odometry_noise=NOISE).params.odometry_noise == NOISE
-    with pytest.raises(ValueError, match="preset of graph"):
-        make_slam("graph", LIDAR, preset="faithful")

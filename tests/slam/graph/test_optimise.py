@@ -3,7 +3,7 @@ import pytest
 from scipy.optimize import least_squares
 
 from envs.geometry import Pose2D
-from envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise, optimise_step
+from envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise
 
 PHI = 9.0
 SPACING, TURN = 20, 40
@@ -105,17 +105,6 @@ def test_optimum_equals_that_of_scipy(seed, phi, num_outliers):
         np.testing.assert_allclose(difference, 0.0, atol=2e-6)
 
 
-def test_one_step_reports_the_largest_change():
-    graph, _ = random_graph(4)
-    before = np.concatenate([graph.arrays.submaps, graph.arrays.nodes])
-    largest = optimise_step(graph.arrays, np.inf)
-    change = np.concatenate([graph.arrays.submaps, graph.arrays.nodes]) - before
-    change[:, 2] = (change[:, 2] + np.pi) % (2 * np.pi) - np.pi
-    assert largest == pytest.approx(np.abs(change).max())
-    steps = [optimise_step(graph.arrays, np.inf) for _ in range(12)]
-    assert steps[-1] < 1e-3 * largest
-
-
 def test_loops_take_out_drift_despite_outliers():
     def errors(num_outliers, phi):
         graph, truth = make_graph(400, 150, num_outliers, np.random.default_rng(5))
@@ -156,15 +145,6 @@ def test_a_loop_in_a_corridor_corrects_across_it_and_not_along_it():
     assert abs(y - 6.0) < 0.02
 
 
-def test_equal_input_gives_equal_bytes():
-    def run():
-        graph, _ = make_graph(300, 80, 5, np.random.default_rng(1))
-        optimise(graph.arrays, PHI, 4, 0.0)
-        return graph.arrays.nodes.tobytes() + graph.arrays.submaps.tobytes()
-
-    assert run() == run()
-
-
 def test_what_nothing_determines_stays():
     graph = PoseGraph()
     assert optimise(graph.arrays, PHI, 5, 1e-4) == 1
@@ -174,7 +154,7 @@ def test_what_nothing_determines_stays():
     graph.add_node([2.0, 0.0, 0.1])
     graph.add_constraint(1, 0, [2.0, 0.0, 0.0], 0.01 * np.eye(3))
     graph.add_constraint(1, 1, [-1.0, -0.5, 0.0], 0.01 * np.eye(3))
-    optimise(graph.arrays, PHI, 10, 1e-9)
+    assert optimise(graph.arrays, PHI, 10, 0.0) == 10
     np.testing.assert_array_equal(graph.arrays.nodes[0], [1.0, 0.0, 0.0])
     np.testing.assert_array_equal(graph.arrays.submaps[2], [7.0, 0.0, 0.0])
     np.testing.assert_allclose(graph.arrays.nodes[1], [2.0, 0.0, 0.0], atol=1e-9)

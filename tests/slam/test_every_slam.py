@@ -1,0 +1,196 @@
+"""What several SLAMs have in common, and their parameters."""
+
+import math
+
+import numpy as np
+import pytest
+
+from benchmarks.drives.recording import make_setup, record_drive
+from benchmarks.drives.slams import measure_drive
+from envs.core import LidarEnv
+from envs.geometry import Pose2D
+from envs.robots import load_robot
+from envs.simulation import Reading
+from envs.slam import PRESETS, SLAM_NAMES, GMappingParams, GraphSlamParams, HectorParams, load_params, make_slam
+from envs.tasks.explore import ExploreTeam
+from envs.worlds import load_world
+from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, follow, make_small, see
+
+NO_RETURN = Reading.of_scan(np.full(LIDAR.num_beams, np.nan, dtype=np.float32))
+
+
+@pytest.mark.parametrize(
+    ("slam", "off"),
+    [
+        (make_small("tinyslam", "every_scan", noise=None), 0.06),
+        (make_small("tinyslam"), 0.06),
+        (make_small("hector"), 0.03),
+        (make_small("hector", "intel"), 0.03),
+        (make_small("gmapping"), 0.05),
+        (make_small("gmapping", "intel"), 0.05),
+        (make_small("gmapping", num_particles=1), 0.1),
+    ],
+)
+def test_odometry_that_errs_is_corrected(slam, off):
+    truth, estimated = drive(slam, CIRCLE, BY_WHEELS)
+    assert math.dist(truth[:2], estimated[:2]) < off
+    assert abs(estimated.theta - truth.theta) < 0.03
+    assert not slam.belief.is_lost
+
+
+def test_without_odometry_every_scan_is_matched_to_the_last_pose():
+    truth, estimated = drive(make_small("hector", "faithful"), CIRCLE, [Pose2D(9.0, 9.0, 1.0)] * 400)
+    np.testing.assert_allclose(estimated, truth, atol=0.03)
+
+
+@pytest.mark.parametrize(("name", "off"), [("tinyslam", 0.02), ("hector", 0.0)])
+def test_a_robot_that_stands_still_does_not_drift(name, off):
+    _, after_a_minute = drive(make_small(name), [STAY] * 600, [STAY] * 600)
+    np.testing.assert_allclose(after_a_minute, STAY, atol=off)
+
+
+@pytest.mark.parametrize("name", ["tinyslam", "hector", "gmapping"])
+def test_same_seed_same_bytes(name):
+    def run(slam, seed):
+        slam.reset(np.random.default_rng(seed))
+        poses = [belief.pose for _, belief in follow(slam, CIRCLE[:150], np.random.default_rng(7))]
+        return np.array(poses).tobytes() + slam.belief.grid.data.tobytes()
+
+    slam = make_small(name)
+    first = run(slam, 1)
+    assert run(slam, 1) == run(make_small(name), 1) == first
+    assert (run(slam, 2) == first) == (name == "hector")  # in which nothing is random
+
+
+@pytest.mark.parametrize(
+    ("slam", "motions", "shape"),
+    [
+        (make_small("hector"), [Pose2D(0.02, 0.0, 0.0)] * 200, 5.0),
+        (make_small("gmapping", num_particles=30), [Pose2D(0.1, 0.0, 0.0)] * 60, 2.0),
+    ],
+)
+def test_covariance_is_long_along_a_corridor_and_small_in_a_room(slam, motions, shape):
+    drive(slam, motions, motions, walls=CORRIDOR)
+    along, across = np.sqrt(np.diag(slam.belief.covariance)[:2])
+    assert along > max(shape * across, 0.02)
+    drive(slam, motions[: len(motions) // 3], motions)
+    assert 0.0 < np.sqrt(np.diag(slam.belief.covariance)[:2]).max() < 0.5 * along
+    np.testing.assert_array_equal(slam.belief.covariance, slam.belief.covariance.T)
+
+
+@pytest.mark.parametrize("name", ["hector", "gmapping"])
+def test_without_returns_the_pose_follows_odometry_until_the_robot_is_lost(name):
+    slam = make_small(name, max_position_std=0.15)
+    slam.update(see(STAY), STAY)
+    for k in range(1, 60):
+        belief = slam.update(NO_RETURN, Pose2D(0.4, 0.0, 0.0))
+        np.testing.assert_allclose(belief.pose, (0.4 * k, 0.0, 0.0), atol=1e-9)
+        assert belief.is_lost == (np.linalg.eigvalsh(belief.covariance[:2, :2])[-1] > 0.15**2)
+    assert belief.is_lost
+
+
+@pytest.mark.parametrize("name", ["tinyslam", "graph"])
+def test_without_returns_the_prediction_remains(name):
+    slam = make_slam(name, LIDAR)
+    slam.update(see(STAY), STAY)
+    for _ in range(40):
+        before = slam.belief.pose
+        slam.update(NO_RETURN, Pose2D(0.1, 0.0, 0.2))
+        np.testing.assert_allclose(slam.belief.pose, before.compose(Pose2D(0.1, 0.0, 0.2)), atol=1e-9)
+
+
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_a_minute_in_turtlebot3_world(physics):
+    robot = load_robot("turtlebot3_burger")
+    setup = make_setup(load_world("turtlebot3_world"), robot, physics)
+    drive = record_drive(setup, 11, 90.0)
+    assert np.hypot(*np.diff(drive.truth[:, :2], axis=0).T).sum() > 10.0
+    found, _ = measure_drive(setup, drive, make_slam("tinyslam", robot.lidar), 11)
+    assert found["translation_m"] < 0.05
+    assert found["rotation_deg"] < 1.5
+    assert found["map_iou"] > 0.9
+
+
+@pytest.mark.parametrize(("slam", "name"), [(slam, name) for slam in PRESETS for name in PRESETS[slam]])
+def test_presets_map_the_room(slam, name):
+    params = load_params(name, {"map_width": 10.0, "map_height": 10.0}, slam)
+    estimator = make_slam(slam, LIDAR, params.resolution, params, WHEELS)
+    assert estimator.params.odometry_noise == WHEELS
+    for _ in range(3):
+        estimator.update(see(STAY), STAY)
+    assert math.hypot(*estimator.belief.pose[:2]) < (0.3 if slam == "tinyslam" else 0.05)
+    assert (estimator.belief.grid.data >= 0).mean() > 0.1
+
+
+@pytest.mark.parametrize("name", SLAM_NAMES)
+def test_bad_readings_are_named(name):
+    slam = make_slam(name, LIDAR)
+    with pytest.raises(ValueError, match=r"shape \(180,\).*\(3,\)"):
+        slam.update(Reading.of_scan(np.ones(3, dtype=np.float32)), STAY)
+    with pytest.raises(ValueError, match="motion must be finite"):
+        slam.update(see(STAY), Pose2D(0.0, math.nan, 0.0))
+
+
+@pytest.mark.parametrize(
+    ("name", "complaint"), [("gmapping", "a map for each particle"), ("graph", "go on with a map")]
+)
+def test_no_map_can_be_given_and_teams_are_refused(name, complaint):
+    slam = make_slam(name, LIDAR)
+    with pytest.raises(ValueError, match=complaint):
+        slam.reset(np.random.default_rng(0), STAY, slam.map)
+    with pytest.raises(ValueError, match="cannot share a map"):
+        LidarEnv(ExploreTeam, world="rooms", physics="kinematic", slam=name, num_robots=2)
+
+
+@pytest.mark.parametrize(
+    ("slam", "changes", "complaint"),
+    [
+        ("tinyslam", {"resolution": -1}, r"resolution: .*greater than 0, got -1"),
+        ("hector", {"num_levels": 9}, "num_levels: .*less than or equal to 6, got 9"),
+        ("hector", {"empty_prob": 0.5}, "empty_prob: .*less than 0.5, got 0.5"),
+        ("hector", {"odometry_noise": {"position_std": 0.0}}, "position_std: Input should be greater than 0"),
+        ("hector", {"hole_width": 1.0}, "unknown key 'hole_width'"),
+        ("gmapping", {"num_particles": 0}, "num_particles"),
+        ("gmapping", {"resample_below": 1.5}, "resample_below"),
+        ("graph", {"phi": math.nan}, "phi"),
+        ("graph", {"loops": {"min_score": 1.2}}, "min_score"),
+    ],
+)
+def test_bad_params_are_named(slam, changes, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        load_params("default", changes, slam)
+
+
+def test_names_and_presets_are_those_of_a_slam():
+    with pytest.raises(ValueError, match=r"unknown SLAM 'hectare'.*tinyslam, hector, graph, gmapping, odometry, truth"):
+        make_slam("hectare", LIDAR)
+    with pytest.raises(ValueError, match=r"unknown preset of hector 'upstream'.*default, faithful, intel"):
+        make_slam("hector", LIDAR, preset="upstream")
+    for slam, params in (("hector", HectorParams), ("graph", GraphSlamParams), ("gmapping", GMappingParams)):
+        assert load_params("default", slam=slam) == params()
+    assert load_params("intel", {"loops": {"min_score": "0.6"}}, "graph").loops.min_score == 0.6
+
+
+@pytest.mark.parametrize(
+    ("text", "complaint"),
+    [
+        ("sigma_xi: 0.1", r"mine.yaml: unknown key 'sigma_xi'"),
+        ("sigma_xy: -1", "mine.yaml: sigma_xy: .*greater than or equal to 0, got -1"),
+        ("blur: mean", "mine.yaml: blur: .*'add' or 'assign'"),
+        ("max_tries: many", "mine.yaml: max_tries: .*integer"),
+        ("[1, 2]", "mine.yaml: must hold keys"),
+        ("a: [", "mine.yaml: not readable as YAML"),
+    ],
+)
+def test_bad_files_are_named(tmp_path, text, complaint):
+    with pytest.raises(FileNotFoundError, match=r"missing\.yaml"):
+        load_params(tmp_path / "missing.yaml")
+    (tmp_path / "mine.yaml").write_text(text)
+    with pytest.raises(ValueError, match=complaint):
+        load_params(tmp_path / "mine.yaml")
+
+
+def test_a_file_and_changes_are_joined(tmp_path):
+    (tmp_path / "mine.yaml").write_text("sigma_xy: 3e-4\nmax_tries: 50")
+    params = load_params(tmp_path / "mine.yaml", {"max_tries": "60"})
+    assert (params.sigma_xy, params.max_tries) == (3e-4, 60)
