@@ -26,13 +26,13 @@ PARAMS = replace(PRESETS["default"], global_particles=20_000)
 SURE = np.diag([0.05**2, 0.05**2, 0.05**2])
 
 
-def _scan(pose, segments=SEGMENTS, circles=CIRCLES):
+def _scan(pose, segments=SEGMENTS):
     ranges = np.empty(LIDAR.num_beams, dtype=np.float32)
-    cast_rays(*pose, LIDAR.beams, segments, circles, ranges)
+    cast_rays(*pose, LIDAR.beams, segments, CIRCLES, ranges)
     return ranges
 
 
-def _reading(pose, **kwargs):
+def see(pose, **kwargs):
     return Reading.of_scan(_scan(pose, **kwargs))
 
 
@@ -61,7 +61,7 @@ def _circle(steps=100, start=START):
 def _follow(amcl, steps=100, **kwargs):
     errors = []
     for pose, motion in _circle(steps):
-        estimate = amcl.update(_reading(pose, **kwargs), motion)
+        estimate = amcl.update(see(pose, **kwargs), motion)
         off = estimate.pose.between(pose)
         errors.append((math.hypot(off.x, off.y), abs(off.theta)))
     return np.array(errors), estimate
@@ -127,7 +127,7 @@ def test_a_kidnapped_robot_relocalizes(changes):
     assert not estimate.is_lost
     was_lost = []
     for pose, motion in _circle(250, Pose2D(5.2, 0.8, 0.3)):
-        estimate = amcl.update(_reading(pose), motion)
+        estimate = amcl.update(see(pose), motion)
         was_lost.append(estimate.is_lost)
     off = estimate.pose.between(pose)
     assert any(was_lost[:60])
@@ -151,24 +151,20 @@ def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
 
 def test_a_robot_that_stands_still_only_follows_odometry():
     amcl = started(5, START, update_min_d=0.2, update_min_a=0.2)
-    poses, clouds = [], []
-    for motion, is_corrected in (
-        (Pose2D(0.0, 0.0, 0.0), True),
-        (Pose2D(0.1, 0.0, 0.1), False),
-        (Pose2D(0.15, 0.0, 0.0), True),
-    ):
-        poses.append(amcl.update(_reading(START), motion).pose)
+    poses, clouds, corrected = [], [], []
+    for motion in (Pose2D(0.0, 0.0, 0.0), Pose2D(0.1, 0.0, 0.1), Pose2D(0.15, 0.0, 0.0)):
+        poses.append(amcl.update(see(START), motion).pose)
         clouds.append(amcl.particles.tobytes())
-        assert amcl.is_corrected is is_corrected
+        corrected.append(amcl.is_corrected)
+    assert corrected == [True, False, True]
     np.testing.assert_allclose(poses[1], poses[0].compose(Pose2D(0.1, 0.0, 0.1)))
     assert clouds[0] == clouds[1] != clouds[2]
 
 
 def test_resample_interval_keeps_weights_in_between():
-    amcl = started(5, START, resample_interval=3)
-    resampled = []
+    amcl, resampled = started(5, START, resample_interval=3), []
     for pose, motion in _circle(40):
-        amcl.update(_reading(pose), motion)
+        amcl.update(see(pose), motion)
         if amcl.is_corrected:
             resampled.append(bool(np.ptp(amcl.weights) < 1e-12))
     assert resampled[:9] == [False, False, True] * 3
@@ -203,6 +199,26 @@ def test_beams_that_say_nothing(sensor):
     assert np.isfinite(amcl.weights).all()
 
 
+def test_a_covariance_turns_the_cloud():
+    amcl = Amcl(LIDAR, replace(PARAMS, max_particles=50_000))
+    covariance = np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.02]])
+    estimate = amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 3.1), MAP, covariance)
+    np.testing.assert_allclose(estimate.covariance, covariance, atol=2e-3)
+    assert math.cos(estimate.pose.theta - 3.1) > 0.9999
+    amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), MAP)
+    np.testing.assert_allclose(np.sqrt(np.cov(amcl.particles.T).diagonal()), [0.5, 0.5, math.radians(15)], rtol=0.03)
+
+
+@pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
+def test_the_beginning_of_the_intel_log():
+    log, drive = load_reference(DATA / "scans_2725.npz", 400)
+    grid = reference_map(log, drive.truth)
+    measures = measure_filter(drive, log.lidar, grid, replace(PARAMS, relocalize=False), 0)
+    assert measures["position_rmse_m"] < 0.1
+    assert measures["heading_rmse_deg"] < 4.0
+    assert measures["lost_share"] < 0.05
+
+
 @pytest.mark.parametrize(
     ("pose", "covariance", "complaint"),
     [
@@ -212,7 +228,6 @@ def test_beams_that_say_nothing(sensor):
         (Pose2D(math.nan, 0.0, 0.0), None, "must be finite"),
         (START, np.eye(2), "covariance must be"),
         (START, np.diag([1.0, -1.0, 1.0]), "covariance must be"),
-        (START, np.full((3, 3), math.nan), "covariance must be"),
     ],
 )
 def test_starts_that_cannot_be_are_refused(pose, covariance, complaint):
@@ -224,41 +239,27 @@ def test_starts_that_cannot_be_are_refused(pose, covariance, complaint):
 
 def test_bad_input():
     amcl, rng, still = Amcl(LIDAR, PARAMS), np.random.default_rng(0), Pose2D(0.0, 0.0, 0.0)
-    scan = np.ones(LIDAR.num_beams, dtype=np.float32)
     with pytest.raises(RuntimeError, match="call reset first"):
-        amcl.update(Reading.of_scan(scan), still)
+        amcl.update(see(START), still)
     with pytest.raises(ValueError, match="needs a map"):
         amcl.reset(rng)
     with pytest.raises(ValueError, match="no free cell"):
         amcl.reset(rng, None, OccupancyGrid(np.full((10, 10), 100, dtype=np.int8), 0.05, (0.0, 0.0)))
     amcl.reset(rng, None, MAP)
     with pytest.raises(ValueError, match="180"):
-        amcl.update(Reading.of_scan(scan[:-1]), still)
+        amcl.update(Reading.of_scan(np.ones(3, dtype=np.float32)), still)
     with pytest.raises(ValueError, match="finite"):
-        amcl.update(Reading.of_scan(scan), Pose2D(math.inf, 0.0, 0.0))
-
-
-def test_a_covariance_turns_the_cloud():
-    amcl = Amcl(LIDAR, replace(PARAMS, max_particles=50_000))
-    covariance = np.array([[0.04, 0.03, 0.0], [0.03, 0.04, 0.01], [0.0, 0.01, 0.02]])
-    estimate = amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 3.1), MAP, covariance)
-    np.testing.assert_allclose(estimate.covariance, covariance, atol=2e-3)
-    assert math.cos(estimate.pose.theta - 3.1) > 0.9999
-    amcl.reset(np.random.default_rng(0), Pose2D(1.5, 1.0, 0.0), MAP)
-    np.testing.assert_allclose(np.sqrt(np.cov(amcl.particles.T).diagonal()), [0.5, 0.5, math.radians(15)], rtol=0.03)
+        amcl.update(see(START), Pose2D(math.inf, 0.0, 0.0))
 
 
 @pytest.mark.parametrize(
     ("change", "complaint"),
     [
-        ({"min_particles": 0}, r"min_particles\n.*greater than or equal to 1"),
         ({"max_particles": 10}, "max_particles must be at least min_particles, got 10"),
         ({"global_particles": 10}, "global_particles must be at least min_particles"),
         ({"sensor": "sonar"}, r"sensor\n.*'likelihood_field', 'likelihood_field_prob' or 'beam'"),
-        ({"z_rand": 0.0}, r"z_rand\n.*greater than 0"),
         ({"alpha3": math.nan}, r"alpha3\n.*finite"),
         ({"alpha_slow": 0.2, "alpha_fast": 0.1}, "alpha_slow must not exceed alpha_fast"),
-        ({"lost_fit": 1.5}, r"lost_fit\n.*less than or equal to 1"),
     ],
 )
 def test_params_refuse_nonsense(change, complaint):
@@ -272,23 +273,3 @@ def test_presets():
     assert load_preset(PARAMS) is PARAMS
     with pytest.raises(ValueError, match=r"unknown AMCL preset 'ros'.*nav2"):
         load_preset("ros")
-
-
-@pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")
-def test_the_beginning_of_the_intel_log():
-    log, drive = load_reference(DATA / "scans_2725.npz", 400)
-    grid = reference_map(log, drive.truth)
-    measures = measure_filter(drive, log.lidar, grid, replace(PARAMS, relocalize=False), 0)
-    assert measures["position_rmse_m"] < 0.1
-    assert measures["heading_rmse_deg"] < 4.0
-    assert measures["lost_share"] < 0.05
-
-
-def test_localizers_share_what_they_compute_from_equal_maps():
-    localizers = []
-    for data in (MAP.data, MAP.data.copy(), np.roll(MAP.data, 1, axis=1)):
-        localizers.append(Amcl(LIDAR, PARAMS))
-        localizers[-1].reset(np.random.default_rng(0), None, OccupancyGrid(data, MAP.resolution, MAP.origin))
-    one, equal, other = (localizer._tables for localizer in localizers)
-    assert one is equal
-    assert one is not other

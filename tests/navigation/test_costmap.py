@@ -55,24 +55,6 @@ def test_unknown_space_is_tracked():
     assert costs[31] == 254
 
 
-@pytest.mark.parametrize(
-    ("changes", "culprit"),
-    [
-        ({"robot_radius": 0.0}, "robot_radius"),
-        ({"inflation_radius": 0.1}, "inflation_radius"),
-        ({"cost_scaling_factor": -1.0}, "cost_scaling_factor"),
-    ],
-)
-def test_bad_params_are_named(changes, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        CostmapParams(**changes)
-
-
-def test_an_inflation_too_wide_for_the_cells_is_refused():
-    with pytest.raises(ValueError, match="inflation_radius"):
-        make_costmap(grid_of(np.zeros((3, 3))), CostmapParams(inflation_radius=20.0))
-
-
 def test_cropping_keeps_what_is_known_where_it_is():
     data = np.full((20, 30), -1, dtype=np.int8)
     data[5, 7] = 0
@@ -86,3 +68,11 @@ def test_cropping_keeps_what_is_known_where_it_is():
         np.testing.assert_allclose(cropped.centers(np.argwhere(cropped.data == value)), before)
     empty = grid_of(np.full((4, 5), -1))
     assert crop_to_known(empty).data.shape == (4, 5)
+
+
+def test_bad_params_are_named():
+    for culprit, value in (("robot_radius", 0.0), ("inflation_radius", 0.1), ("cost_scaling_factor", -1.0)):
+        with pytest.raises(ValueError, match=culprit):
+            CostmapParams(**{culprit: value})
+    with pytest.raises(ValueError, match="inflation_radius"):
+        make_costmap(grid_of(np.zeros((3, 3))), CostmapParams(inflation_radius=20.0))

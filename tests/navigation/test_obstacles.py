@@ -5,7 +5,6 @@ import math
 import pickle
 
 import numpy as np
-import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
@@ -151,10 +150,3 @@ def test_free_distance_equals_rolling_along(curvature, distance, seed):
     # Never too far, but for a graze between two tests; at most one step of the test too short.
     assert found <= reference_free_distance(points, curvature, 0.2, distance, graze=5e-4) + 0.021
     assert found >= reference_free_distance(points, curvature, 0.2, distance) - 0.021
-
-
-def test_a_touching_point_stops_only_what_approaches_it():
-    behind = np.array([[-0.15, 0.0]])
-    assert free_distance(behind, 0.0, 0.2, 0.5) == pytest.approx(0.5)
-    assert free_distance(behind, 0.0, 0.2, -0.5) == 0.0
-    assert free_distance(np.empty((0, 2)), 1.0, 0.2, 0.5) == pytest.approx(0.5)

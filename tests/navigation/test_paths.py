@@ -8,10 +8,8 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from envs.geometry import OccupancyGrid
-from envs.geometry.polyline import resample
 from envs.navigation import Costmap, CostmapParams, make_costmap, plan_path, travel_field
 from envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
-from envs.navigation.paths import walk_back
 from tests.navigation.costs import cost_at
 
 
@@ -98,22 +96,6 @@ def test_a_path_leads_there_and_keeps_away():
     taut = np.hypot(*(door[0] - start)) + np.hypot(*(door[0] - goal))
     assert gaps.sum() < 1.1 * taut
     np.testing.assert_array_equal(path, plan_path(costmap, start, goal))
-
-
-def test_straight_lines_cost_no_more_than_the_staircase():
-    costmap = make_costmap(two_rooms(), CostmapParams(robot_radius=0.2, inflation_radius=0.6))
-    field = travel_field(costmap, (-0.5, -1.5))
-    row, col = costmap.grid.cells(np.array([4.5, 0.5]))
-    short = field.path(row, col)
-    stairs = resample(costmap.grid.centers(walk_back(field.predecessor, row, col)), costmap.grid.resolution)
-
-    def price(path):
-        middles, lengths = (path[1:] + path[:-1]) / 2, np.hypot(*np.diff(path, axis=0).T)
-        cells = costmap.grid.cells(middles)
-        return (field.weights[costmap.costs[cells[:, 0], cells[:, 1]]] * lengths).sum()
-
-    assert price(short) <= 1.02 * price(stairs)
-    assert np.hypot(*np.diff(short, axis=0).T).sum() < np.hypot(*np.diff(stairs, axis=0).T).sum()
 
 
 def test_unknown_cells_are_crossed_only_where_allowed():

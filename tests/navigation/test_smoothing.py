@@ -61,18 +61,9 @@ def test_smoothing_rounds_corners_and_touches_nothing():
     assert turning(smooth) < 0.7 * turning(path)
     assert is_path_valid(COSTMAP, smooth)
     assert np.hypot(*np.diff(smooth, axis=0).T).max() <= 0.05 + 1e-9
+    corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
+    assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
+    assert len(smooth_path(COSTMAP, path[:1])) == 1
     # A straight line stays one.
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
     np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
-
-
-def test_smoothing_does_not_pull_a_path_into_an_obstacle():
-    corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
-    assert is_path_valid(COSTMAP, corner)
-    assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
-
-
-def test_short_paths_can_be_smoothed():
-    for num in (1, 2, 3):
-        path = np.column_stack([np.linspace(1.0, 1.1, num), np.full(num, 1.0)])
-        assert len(smooth_path(COSTMAP, path)) >= 1

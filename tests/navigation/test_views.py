@@ -5,13 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.navigation.views import (
-    NUM_RAYS,
-    NUM_SECTORS,
-    cast_view,
-    fill_sectors,
-    unknown_share,
-)
+from envs.navigation.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
 
 
 def view(data, row, col, reach):
