@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from envs.files import read_record, write_file
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import MAX_REACH, squared_distances
+from envs.geometry.distance_transform import deepest_cell
 from envs.progress import Progress
 
 from .raster import MAX_CELLS, check_world, outline
@@ -157,15 +157,6 @@ def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
     return data
 
 
-def _depths(area: np.ndarray) -> np.ndarray:
-    """Return what grows with the distance from what is not the area; of large maps SciPy's transform takes seconds."""
-    for reach in (8, 32, MAX_REACH):
-        squared = squared_distances(~area, reach)
-        if squared.max() <= reach**2:
-            return squared
-    return ndimage.distance_transform_edt(area)
-
-
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
     """Turn a map into a world: the outline of one connected area of free cells.
 
@@ -181,7 +172,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         area = _free_area(grid, name, spawn)
         bar.update()
         if spawn is None:
-            x, y = grid.centers(np.array(np.unravel_index(_depths(area).argmax(), area.shape)) - 1)
+            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
             spawn = Pose2D(float(x), float(y), 0.0)
         bar.update()
         height, width = grid.data.shape

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 import yaml
 from PIL import Image
+from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import deepest_cell
 from envs.worlds import (
     free_area,
     load_map,
@@ -185,3 +187,12 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
         world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half", spawn=Pose2D(2.5, 1.0, 0.0))
     with pytest.raises(ValueError, match="no free cell"):
         world_from_map(OccupancyGrid(np.full((3, 3), -1, dtype=np.int8), 0.1, (0.0, 0.0)), "void")
+
+
+@pytest.mark.parametrize("solid", [0.0, 0.005, 0.05, 0.4])
+def test_robots_start_where_the_distance_transform_is_greatest(solid):
+    rng = np.random.default_rng(0)
+    for _ in range(60):
+        area = np.pad(rng.random(rng.integers(1, 50, 2)) >= solid, 1)
+        distances = ndimage.distance_transform_edt(area)
+        assert deepest_cell(area) == np.unravel_index(np.argmax(distances), area.shape)
