@@ -5,12 +5,12 @@ import numpy as np
 from envs.navigation.candidates import COST, FAILURES
 
 
-def rollout(env, seed, steps):
-    """Drive with fixed pseudo-random actions; return everything that comes out."""
+def rollout(env, seed, steps, rule=None):
+    """Act by a rule of observations, else by fixed pseudo-random twists; return everything that comes out."""
     rng = np.random.default_rng(seed)
     out = [env.reset(seed=seed)]
     for _ in range(steps):
-        out.append(env.step(rng.uniform(-1, 1, 2).astype(np.float32)))
+        out.append(env.step(rule(out[-1][0]) if rule else rng.uniform(-1, 1, 2).astype(np.float32)))
         if out[-1][2] or out[-1][3]:
             break
     return out

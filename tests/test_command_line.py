@@ -12,6 +12,7 @@ import tyro
 import evaluate
 import train
 from envs.command_line import Count, run_command
+from lidarnaut import find_configuration
 
 ROOT = Path(__file__).parents[1]
 
@@ -73,14 +74,12 @@ def test_wrong_options_are_one_plain_line(arguments, says, encoding, capsys, mon
         (
             train.main,
             ["--num-envs", "0"],
-            "rooms_small.yaml: num_envs: Input should be greater than or equal to 1, got 0",
+            "rooms_small.yaml: num_envs: Input should be greater than or equal to 1",
         ),
-        (
-            train.main,
-            ["--evaluation.evry", "1"],
-            "rooms_small.yaml: unknown key 'evaluation.evry' (did you mean 'every'?)",
-        ),
+        (train.main, ["--evaluation.evry", "1"], "unknown key 'evaluation.evry' (did you mean 'every'?)"),
         (train.main, ["--ppo.gamma", "1"], "rooms_small.yaml: unknown key 'ppo'; allowed are experiment, total_steps"),
+        (train.main, ["--config", "rooms_smal"], "did you mean 'rooms_small'"),
+        (evaluate.main, ["--config", "arenas"], "did you mean 'arena'"),
         (train.main, ["rooms"], "unknown argument 'rooms'; options begin with --"),
         (evaluate.main, ["--episodes", "0"], "episodes: Input should be greater than or equal to 1, got 0"),
     ],
@@ -96,24 +95,35 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
     assert said.count("\n") == 1
 
 
-def test_a_file_that_is_run_by_its_path_ends_with_a_message_too(tmp_path):
-    program = ROOT / "benchmarks/films.py"
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, program, "--policy"]
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, cwd=tmp_path)
-    assert (done.returncode, "films.py: " in done.stderr, "Traceback" in done.stderr) == (2, True, False)
-
-
 @pytest.mark.parametrize(
     ("command", "says"),
     [
-        (["benchmarks.drives", "planning", "--worlds", "atlantis"], "benchmarks.drives: unknown world 'atlantis'"),
-        (["agents.ship", "/no/such/run", "/no/such/folder"], "agents.ship: /no/such/run is no folder"),
+        (
+            ["-m", "benchmarks.drives", "planning", "--worlds", "atlantis"],
+            "drives: unknown world 'atlantis'",
+        ),
+        (["-m", "agents.ship", "/no/such/run", "/no/such/folder"], "agents.ship: /no/such/run is no folder"),
+        ([ROOT / "benchmarks/films.py", "--policy"], "films.py: "),
     ],
 )
-def test_commands_end_with_a_message(command, says):
+def test_commands_end_with_a_message(command, says, tmp_path):
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    done = subprocess.run([sys.executable, "-m", *command], capture_output=True, text=True, env=environment, cwd=ROOT)
+    done = subprocess.run([sys.executable, *command], capture_output=True, text=True, env=environment, cwd=tmp_path)
     assert done.returncode == 2
     assert says in " ".join((done.stdout + done.stderr).split())
     assert "Traceback" not in done.stderr
+
+
+def test_configurations_go_by_name_or_path(tmp_path, monkeypatch):
+    assert find_configuration("explore_frontiers") == ROOT / "configs" / "explore_frontiers.yaml"
+    assert find_configuration("configs/mine.yaml") == Path("configs/mine.yaml")
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine").write_text("experiment: mine\n")
+    assert find_configuration("mine") == Path("mine")
+
+
+def test_names_of_configurations_that_do_not_exist_say_which_do():
+    names = {path.stem for path in (ROOT / "configs").glob("*.yaml")}
+    with pytest.raises(ValueError, match="did you mean 'explore_frontiers'") as error:
+        find_configuration("explore_frontier")
+    assert names <= set(str(error.value).replace(",", " ").split())

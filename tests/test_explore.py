@@ -10,12 +10,11 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.observations import PARTS
-from envs.robots import load_robot
 from envs.tasks.explore import Explore
 from envs.worlds import World
 from tests.rollouts import rollout
-
-QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
+from tests.rooms import BURGER
+from tests.test_core import QUICK
 
 
 # Draws that fell on a mover, which `reset` refused.
@@ -33,13 +32,8 @@ def hall(length):
     """A hall 2 m wide whose farther end is out of sight from its nearer one."""
     near = [(0, 2, 0, 0), (0, 0, 8, 0), (0, 2, 8, 2), (3, 0, 3, 0.8)]
     far = [(8, 0, length, 0), (8, 2, length, 2), (length, 0, length, 2)]
-    return World(
-        name="hall",
-        segments=np.array([*near, *far], dtype=float),
-        circles=np.empty((0, 3)),
-        spawns=(Pose2D(1.0, 1.0, 0.0),),
-        bounds=(0.0, 0.0, length, 2.0),
-    )
+    walls = np.array([*near, *far], dtype=float)
+    return World("hall", walls, np.empty((0, 3)), (Pose2D(1.0, 1.0, 0.0),), (0.0, 0.0, length, 2.0))
 
 
 @pytest.mark.parametrize(
@@ -72,8 +66,8 @@ def test_driving_into_a_wall_is_counted_and_does_not_end_the_episode():
 
 
 def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_wheels_lose():
-    burger, position, heading = load_robot("turtlebot3_burger"), {}, {}
-    robot = replace(burger, odometry=replace(burger.odometry, uses_gyro=False))
+    position, heading = {}, {}
+    robot = replace(BURGER, odometry=replace(BURGER.odometry, uses_gyro=False))
     for slam in ("truth", "odometry", "tinyslam"):
         env = LidarEnv(Explore, **QUICK, slam=slam, robot=robot)
         ends = np.array([rollout(env, seed, 200)[-1][4]["pose_error"] for seed in range(4)])

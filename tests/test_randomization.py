@@ -17,12 +17,11 @@ from envs.randomization import RANDOMIZABLE, Randomization
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
 from tests.rollouts import rollout
-from tests.rooms import square_room
+from tests.rooms import BURGER, square_room
 from tests.test_core import QUICK
 from tests.test_vector import RANGES
 
 BULLET = pytest.param("bullet", marks=pytest.mark.skipif(not find_spec("pybullet"), reason="needs PyBullet"))
-BURGER = load_robot("turtlebot3_burger")
 ROOM = {"world": square_room(1.5), "start": (0.0, 0.0, 0.0), "physics": "kinematic", "slam": "odometry"}
 HALL = {**ROOM, "world": square_room(10.0)}
 

@@ -13,7 +13,7 @@ from envs.abstract import ExploreFrontiersAbstractEnv
 from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
-from tests.rollouts import nearest
+from tests.rollouts import nearest, rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
 
@@ -53,6 +53,7 @@ def test_the_episode_ends_at_the_start_once_the_world_is_explored():
     last = infos[-1]
     assert (last["end_reason"], last["returned"], last["is_success"]) == ("returned", True, True)
     assert distance_home(env) <= HOME_RADIUS
+    assert env.task.rewards.weights == {**Explore.weights, "returned": 10.0}
     # At the start the robot is at home, too, and has nothing to return from.
     assert not any(info["returned"] for info in infos[:-1])
     covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.task.target_coverage)
@@ -71,21 +72,11 @@ def test_a_robot_whose_explorer_stops_early_returns_without_success():
     assert distance_home(env) <= HOME_RADIUS
 
 
-def decide(seed=3, **arguments):
-    """Explore by decisions; return the environment and the last step."""
-    env = ExploreFrontiersEnv(**QUICK, **arguments)
-    observation, _ = env.reset(seed=seed)
-    while True:
-        observation, reward, terminated, truncated, info = env.step(nearest(observation))
-        assert env.observation_space.contains(observation)
-        if terminated or truncated:
-            return env, reward, terminated, info
-
-
 def test_the_last_decision_drives_home():
-    env, reward, terminated, info = decide()
-    assert terminated
-    assert (info["end_reason"], info["is_success"]) == ("returned", True)
+    env = ExploreFrontiersEnv(**QUICK)
+    observation, reward, terminated, _, info = rollout(env, 3, 100, nearest)[-1]
+    assert env.observation_space.contains(observation)
+    assert (terminated, info["end_reason"], info["is_success"]) == (True, "returned", True)
     assert distance_home(env.explore) <= HOME_RADIUS
     assert info["rewards"]["returned"] == 10.0
     assert reward == pytest.approx(sum(info["rewards"].values()))
@@ -102,7 +93,7 @@ def test_the_last_decision_drives_home():
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
     """It believes to be back, but is farther off than allowed; or its map shows no path."""
     monkeypatch.setattr(f"envs.{name}", value)
-    _, _, terminated, info = decide()
+    *_, terminated, _, info = rollout(ExploreFrontiersEnv(**QUICK), 3, 100, nearest)[-1]
     assert terminated
     assert (info["end_reason"], info["returned"], info["is_success"]) == (reason, False, False)
 
@@ -127,11 +118,6 @@ def test_policies_see_where_home_is():
     assert distance == pytest.approx(math.hypot(x, y) / 32.0, abs=1e-6)
     to_home = np.array([math.cos(theta) * -x - math.sin(theta) * y, math.sin(theta) * x - math.cos(theta) * y])
     np.testing.assert_allclose([cosine, sine], to_home / np.linalg.norm(to_home), atol=1e-5)
-
-
-def test_weights_of_an_exploration_keep_their_values():
-    weights = LidarEnv(Explore, **QUICK, reward={"returned": 3.0}).task.rewards.weights
-    assert weights == {**Explore.weights, "returned": 3.0}
 
 
 def test_what_cannot_return_says_so():

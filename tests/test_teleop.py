@@ -17,120 +17,101 @@ from envs.teleop import Teleop, main
 from envs.worlds import load_map
 
 
-@pytest.fixture
-def env():
-    return LidarEnv(
-        Explore, world="turtlebot3_world", physics="kinematic", slam="truth", start="spawn", render_mode="rgb_array"
-    )
+class Driver:
+    """A person at the keyboard."""
+
+    def __init__(self, path, slam="truth"):
+        arguments = {"world": "turtlebot3_world", "physics": "kinematic", "start": "spawn", "render_mode": "rgb_array"}
+        self.env = LidarEnv(Explore, slam=slam, **arguments)
+        self.teleop = Teleop(self.env, path, seed=0)
+        pygame.event.clear()
+
+    def tick(self, steps, up=(), down=()):
+        """Release keys, press others, and let as many control periods pass."""
+        for kind, keys in ((pygame.KEYUP, up), (pygame.KEYDOWN, down)):
+            for key in keys:
+                pygame.event.post(pygame.event.Event(kind, key=key))
+        assert all([self.teleop.tick() for _ in range(steps)])
+
+    @property
+    def pose(self):
+        return self.env.map_pose.compose(self.env.belief.pose)
 
 
 @pytest.fixture
-def teleop(env, tmp_path):
-    teleop = Teleop(env, tmp_path / "learned.yaml", seed=0)
-    pygame.event.clear()
-    yield teleop
-    teleop.close()
+def driver(tmp_path):
+    driver = Driver(tmp_path / "learned.yaml")
+    yield driver
+    driver.teleop.close()
 
 
-def key(kind, code):
-    pygame.event.post(pygame.event.Event(kind, key=code))
-
-
-def pose(env):
-    return env.map_pose.compose(env.belief.pose)
-
-
-def test_the_robot_drives_while_keys_are_held(env, teleop):
-    start = pose(env)
-    key(pygame.KEYDOWN, pygame.K_UP)
-    assert all([teleop.tick() for _ in range(15)])
-    ahead = start.between(pose(env))
+def test_the_robot_drives_while_keys_are_held(driver):
+    start = driver.pose
+    driver.tick(15, down=[pygame.K_UP])
+    ahead = start.between(driver.pose)
     assert ahead.x > 0.1
     assert abs(ahead.y) < 0.02
 
-    key(pygame.KEYUP, pygame.K_UP)
-    key(pygame.KEYDOWN, pygame.K_a)
-    before = pose(env)
-    for _ in range(15):
-        teleop.tick()
-    turned = before.between(pose(env))
+    before = driver.pose
+    driver.tick(15, up=[pygame.K_UP], down=[pygame.K_a])
+    turned = before.between(driver.pose)
     assert 0.5 < turned.theta < 1.6
     assert math.hypot(turned.x, turned.y) < 0.05
 
-    key(pygame.KEYDOWN, pygame.K_SPACE)
-    for _ in range(5):
-        teleop.tick()
-    stopped = pose(env)
-    teleop.tick()
-    np.testing.assert_allclose(pose(env), stopped, atol=1e-3)
+    driver.tick(5, down=[pygame.K_SPACE])
+    stopped = driver.pose
+    driver.tick(1)
+    np.testing.assert_allclose(driver.pose, stopped, atol=1e-3)
 
 
-def test_opposite_keys_cancel_and_losing_the_focus_stops(env, teleop):
-    start = pose(env)
-    key(pygame.KEYDOWN, pygame.K_w)
-    key(pygame.KEYDOWN, pygame.K_s)
-    for _ in range(5):
-        teleop.tick()
-    np.testing.assert_allclose(pose(env), start, atol=1e-3)
-    key(pygame.KEYUP, pygame.K_s)
+def test_opposite_keys_cancel_and_losing_the_focus_stops(driver):
+    start = driver.pose
+    driver.tick(5, down=[pygame.K_w, pygame.K_s])
+    np.testing.assert_allclose(driver.pose, start, atol=1e-3)
     pygame.event.post(pygame.event.Event(pygame.WINDOWFOCUSLOST))
-    for _ in range(5):
-        teleop.tick()
-    np.testing.assert_allclose(pose(env), start, atol=1e-3)
+    driver.tick(5, up=[pygame.K_s])
+    np.testing.assert_allclose(driver.pose, start, atol=1e-3)
 
 
-def test_m_saves_the_map_and_r_starts_again(env, teleop, tmp_path):
-    key(pygame.KEYDOWN, pygame.K_UP)
-    for _ in range(15):
-        teleop.tick()
-    learned = env.belief.grid
-    key(pygame.KEYDOWN, pygame.K_m)
-    key(pygame.KEYUP, pygame.K_UP)
-    teleop.tick()
+def test_m_saves_the_map_and_r_starts_again(driver, tmp_path):
+    driver.tick(15, down=[pygame.K_UP])
+    learned = driver.env.belief.grid
+    driver.tick(1, up=[pygame.K_UP], down=[pygame.K_m])
     saved = load_map(tmp_path / "learned.yaml")
     assert saved.data.shape == learned.data.shape
     assert (saved.data == 0).sum() > 1000
     assert (saved.data == 100).sum() > 100
 
-    key(pygame.KEYDOWN, pygame.K_r)
-    teleop.tick()
-    assert env.reading.time == pytest.approx(env.control_period)
-    np.testing.assert_allclose(pose(env), env.map_pose, atol=1e-3)
+    driver.tick(1, down=[pygame.K_r])
+    assert driver.env.reading.time == pytest.approx(driver.env.control_period)
+    np.testing.assert_allclose(driver.pose, driver.env.map_pose, atol=1e-3)
 
 
-def test_a_failed_save_is_said_and_does_no_harm(env, tmp_path):
-    teleop = Teleop(env, tmp_path / "missing" / "learned.yaml")
-    silent = np.array(pygame.surfarray.array3d(teleop._window.get_surface()))
-    key(pygame.KEYDOWN, pygame.K_m)
-    assert teleop.tick()
-    said = pygame.surfarray.array3d(teleop._window.get_surface())
+def test_a_failed_save_is_said_and_does_no_harm(tmp_path):
+    driver = Driver(tmp_path / "missing" / "learned.yaml")
+    silent = np.array(pygame.surfarray.array3d(driver.teleop._window.get_surface()))
+    driver.tick(1, down=[pygame.K_m])
+    said = pygame.surfarray.array3d(driver.teleop._window.get_surface())
     strip = (slice(640, None), slice(720, None))
     assert (said[strip] != silent[strip]).any()
-    teleop.close()
-
-
-@pytest.mark.parametrize("event", [(pygame.KEYDOWN, {"key": pygame.K_q}), (pygame.QUIT, {})])
-def test_q_and_closing_the_window_quit(event):
-    pygame.display.init()
-    pygame.event.post(pygame.event.Event(*event))
-    main(physics="kinematic", slam="truth")
+    driver.teleop.close()
 
 
 @pytest.mark.parametrize("slam", SLAM_NAMES)
 def test_every_slam_drives(slam, tmp_path):
-    env = LidarEnv(Explore, physics="kinematic", slam=slam, start="spawn", render_mode="rgb_array")
-    teleop = Teleop(env, tmp_path / "learned.yaml", seed=0)
-    key(pygame.KEYDOWN, pygame.K_UP)
-    assert all([teleop.tick() for _ in range(15)])
-    assert env.belief.pose.x > 0.1
-    assert ((env.belief.grid.data >= 0) & (env.belief.grid.data < 50)).sum() > 1000
-    teleop.close()
+    driver = Driver(tmp_path / "learned.yaml", slam)
+    driver.tick(15, down=[pygame.K_UP])
+    assert driver.env.belief.pose.x > 0.1
+    assert ((driver.env.belief.grid.data >= 0) & (driver.env.belief.grid.data < 50)).sum() > 1000
+    driver.teleop.close()
 
 
-@pytest.mark.parametrize("slam", ["graph", "gmapping"])
-def test_a_slam_by_name_is_an_option(slam):
+@pytest.mark.parametrize(
+    ("event", "slam"), [((pygame.KEYDOWN, {"key": pygame.K_q}), "graph"), ((pygame.QUIT, {}), "gmapping")]
+)
+def test_q_and_closing_the_window_quit(event, slam):
     pygame.display.init()
-    pygame.event.post(pygame.event.Event(pygame.QUIT))
+    pygame.event.post(pygame.event.Event(*event))
     run_command(main, ["--physics", "kinematic", "--slam", slam, "--map", "learned.yaml"])
 
 
