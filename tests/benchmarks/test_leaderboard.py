@@ -6,15 +6,8 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from benchmarks.arena import leaderboard
 from benchmarks.arena.episodes import Episodes, best_of
-from benchmarks.arena.leaderboard import (
-    axis_section,
-    gap_section,
-    pairs_section,
-    ranking_sections,
-    unfinished_section,
-    worlds_section,
-)
 from benchmarks.arena.measures import texts
 from benchmarks.arena.statistics import Estimate
 from evaluate import main
@@ -57,7 +50,7 @@ def test_relative_measures_are_shares_of_the_same_starts_reference():
 def test_the_ranking_is_by_area_and_leaves_the_bound_out():
     episodes = related(ROWS)
     assert list(episodes.standing(MEASURES.headline)) == ["quick", "nearest", "slow", "oracle (ground truth)"]
-    (section,) = ranking_sections(episodes)
+    (section,) = leaderboard.ranking_sections(episodes)
     head, lines = section.parts[1].head, section.parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
@@ -76,18 +69,23 @@ def test_the_gap_to_the_bound_is_closed_by_known_shares():
     assert found == pytest.approx({"area_under_curve": 0.5, "relative_time_to_95": 0.4, "relative_distance_to_95": 0.4})
     assert episodes.gaps_closed("slow")["relative_time_to_95"].iqm == pytest.approx(-1.0)
     assert episodes.gaps_closed("nearest") == episodes.gaps_closed("oracle (ground truth)") == {}
-    assert gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
-    shown = gap_section(episodes).parts[1].lines
+    assert leaderboard.gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
+    shown = leaderboard.gap_section(episodes).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
     # Where the bound gains nothing there is no gap.
     level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
-    assert gap_section(related(level)).parts[1].lines[0][1].text == "-"
+    assert leaderboard.gap_section(related(level)).parts[1].lines[0][1].text == "-"
 
 
 def test_only_starts_that_all_competitors_share_count():
     rows = [row("a", 0), row("a", 1), row("b", 1), row("b", 2), row("oracle (ground truth)", 3)]
     assert [(r["policy"], r["seed"]) for r in Episodes(rows, MEASURES).shared()] == [("a", 1), ("b", 1)]
     assert not Episodes([row("a", 0), row("b", 1)], MEASURES).shared()
+
+
+def test_typical_is_the_median_and_worst_the_lowest():
+    rows = [row("a", k, area=area) for k, area in enumerate([0.9, 0.1, 0.5])]
+    assert [r["area_under_curve"] for r in Episodes(rows, MEASURES).typical_and_worst("a")] == [0.5, 0.1]
 
 
 def test_cases_are_named_by_what_differs():
@@ -98,7 +96,7 @@ def test_cases_are_named_by_what_differs():
 def test_ratios_of_times_are_geometric_means():
     times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # of the last, less than a second counts
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
-    table = pairs_section(related(rows), MEASURES.gaps).parts[1]
+    table = leaderboard.pairs_section(related(rows), MEASURES.gaps).parts[1]
     assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
 
 
@@ -110,7 +108,7 @@ def test_an_axis_is_compared_pair_by_pair():
     ]
     # These have no partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
-    section = axis_section(Episodes(rows, MEASURES), "slam")
+    section = leaderboard.axis_section(Episodes(rows, MEASURES), "slam")
     text, table = section.parts
     assert section.title == "What mapping error costs"
     assert "from the same 4 starts in maze." in text
@@ -126,7 +124,7 @@ def test_an_axis_is_compared_pair_by_pair():
     assert shown["a, truth"][4:] == ["-", "-", "-"]
     assert shown["a, tinyslam"][4:6] == ["-10.0", "+0.20"]
     assert shown["a, odometry"][5] == "+2.00"
-    assert axis_section(Episodes(rows, MEASURES), "physics") is None
+    assert leaderboard.axis_section(Episodes(rows, MEASURES), "physics") is None
 
 
 def test_what_was_not_finished_is_listed_with_why():
@@ -136,13 +134,15 @@ def test_what_was_not_finished_is_listed_with_why():
         row("a", 2, explored=0.5, end_reason="time_limit", area_left=8.0, position_rmse=0.9),
         row("b", 0, explored=0.98, end_reason="stuck", area_left=1.0),
     ]
-    table = unfinished_section(Episodes(rows, MEASURES)).parts[1]
+    table = leaderboard.unfinished_section(Episodes(rows, MEASURES)).parts[1]
     assert [[cell.text for cell in line] for line in table.lines] == [
         ["a", "maze", "3", "1", "2", "50.0", "5.0"]
         + ["no reachable frontier left on its map (1); time ran out, and the map had drifted (1)"],
         ["b", "maze", "1", "0", "1", "98.0", "1.0", "could not move any more (1)"],
     ]
-    assert unfinished_section(Episodes(rows[:1], MEASURES)).parts == ("No episode explored less than 99 %.",)
+    assert leaderboard.unfinished_section(Episodes(rows[:1], MEASURES)).parts == (
+        "No episode explored less than 99 %.",
+    )
 
 
 def reached_in(policy, *times):
@@ -153,7 +153,7 @@ def reached_in(policy, *times):
 def test_worlds_tell_how_many_reached_the_mark():
     rows = [*reached_in("a", 60.0, 80.0, math.inf), *reached_in("b", math.inf, math.inf, math.inf)]
     rows += reached_in("c", 400.0, 400.0, 400.0)
-    ((name, *cells),) = worlds_section(Episodes(rows, MEASURES)).parts[1].lines
+    ((name, *cells),) = leaderboard.worlds_section(Episodes(rows, MEASURES)).parts[1].lines
     assert name.text == "maze"
     assert [(cell.text, cell.note) for cell in cells] == [("> 180 s", "2 of 3"), ("never", "> 400 s"), ("400", "")]
 
@@ -167,19 +167,11 @@ def test_what_was_never_reached_does_not_look_reached():
     rows = [*reached_in("a", 100.0, *[math.inf] * 7)]
     time = BY_NAME["time_to_95"]
     assert texts(time, Episodes(rows, MEASURES).estimate("a", time)) == ("> 400 s", "1 of 8")
+    estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
+    assert best_of(estimates, time) == {"a"}
     # Where the reference never got there, its limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
     assert [r["relative_time_to_95"] for r in related(rows)] == [math.inf, 0.25]
-
-
-def test_a_lower_bound_is_not_the_best():
-    estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
-    assert best_of(estimates, BY_NAME["time_to_95"]) == {"a"}
-
-
-def test_typical_is_the_median_and_worst_the_lowest():
-    rows = [row("a", k, area=area) for k, area in enumerate([0.9, 0.1, 0.5])]
-    assert [r["area_under_curve"] for r in Episodes(rows, MEASURES).typical_and_worst("a")] == [0.5, 0.1]
 
 
 def test_the_published_numbers_are_those_of_the_table(tmp_path):

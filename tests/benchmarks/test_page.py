@@ -8,16 +8,7 @@ import pytest
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from benchmarks.arena.page import (
-    MAX_OPEN_LINES,
-    Cell,
-    Figure,
-    Section,
-    Table,
-    to_html,
-    to_terminal,
-    write_markdown,
-)
+from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from benchmarks.arena.settings import Settings
 from evaluate import Command, shown_command
 

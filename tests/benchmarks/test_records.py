@@ -77,16 +77,7 @@ def test_failures_are_kept_until_the_episode_is_run(tmp_path):
     assert records_of(tmp_path).failure(key(3)) is None
 
 
-def test_a_folder_does_not_mix_settings_or_weights(tmp_path):
-    records_of(tmp_path).add(row(3, LEARNED))
-    with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
-        Records(tmp_path, COLUMNS, {"time_limit": None})
-    with pytest.raises(ValueError, match="other weights"):
-        records_of(tmp_path).find(key(3, LEARNED), "0" * 12)
-    assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
-
-
-def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
+def test_a_folder_does_not_mix_settings_or_weights_once_an_evaluation_began(tmp_path):
     Records(tmp_path, COLUMNS, {"time_limit": None})
     late, records = Records(tmp_path, COLUMNS, {"time_limit": 5.0}), records_of(tmp_path)
     records.begin()
@@ -95,6 +86,10 @@ def test_an_evaluation_that_never_began_leaves_the_folder_free(tmp_path):
     records_of(tmp_path).begin()
     with pytest.raises(ValueError, match=r"time_limit 12\.5, not None"):
         Records(tmp_path, COLUMNS, {"time_limit": None})
+    records.add(row(3, LEARNED))
+    with pytest.raises(ValueError, match="other weights"):
+        records_of(tmp_path).find(key(3, LEARNED), "0" * 12)
+    assert json.loads((tmp_path / SETTINGS_FILE).read_text())["versions"]["numpy"]
 
 
 def test_damaged_tables_name_the_file_and_the_row(tmp_path):

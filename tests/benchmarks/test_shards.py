@@ -8,7 +8,6 @@ import pytest
 import baselines
 from baselines import RandomExplorer
 from benchmarks.arena.publish import publish
-from benchmarks.arena.records import Key
 from benchmarks.arena.runner import Evaluation
 from benchmarks.arena.settings import Settings
 from benchmarks.arena.workers import NOT_RUN
@@ -87,12 +86,6 @@ def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
     monkeypatch.setitem(sys.modules, "ray", None)
     assert main([*OPTIONS, "--worlds", "pimouse_arena", "--out", str(tmp_path), "--ray", "auto"]) == 2
     assert "pip install 'lidarnaut[ray]'" in " ".join(capsys.readouterr().err.split())
-
-
-def test_the_slam_axis_shares_episodes_with_the_evaluation(whole):
-    both = [row for row in whole.slam_axis_rows() if row in whole.rows()]
-    assert [Key.of(row)[:3] for row in both] == [("nearest", "pimouse_arena", 0)]
-    assert {row["slam"] for row in whole.slam_axis_rows()} == {"truth", "hector"}
 
 
 class Fragile(RandomExplorer):
@@ -180,14 +173,6 @@ def test_the_arena_of_the_project_covers_everything():
 def test_mistakes_in_the_file_are_named(data, message):
     with pytest.raises(ValueError, match=message):
         parse_record({"policies": ["nearest"], "worlds": ["maze"]} | data, "mem", Settings)
-
-
-def test_an_empty_part_is_no_obstacle(tmp_path):
-    settings = SETTINGS.model_copy(update=NO_AXIS)
-    Evaluation(settings, tmp_path)
-    (tmp_path / "episodes-2of2.csv").touch()
-    (tmp_path / "failures-2of2.csv").write_text("policy,wor")
-    assert Evaluation(settings, tmp_path).done == 0
 
 
 def test_explorers_that_share_no_start_are_reported_side_by_side(whole, tmp_path, no_overview):

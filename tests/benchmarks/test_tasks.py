@@ -2,6 +2,7 @@
 
 import csv
 import json
+import pickle
 import re
 import shutil
 import subprocess
@@ -10,6 +11,9 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.arena.policies import parse_policy
+from benchmarks.arena.settings import Settings
+from envs.files import read_record
 from envs.ids import arguments_of, find_spec
 from envs.tasks.explore import Explore
 from envs.tasks.follow_route import FollowRoute
@@ -24,7 +28,6 @@ WORLDS = ["--worlds", "pimouse_arena", "--no-world-sections"]
 CASES = {
     "Explore": (Explore, ["nearest", "random"], WORLDS),
     "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
-    "ExploreFrontiers": (Explore, ["gain_over_cost", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
     "Track": (FollowRoute, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
 }
@@ -65,7 +68,6 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
     [
         ("lidarnaut/Navigate-v0", "nearest", "'nearest' cannot do this task; allowed are pursuit, dwb, random, wall"),
         ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
-        ("lidarnaut/ExploreTeam-v0", "nearest", "cannot do this task; allowed are rrt_team, random, wall_follower"),
         ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
         ("lidarnaut/ExploreFrontiers-v0", "ppo:pretrained/twist", "by twists, and lidarnaut/ExploreFrontiers-v0 takes"),
         ("lidarnaut/Navigate-v0", "persuit", "'persuit' (did you mean 'pursuit'?)"),
@@ -89,9 +91,8 @@ def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
     assert "goal_tolerance must be positive, got -1" in capsys.readouterr().err
     assert main([*command, "--shard", "1/1"]) == 0
     assert main([*command, "--arguments.goal_tolerance", "0.2"]) == 2
-    assert "holds an evaluation with arguments {}, not {'goal_tolerance': 0.2}" in " ".join(
-        capsys.readouterr().err.split()
-    )
+    said = " ".join(capsys.readouterr().err.split())
+    assert "holds an evaluation with arguments {}, not {'goal_tolerance': 0.2}" in said
 
 
 def test_an_own_task_with_a_goal_in_an_unknown_world_is_driven_by_the_classic_controllers(tmp_path):
@@ -106,3 +107,33 @@ def test_an_own_task_with_a_goal_in_an_unknown_world_is_driven_by_the_classic_co
     assert {row["end_reason"] for row in rows if row["policy"] != "random"} == {"reached"}
     assert {row["world"] for row in rows} == {"rooms"}
     assert (tmp_path / "out" / "players").exists()
+
+
+def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():
+    policy = parse_policy("mine=tour?hysteresis=3,max_stops=8,max_time=.inf,inflation=0.2,view_distances=[0.0, 0.5]")
+    assert policy.name == "mine"
+    explorer = pickle.loads(pickle.dumps(policy)).make()
+    params = explorer.rule._params
+    assert (params.hysteresis, params.max_stops) == (3.0, 8)
+    assert (explorer.max_time, explorer.planning.inflation) == (float("inf"), 0.2)
+    assert list(explorer.planning.view_distances) == [0.0, 0.5]
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("tour?max_tme=1", r"policy 'tour\?max_tme=1': unknown parameter 'max_tme' \(did you mean 'max_time'\?\)"),
+        ("random?speed=1", "allowed are none"),
+        ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': could not convert"),
+        ("tour?", "unknown policy"),
+    ],
+)
+def test_unknown_parameters_are_refused(name, message):
+    with pytest.raises(ValueError, match=message):
+        parse_policy(name)
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "configs" / "experiments").glob("*.yaml")), ids=lambda path: path.stem)
+def test_experiments_have_policies_that_can_be_made(path):
+    for name in read_record(path, Settings).policies:
+        parse_policy(name)

@@ -64,6 +64,15 @@ def drive(slam, motions, odometry, seed=0, walls=ROOM + BOX):
     return pose, slam.belief.pose
 
 
+def wall_distances(points, segments, circles=()):
+    """Distance from points, shape (n, 2), to the nearest wall, shape (n,) [m]."""
+    a, b = segments[:, None, :2], segments[:, None, 2:]
+    t = np.clip(((points - a) * (b - a)).sum(2) / ((b - a) ** 2).sum(2), 0.0, 1.0)
+    gaps = list(np.hypot(*np.moveaxis(points - a - t[..., None] * (b - a), 2, 0)))
+    gaps += [np.abs(np.hypot(*(points - circle[:2]).T) - circle[2]) for circle in circles]
+    return np.min(gaps, axis=0)
+
+
 def rectangle(x0, y0, x1, y1):
     """Return the four walls of a rectangle, shape (4, 4)."""
     return np.array([[x0, y0, x1, y0], [x1, y0, x1, y1], [x1, y1, x0, y1], [x0, y1, x0, y0]], dtype=float)

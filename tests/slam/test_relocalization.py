@@ -60,7 +60,7 @@ def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
     assert seen == [free, doubt, free, doubt, lost, lost, lost]
 
 
-@pytest.mark.parametrize("name", ["graph", "gmapping"])
+@pytest.mark.parametrize("name", ["hector", "graph", "gmapping"])
 def test_a_robot_is_lost_only_once_it_is_kidnapped_and_then_found_on_a_map_that_was_left_alone(name):
     slam, rng = make_slam(name, LIDAR, 0.05), np.random.default_rng(3)
     assert not any(belief.is_lost for _, belief in follow(slam, [MOTION] * 80, rng))
@@ -79,8 +79,9 @@ def test_a_robot_is_lost_only_once_it_is_kidnapped_and_then_found_on_a_map_that_
         assert not slam.update(see(pose, rng), MOTION).is_lost
     assert math.dist(slam.belief.pose[:2], pose[:2]) < 0.05
     assert (slam.belief.grid.data != before).any()
-    slam.finish()
-    assert math.dist(slam.belief.path[-1, :2], pose[:2]) < 0.3
+    if name != "hector":  # which keeps no path
+        slam.finish()
+        assert math.dist(slam.belief.path[-1, :2], pose[:2]) < 0.3
 
 
 def test_the_pose_graph_has_a_loop_closure_and_no_odometry_across_a_relocalization():

@@ -33,21 +33,16 @@ def test_every_world_loads_and_has_room_at_its_spawns(name):
     world = load_world(name)  # refuses leaks and spawns in walls
     assert world.source
     assert world.licence
-    assert load_world(name) is world
+    assert load_world(name) is world_sampler(name)(np.random.default_rng(0)) is world
+    if name in MEASURED:
+        width, height, area = MEASURED[name]
+        x_min, y_min, x_max, y_max = world.bounds
+        assert (x_max - x_min, y_max - y_min) == pytest.approx((width, height), abs=0.02)
+        assert free_area(world) == pytest.approx(area, rel=0.02)
     small = name in ("pimouse_arena", "raspimouse_sample_maze")
     radius, resolution = (0.08, 0.002) if small else (0.11, 0.02)
     grid, traversable = reachable(world, resolution, radius)
-    reached = [traversable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns]
-    assert all(reached)
-
-
-@pytest.mark.parametrize("name", MEASURED)
-def test_size_and_free_area_are_those_of_the_source(name):
-    width, height, area = MEASURED[name]
-    world = load_world(name)
-    x_min, y_min, x_max, y_max = world.bounds
-    assert (x_max - x_min, y_max - y_min) == pytest.approx((width, height), abs=0.02)
-    assert free_area(world) == pytest.approx(area, rel=0.02)
+    assert all(traversable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns)
 
 
 def test_movers_keep_clear_of_walls():
@@ -60,14 +55,6 @@ def test_movers_keep_clear_of_walls():
     for mover in load_world("turtlebot3_dqn_stage3").movers:
         assert mover.position(80.0) == pytest.approx(mover.position(0.0), abs=0.01)
         assert mover.position(40.0) == pytest.approx(tuple(-mover.waypoints[0]), abs=0.01)
-
-
-def test_sampler_gives_fixed_worlds_again_and_again(tmp_path):
-    rng = np.random.default_rng(0)
-    sample = world_sampler("turtlebot3_world")
-    assert sample(rng) is sample(rng) is load_world("turtlebot3_world")
-    world = load_world("turtlebot3_stage_1")
-    assert world_sampler(world)(rng) is world
 
 
 def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
@@ -95,22 +82,22 @@ def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
         load_world("yard_of_mine:halls")
 
 
-def test_sampler_refuses_unknown_arguments():
-    with pytest.raises(
-        ValueError, match=r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"
-    ):
-        world_sampler("turtlebot_world")
-    with pytest.raises(ValueError, match="unknown world 'turtlebot_world'"):
-        world_sampler("turtlebot_world", size=(5.0, 5.0))
-    with pytest.raises(ValueError, match="'train', 'test'"):
-        world_sampler("rooms", split="validation")
-    with pytest.raises(ValueError, match=r"turtlebot3_world.*has its own"):
-        world_sampler("turtlebot3_world", size=(5.0, 5.0))
-    with pytest.raises(ValueError, match=r"from 4 to 200 m"):
-        world_sampler("rooms", size=(-3.0, 5.0))
-    open_world = World("open", np.array([[0.0, 0, 1, 0]]), np.empty((0, 3)), (Pose2D(0.5, 0.5, 0),), (0, 0, 1, 1))
-    with pytest.raises(ValueError, match="leaks"):
-        world_sampler(open_world)
+OPEN = World("open", np.array([[0.0, 0, 1, 0]]), np.empty((0, 3)), (Pose2D(0.5, 0.5, 0),), (0, 0, 1, 1))
+
+
+@pytest.mark.parametrize(
+    ("world", "options", "complaint"),
+    [
+        ("turtlebot_world", {}, r"'turtlebot_world' \(did you mean 'turtlebot3_world'\?\).*aws_small_house.*caves"),
+        ("rooms", {"split": "validation"}, "'train', 'test'"),
+        ("turtlebot3_world", {"size": (5.0, 5.0)}, r"turtlebot3_world.*has its own"),
+        ("rooms", {"size": (-3.0, 5.0)}, r"from 4 to 200 m"),
+        (OPEN, {}, "leaks"),
+    ],
+)
+def test_sampler_refuses_unknown_arguments(world, options, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        world_sampler(world, **options)
 
 
 def test_the_page_about_worlds_names_them_all():

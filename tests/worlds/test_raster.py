@@ -82,18 +82,6 @@ def test_leaks_are_found():
     assert check_world(world_of([*square()[:3], (-1, 1, -1, -0.98)]))
 
 
-def test_bad_spawns_are_named():
-    world = world_of([*square(), (0.5, -1, 0.5, 1)])
-    with pytest.raises(ValueError, match=r"\(0\.5, 0\.0, 0\.0\) lies on"):
-        check_world(dataclasses.replace(world, spawns=(Pose2D(0.5, 0.0, 0.0),)))
-    with pytest.raises(ValueError, match="cannot be reached"):
-        check_world(dataclasses.replace(world, spawns=(Pose2D(0.0, 0.0, 0.0), Pose2D(0.8, 0.0, 0.0))))
-    with pytest.raises(ValueError, match="outside its bounds"):
-        check_world(dataclasses.replace(world, spawns=(Pose2D(3.0, 0.0, 0.0),)))
-    with pytest.raises(ValueError, match="no spawn"):
-        check_world(dataclasses.replace(world, spawns=()))
-
-
 def test_outline_is_every_border_once():
     rng = np.random.default_rng(1)
     solid = rng.random((12, 17)) < 0.4
@@ -130,18 +118,25 @@ def test_contour_of_two_cones_is_two_closed_circles():
     assert length == pytest.approx(2 * 2 * np.pi * 9.3, rel=0.02)
 
 
-def test_worlds_that_are_too_large_are_refused_at_once():
-    world = world_of(square())
-    with pytest.raises(
-        ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m; at most 100,000,000"
-    ):
-        rasterize(world, 1e-5)
-    with pytest.raises(ValueError, match=r"cells of 0\.05 m"):
-        check_world(dataclasses.replace(world, bounds=(-1e6, -1.0, 1e6, 1.0)))
-    for broken in (1e308, np.inf, np.nan):
-        with pytest.raises(ValueError, match="'test': segments hold"):
-            check_world(world_of([*square(), (0.0, 0.0, broken, 1.0)]))
-        with pytest.raises(ValueError, match="'test': bounds hold"):
-            check_world(dataclasses.replace(world, bounds=(-1.0, -1.0, broken, 1.0)))
+@pytest.mark.parametrize(
+    ("changes", "complaint"),
+    [
+        ({"spawns": [Pose2D(0.5, 0.0, 0.0)]}, r"\(0\.5, 0\.0, 0\.0\) lies on"),
+        ({"spawns": [Pose2D(0.0, 0.0, 0.0), Pose2D(0.8, 0.0, 0.0)]}, "cannot be reached"),
+        ({"spawns": [Pose2D(3.0, 0.0, 0.0)]}, "outside its bounds"),
+        ({"spawns": []}, "no spawn"),
+        ({"bounds": (-1e6, -1.0, 1e6, 1.0)}, r"cells of 0\.05 m; at most 100,000,000"),
+        *(({"segments": np.array([(0.0, 0.0, end, 1.0)])}, "'test': segments hold") for end in (1e308, np.inf, np.nan)),
+        *(({"bounds": (-1.0, -1.0, end, 1.0)}, "'test': bounds hold") for end in (1e308, np.inf, np.nan)),
+    ],
+)
+def test_what_is_wrong_with_a_world_is_named(changes, complaint):
+    with pytest.raises(ValueError, match=complaint):
+        check_world(dataclasses.replace(world_of([*square(), (0.5, -1, 0.5, 1)]), **changes))
+
+
+def test_rasters_that_are_too_large_are_refused_at_once():
+    with pytest.raises(ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m"):
+        rasterize(world_of(square()), 1e-5)
     # A disc is drawn as far as the raster goes, which takes no time.
     assert (rasterize(world_of([], [(0.0, 0.0, 1e7)]), 0.05).data == 100).all()

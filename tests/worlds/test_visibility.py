@@ -60,13 +60,14 @@ def test_short_cuts_leave_out_no_line(seed):
         ((150, 300), 20, 0.03, 70.0),
         ((140, 261), 60, 0.0, 240.0),
         ((30, 700), 4, 0.0, 70.0),
+        ((40, 90), 8, 0.0, 1e12),  # farther than the world is wide
     ],
 )
 def test_narrow_doors(shape, room, pillars, reach):
     free, goals = narrow_doors(*shape, room=room, pillars=pillars)
     for turned in range(4):
         case = np.rot90(free, turned).copy(), np.rot90(goals, turned).copy()
-        expected = walk(*case, reach)
+        expected = walk(*case, min(reach, 300.0))
         assert 0 < np.count_nonzero(expected & ~case[1]) < np.count_nonzero(case[0] & ~case[1])
         np.testing.assert_array_equal(visible_from(*case, case[0], reach), expected)
 
@@ -79,11 +80,6 @@ def test_only_candidates_are_looked_at():
     np.testing.assert_array_equal(visible_from(free, goals, candidates, 50.0), expected)
 
 
-def test_lidars_may_see_farther_than_the_world_is_wide():
-    free, goals = narrow_doors(40, 90, room=8)
-    np.testing.assert_array_equal(visible_from(free, goals, free, 1e12), walk(free, goals, 300.0))
-
-
 def test_rooms_behind_narrow_doors_take_seconds():
     """Looking from each cell by itself took two minutes: seven million of them see no goal."""
     visible_from(*narrow_doors(30, 30), np.ones((30, 30), dtype=bool), 70.0)
@@ -92,9 +88,8 @@ def test_rooms_behind_narrow_doors_take_seconds():
     visible = visible_from(free, goals, free, 70.0)
     assert time.process_time() - began < 20.0
     # Wherever blocks of cells lie: what is within reach of a part of the raster says what is visible in it.
-    part = visible_from(
-        free[2311:2611, 1713:2313].copy(), goals[2311:2611, 1713:2313].copy(), free[2311:2611, 1713:2313], 70.0
-    )
+    free, goals = (cells[2311:2611, 1713:2313].copy() for cells in (free, goals))
+    part = visible_from(free, goals, free, 70.0)
     np.testing.assert_array_equal(visible[2381:2541, 1783:2243], part[70:-70, 70:-70])
 
 

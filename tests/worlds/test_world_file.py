@@ -56,15 +56,11 @@ def test_every_kind_of_body(tmp_path):
         ("1.0, 0.4, 0.785398163", "1.0, -0.4", r"boxes: row 0: width must be positive, got -0\.4"),
         ("3.0, 1.0, 0.25", "3.0, 1.0", r"cylinders: row 0 must be \[x, y, radius\]"),
         ("3.0, 1.0, 0.25", "3.0, east, 0.25", r"cylinders\.0\.1: .*'east'"),
-        ("3.0, 1.0, 0.25", "3.0, .nan, 0.25", r"cylinders\.0\.1: .*finite"),
         ("[[1, 2], [1.5, 2], [1, 2.5]]", "[[1, 2], [1.5, 2]]", "polygons: item 0 must be .* at least 3"),
-        ("speed: 0.5", "speed: 0", r"movers\.0\.speed"),
         ("speed: 0.5", "speeed: 0.5", "unknown key 'movers.0.speeed'"),
         ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"movers\.0\.waypoints"),
-        ("height: 5e-1", "height: -1", "height"),
         ("[[0.5, 0.5, 1.57]]", "[]", "spawns"),
         ("[[0.5, 0.5, 1.57]]", "[[3.1, 1.1, 0]]", r"spawn \(3\.1, 1\.1\) lies inside a solid body"),
-        ("[[0.5, 0.5, 1.57]]", "[[1.1, 2.1, 0]]", "inside a solid body"),
         ("[[0.5, 0.5, 1.57]]", "[[2.0, 0.5, 0]]", "inside a solid body"),
         ("[[0.5, 0.5, 1.57]]", "[[4.0, 0.5, 0]]", "on or within"),
         ("closures: [[0, 3, 0, 0]]", "", "leaks"),
@@ -73,12 +69,16 @@ def test_every_kind_of_body(tmp_path):
         ("speed: 0.5", "speed: 1e9", r"movers\.0\.speed: .*less than or equal to 100"),
         ("height: 5e-1", "height: 1e99", "height: "),
         ("source: here", "source: [", "not readable as YAML"),
+        (GOOD, "", "keys and values"),
+        (GOOD, "source: a\nlicence: b\nspawns: [[0, 0, 0]]\n", "empty"),
     ],
 )
 def test_errors_name_the_file_and_the_key(tmp_path, old, new, message):
     assert old in GOOD
     with pytest.raises(ValueError, match=rf"hall\.yaml: (.|\n)*{message}"):
         load(tmp_path, GOOD.replace(old, new))
+    with pytest.raises(FileNotFoundError, match=r"nowhere\.yaml"):
+        load_world(tmp_path / "nowhere.yaml")
 
 
 def test_a_changed_file_is_read_again(tmp_path):
@@ -87,12 +87,3 @@ def test_a_changed_file_is_read_again(tmp_path):
     (tmp_path / "hall.yaml").write_text(GOOD.replace("0.25]]", "0.35]]"))
     os.utime(tmp_path / "hall.yaml", ns=(1, 1))
     assert load_world(tmp_path / "hall.yaml").circles[0, 2] == 0.35
-
-
-def test_missing_and_empty_files_are_named(tmp_path):
-    with pytest.raises(FileNotFoundError, match=r"nowhere\.yaml"):
-        load_world(tmp_path / "nowhere.yaml")
-    with pytest.raises(ValueError, match="keys and values"):
-        load(tmp_path, "")
-    with pytest.raises(ValueError, match="empty"):
-        load(tmp_path, "source: a\nlicence: b\nspawns: [[0, 0, 0]]\n")
