@@ -1,12 +1,16 @@
-"""Frontier kernels against SciPy and brute force."""
+"""Frontier kernels against SciPy and brute force, and what is in view of a candidate against areas by hand."""
+
+import math
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid
 from envs.navigation.frontiers import frontier_mask, information_gain
+from envs.navigation.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
 
 EIGHT = np.ones((3, 3), dtype=bool)
 
@@ -32,3 +36,50 @@ def test_unknown_cells_are_counted_also_outside(row, col, radius, seed):
     disc = (rows - row) ** 2 + (cols - col) ** 2 <= radius**2
     point = np.array([[col + 0.5, row + 0.5]])
     assert information_gain(OccupancyGrid(data, 1.0, (0.0, 0.0)), point, radius) == np.count_nonzero(padded[disc] == -1)
+
+
+def view(data, row, col, reach):
+    """Return free lengths, unknown areas and the outward ray."""
+    free, unknown = np.empty(NUM_RAYS), np.empty(NUM_RAYS)
+    outward = cast_view(data, row, col, reach, free, unknown)
+    return free, unknown, outward
+
+
+def test_all_is_in_view_where_nothing_is_known():
+    data = np.full((100, 100), -1, dtype=np.int8)
+    free, unknown, _ = view(data, 50, 50, 40)
+    assert (free == 40).all()
+    assert unknown.sum() == pytest.approx(math.pi * 40**2, rel=0.03)
+    # What lies beyond the map is unknown as well.
+    np.testing.assert_allclose(view(data[:60, :60], 50, 50, 40)[1], unknown)
+
+
+def test_occupied_cells_end_a_ray_and_unknown_ones_do_not():
+    data = np.full((101, 101), -1, dtype=np.int8)
+    data[:, 60] = 100
+    data[50, 50] = 0
+    free, unknown, outward = view(data, 50, 50, 40)
+    assert free[0] == 9
+    assert unknown[0] == pytest.approx(2.0 * math.pi / NUM_RAYS * 45)
+    assert free[NUM_RAYS // 2] == 40
+    assert outward == NUM_RAYS // 2
+
+
+def test_sectors_turn_with_the_outward_direction():
+    rng = np.random.default_rng(0)
+    free, unknown = rng.uniform(0.0, 20.0, NUM_RAYS), rng.uniform(0.0, 10.0, NUM_RAYS)
+    first, second = np.empty((2, 2 * NUM_SECTORS), dtype=np.float32)
+    fill_sectors(free, unknown, 0, 20, first)
+    fill_sectors(free, unknown, 10, 20, second)
+    np.testing.assert_array_equal(np.roll(second.reshape(2, -1), 5, axis=1), first.reshape(2, -1))
+    assert first[0] == pytest.approx(min(free[:2]) / 20)
+    assert first[NUM_SECTORS] == pytest.approx(unknown[:2].sum() / (2.0 * math.pi * 20 * 21 / NUM_RAYS))
+
+
+@pytest.mark.parametrize("radius", [5.0, 10.0, 40.0])
+def test_unknown_share_of_a_disc(radius):
+    data = np.zeros((101, 101), dtype=np.int8)
+    assert unknown_share(data, 50, 50, radius) == 0.0
+    data[51:] = -1
+    assert unknown_share(data, 50, 50, radius) == pytest.approx(0.5, abs=0.5 * 2.5 / math.sqrt(math.pi * 100))
+    assert unknown_share(data[:51], 50, 50, radius) == unknown_share(data, 50, 50, radius)

@@ -5,6 +5,29 @@ from fractions import Fraction
 
 import numpy as np
 
+from envs.robots import LidarParams, Mount
+
+LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
+
+
+def random_scan(rng):
+    """Return ranges of `LIDAR`, with some that say nothing, never returned or end close by."""
+    ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
+    ranges[:4] = np.nan, np.inf, 0.06, 1.0
+    return ranges
+
+
+def beams(ranges, pose, lidar, side, skip_exceeding):
+    """Yield the first and the last cell (row, column) of each beam, and whether it hit something."""
+    base = pose.compose(type(pose)(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
+    for r, angle in zip(ranges.tolist(), lidar.angles):
+        if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
+            continue
+        reach = min(r, lidar.range_max)
+        end = base.x + reach * math.cos(base.theta + angle), base.y + reach * math.sin(base.theta + angle)
+        first, last = ((math.floor(y / side), math.floor(x / side)) for x, y in ((base.x, base.y), end))
+        yield first, last, r < lidar.range_max
+
 
 def line(first, last):
     """Cells (row, column) from first to last; a line right between two cells takes the one nearer to its start."""
@@ -30,20 +53,11 @@ class ReferenceMap:
         self.cells = {}
 
     def draw(self, ranges, pose, quality):
-        params, lidar, mount = self.params, self.lidar, self.lidar.mount
-        base = pose.compose(type(pose)(mount.x, mount.y, mount.yaw))
-        start = (base.x / params.resolution, base.y / params.resolution)
-        for r, angle in zip(ranges.tolist(), lidar.angles):
-            if math.isnan(r) or (r >= lidar.range_max and params.skip_exceeding):
-                continue
-            hit = r < lidar.range_max
-            reach = min(r, lidar.range_max) / params.resolution
-            end = (start[0] + reach * math.cos(base.theta + angle), start[1] + reach * math.sin(base.theta + angle))
-            self._beam(start, end, hit, quality)
+        for first, last, hit in beams(ranges, pose, self.lidar, self.params.resolution, self.params.skip_exceeding):
+            self._draw_beam(first, last, hit, quality)
 
-    def _beam(self, start, end, hit, quality):
+    def _draw_beam(self, first, last, hit, quality):
         params = self.params
-        first, last = ((math.floor(point[1]), math.floor(point[0])) for point in (start, end))
         hole = params.hole_width / params.resolution
         blurred = hit and hole**2 < (first[0] - last[0]) ** 2 + (first[1] - last[1]) ** 2
         for cell in line(first, last):

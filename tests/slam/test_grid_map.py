@@ -5,12 +5,12 @@ import numpy as np
 import pytest
 
 from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams, Mount
+from envs.robots import LidarParams
 from envs.slam import TinySlamParams
 from envs.slam.grid_map import MAX_COUNT, ONE, GridMap, observe, probabilities
 from envs.slam.growing_map import MAX_CELLS
 
-from .reference import ReferenceMap
+from .reference import LIDAR, ReferenceMap, random_scan
 
 SMALL = TinySlamParams(resolution=1.0, map_width=5.0, map_height=5.0, hole_width=0.0, quality=1.0, unvisited=0.5)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
@@ -48,13 +48,11 @@ def test_map_matches_the_slow_reference(changes):
     params = TinySlamParams(
         **{"resolution": 0.1, "map_width": 1.0, "map_height": 3.0, "hole_width": 0.25, "blur": "assign"} | changes
     )
-    lidar = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
     rng = np.random.default_rng(5)
-    grid_map, reference = GridMap(params, lidar), ReferenceMap(params, lidar)
+    grid_map, reference = GridMap(params, LIDAR), ReferenceMap(params, LIDAR)
     known = set()
     for _ in range(6):
-        ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
-        ranges[:4] = np.nan, np.inf, 0.06, 1.0
+        ranges = random_scan(rng)
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
         new, (col_min, row_min, col_max, row_max), *_ = grid_map.integrate(ranges, pose, params.quality)
         assert (new >= (row_min, col_min)).all()

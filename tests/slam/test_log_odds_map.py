@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams, Mount
+from envs.robots import LidarParams
 from envs.slam import HectorParams
 from envs.slam.log_odds_map import MAX_STAMP, ONE, STAMP_BITS, LogOddsMap
 
-from .reference import line
+from .reference import LIDAR, beams, line, random_scan
 
 SMALL = HectorParams(resolution=1.0, map_width=5.0, map_height=5.0, num_levels=1)
 ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
@@ -28,17 +28,15 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
     params = HectorParams(
         resolution=0.1, map_width=1.0, map_height=3.0, num_levels=3, skip_exceeding=skip_exceeding, max_log_odds=3.0
     )
-    lidar = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
     rng = np.random.default_rng(5)
-    grid_map = LogOddsMap(params, lidar)
+    grid_map = LogOddsMap(params, LIDAR)
     levels, known = [{}, {}, {}], set()
     for _ in range(6):
-        ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
-        ranges[:4] = np.nan, np.inf, 0.06, 1.0
+        ranges = random_scan(rng)
         pose = Pose2D(*rng.uniform(-0.8, 0.8, 2), rng.uniform(-3, 3))
         update = grid_map.integrate(ranges, pose)
         for k, cells in enumerate(levels):
-            observe(cells, ranges, pose, lidar, params.resolution * 2**k, skip_exceeding, 3.0)
+            observe(cells, beams(ranges, pose, LIDAR, params.resolution * 2**k, skip_exceeding), 3.0)
         rows, cols = (update.new_cells + grid_map.corner[::-1]).T
         new = set(zip(rows.tolist(), cols.tolist()))
         assert not new & known
@@ -58,18 +56,12 @@ def test_every_level_matches_the_slow_reference(skip_exceeding):
         assert np.abs(grid_map.levels[k][is_known] - percent).max() < 1.0
 
 
-def observe(cells, ranges, pose, lidar, side, skip_exceeding, bound):
+def observe(cells, scan, bound):
     """Add a scan to log odds by (row, column): once for each cell, hits first."""
-    base = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     hits, passed = set(), set()
-    for r, angle in zip(ranges.tolist(), lidar.angles):
-        if math.isnan(r) or (r >= lidar.range_max and skip_exceeding):
-            continue
-        reach = min(r, lidar.range_max)
-        end = base.x + reach * math.cos(base.theta + angle), base.y + reach * math.sin(base.theta + angle)
-        first, last = ((math.floor(y / side), math.floor(x / side)) for x, y in ((base.x, base.y), end))
+    for first, last, hit in scan:
         passed |= set(line(first, last))
-        if r < lidar.range_max:
+        if hit:
             hits.add(last)
     for cell in hits | passed:
         change = HIT if cell in hits else PASSED

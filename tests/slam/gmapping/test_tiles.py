@@ -4,20 +4,14 @@ import numpy as np
 import pytest
 
 from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams, Mount
+from envs.robots import LidarParams
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.particle_maps import ParticleMaps
 from envs.slam.gmapping.tiles import make_pool
 from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap
+from tests.slam.reference import LIDAR, random_scan
 
-LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
 SHARED = {"resolution": 0.05, "map_width": 3.0, "map_height": 3.0, "num_levels": 3, "max_log_odds": 5.0}
-
-
-def random_scan(rng):
-    ranges = rng.uniform(0.05, 2.6, 40).astype(np.float32)
-    ranges[:4] = np.nan, np.inf, 0.06, 1.0
-    return ranges
 
 
 def cut(occupancy, corner, level):

@@ -136,16 +136,12 @@ def test_a_match_with_the_map_corrects_odometry_before_any_loop(drive):
     assert not slam.belief.is_lost
 
 
-def test_an_anchor_hangs_a_pose_on_its_node(drive):
+def test_the_pose_graph_names_submaps_and_nodes(drive):
     slam, _ = run(drive)
     slam.update(Reading.of_scan(NOTHING), Pose2D(0.05, 0.01, 0.1))
     node, relative = slam.anchor
     assert node == len(slam.nodes) - 1
     np.testing.assert_allclose(relative, (0.05, 0.01, 0.1), atol=1e-9)
-
-
-def test_the_pose_graph_names_submaps_and_nodes(drive):
-    slam, _ = run(drive)
     graph = slam.pose_graph
     constraints = slam.graph.arrays.constraints
     assert len(graph.nodes) == slam.graph.num_submaps + slam.graph.num_nodes

@@ -18,22 +18,16 @@ def loop(node, before, shift):
     return Loop(node, 0, Pose2D(0, 0, 0), np.eye(3), before, Pose2D(*shift).compose(before))
 
 
-def test_small_corrections_are_taken_at_once():
-    confirmation = Confirmation()
+def test_small_corrections_are_taken_at_once_and_large_ones_wait_for_a_second_one_that_agrees():
     small = loop(100, (3.0, 1.0, 0.0), (0.2, 0.0, 0.0))
-    assert confirmation.add(small) == [small]
-
-
-def test_large_corrections_wait_for_a_second_one_that_agrees():
+    assert Confirmation().add(small) == [small]
     shift = (0.8, -0.3, 0.1)
     first = loop(100, (3.0, 1.0, 0.5), shift)
     same_node = loop(100, (3.0, 1.0, 0.5), shift)
     other = loop(104, (3.5, 1.5, 1.0), (0.1, 0.9, 0.1))
     second = loop(110, (4.0, 2.5, 2.0), shift)
     confirmation = Confirmation()
-    assert confirmation.add(first) == []
-    assert confirmation.add(same_node) == []
-    assert confirmation.add(other) == []
+    assert [confirmation.add(each) for each in (first, same_node, other)] == [[], [], []]
     assert confirmation.add(second) == [first, second]
     # Turned otherwise it does not agree, and neither does it after too many nodes.
     confirmation = Confirmation()

@@ -62,20 +62,6 @@ def test_result_equals_brute_force_ties_included(seed):
     assert missed.pose is None
 
 
-def test_pyramid_holds_maxima():
-    rng = np.random.default_rng(0)
-    field = random_field(rng, (9, 12), (-1, 40, 51, 70, 100))
-    pyramid = build_pyramid(field, 3, 0.5)
-    rows, cols = round((field.y - pyramid.y) / 0.1), round((field.x - pyramid.x) / 0.1)
-    base = np.pad(np.where(field.occupancy > ABOVE, field.occupancy, 0), ((rows, rows), (cols, cols)))
-    np.testing.assert_array_equal(pyramid.levels[0], base)
-    for level in range(1, 3):
-        side = 1 << level
-        for i in range(base.shape[0] - side):
-            for j in range(base.shape[1] - side):
-                assert pyramid.levels[level, i, j] == base[i : i + side, j : j + side].max()
-
-
 @pytest.fixture(scope="module")
 def room():
     poses = [(1.0 + 0.4 * k, 1.5 + 0.1 * k, 0.3 * k) for k in range(8)]
