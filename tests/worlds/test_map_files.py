@@ -11,6 +11,7 @@ from PIL import Image
 from scipy import ndimage
 
 from envs.geometry import OccupancyGrid, Pose2D
+from envs.geometry.distance_transform import deepest_cell
 from envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
 
 
