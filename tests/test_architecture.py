@@ -1,6 +1,8 @@
 """The table of floors in docs/architecture.md, held against the imports."""
 
 import ast
+import graphlib
+import itertools
 import re
 from pathlib import Path
 
@@ -12,12 +14,8 @@ def floors():
     """Return the rows of the table from the top down, each a list of files and folders."""
     lines = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").splitlines()
     first = next(k for k, line in enumerate(lines) if line.startswith("| rows from the top down"))
-    rows = []
-    for line in lines[first + 2 :]:
-        if not line.startswith("|"):
-            break
-        rows.append(re.findall(r"`([^`]+)`", line.split("|")[1]))
-    return rows
+    rows = itertools.takewhile(lambda line: line.startswith("|"), lines[first + 2 :])
+    return [re.findall(r"`([^`]+)`", row.split("|")[1]) for row in rows]
 
 
 def modules():
@@ -30,11 +28,8 @@ def modules():
 
 def floor_of(path, rows):
     """Return which row a file belongs to: the one that names the file, or else its folder."""
-    for name in (path.as_posix(), *(parent.as_posix() for parent in path.parents)):
-        for k, row in enumerate(rows):
-            if name in row:
-                return k
-    return None
+    names = (path.as_posix(), *(parent.as_posix() for parent in path.parents))
+    return next((k for name in names for k, row in enumerate(rows) if name in row), None)
 
 
 def imports(path, name, known):
@@ -51,6 +46,12 @@ def imports(path, name, known):
     return {module for module in found if module in known}
 
 
+def edges():
+    """Return every pair of files of which one imports the other."""
+    known = modules()
+    return [(path, known[other]) for name, path in known.items() for other in imports(path, name, known)]
+
+
 def test_every_module_lives_on_a_floor():
     rows = floors()
     assert len(rows) > 15
@@ -59,34 +60,15 @@ def test_every_module_lives_on_a_floor():
 
 
 def test_modules_import_from_their_own_floor_and_below_only():
-    rows, known = floors(), modules()
-    upward = []
-    for name, path in known.items():
-        for other in imports(path, name, known):
-            if floor_of(known[other], rows) < floor_of(path, rows):
-                upward.append(f"{path} imports {other}")
+    rows = floors()
+    upward = [f"{path} imports {other}" for path, other in edges() if floor_of(other, rows) < floor_of(path, rows)]
     assert upward == []
 
 
 def test_no_folders_import_each_other_in_circles():
-    known = modules()
-    edges = {}
-    for name, path in known.items():
-        for other in imports(path, name, known):
-            room, other_room = (Path(*each.parts[:2]) for each in (path, known[other]))
-            if room != other_room and path.parts[0] == known[other].parts[0] == "envs":
-                edges.setdefault(room, set()).add(other_room)
-    done, active = set(), []
-
-    def visit(folder):
-        if folder in active:
-            raise AssertionError(f"a circle of imports: {' -> '.join(map(str, [*active, folder]))}")
-        if folder not in done:
-            active.append(folder)
-            for other in edges.get(folder, ()):
-                visit(other)
-            active.pop()
-            done.add(folder)
-
-    for folder in list(edges):
-        visit(folder)
+    below = {}
+    for path, other in edges():
+        folder, other_folder = (Path(*each.parts[:2]) for each in (path, other))
+        if folder != other_folder and path.parts[0] == other.parts[0] == "envs":
+            below.setdefault(folder, set()).add(other_folder)
+    graphlib.TopologicalSorter(below).prepare()

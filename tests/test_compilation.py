@@ -26,18 +26,20 @@ print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stat
 
 
 @pytest.fixture
-def make_checkout(tmp_path):
-    """Return a function that makes a checkout of a project that is as small as can be."""
-
-    def make(name):
-        folder = tmp_path / name
-        (folder / "envs").mkdir(parents=True)
-        shutil.copy(ROOT / "envs" / "compilation.py", folder / "envs")
+def checkouts(tmp_path):
+    """Return two checkouts of a project that is as small as can be."""
+    for name in ("first", "second"):
+        folder = tmp_path / name / "envs"
+        folder.mkdir(parents=True)
+        shutil.copy(ROOT / "envs" / "compilation.py", folder)
         for module, text in {"__init__": "", **FILES}.items():
-            (folder / "envs" / f"{module}.py").write_text(text)
-        return folder
+            (folder / f"{module}.py").write_text(text)
+    return tmp_path / "first", tmp_path / "second"
 
-    return make
+
+@pytest.fixture
+def checkout(checkouts):
+    return checkouts[0]
 
 
 def run(checkout, program=PROGRAM, **variables):
@@ -49,8 +51,8 @@ def run(checkout, program=PROGRAM, **variables):
     return done.stdout.split(), done.stderr
 
 
-def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(make_checkout):
-    first, second = make_checkout("first"), make_checkout("second")
+def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(checkouts):
+    first, second = checkouts
     result, said = run(first)
     assert result == ["7", "3", "0", "0"]
     assert said.count("compiling kernels for this machine") == 1
@@ -61,8 +63,8 @@ def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(make_
 @pytest.mark.parametrize(
     ("module", "old", "new", "result"), [("constants", "2", "5", "16"), ("inner", "FACTOR *", "1 + 4 *", "14")]
 )
-def test_an_edit_compiles_what_depends_on_it_and_nothing_else(make_checkout, module, old, new, result):
-    first, second = make_checkout("first"), make_checkout("second")
+def test_an_edit_compiles_what_depends_on_it_and_nothing_else(checkouts, module, old, new, result):
+    first, second = checkouts
     run(first)
     path = second / "envs" / f"{module}.py"
     path.write_text(path.read_text().replace(old, new))
@@ -70,11 +72,8 @@ def test_an_edit_compiles_what_depends_on_it_and_nothing_else(make_checkout, mod
     assert run(first)[0] == ["7", "3", "1", "1"]
 
 
-def test_records_that_kernels_take_may_move_to_another_module(make_checkout):
-    checkout, record = (
-        make_checkout("first"),
-        "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    x: int\n",
-    )
+def test_records_that_kernels_take_may_move_to_another_module(checkout):
+    record = "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    x: int\n"
     program = "import envs.compilation\nfrom envs.{0} import Pair\nfrom envs.other import same\nprint(same(Pair(3)).x)"
     for module in ("records", "numbers"):
         (checkout / "envs" / f"{module}.py").write_text(record)
@@ -82,15 +81,13 @@ def test_records_that_kernels_take_may_move_to_another_module(make_checkout):
         (checkout / "envs" / f"{module}.py").unlink()
 
 
-def test_a_cache_that_cannot_be_written_is_done_without(make_checkout):
-    checkout = make_checkout("first")
+def test_a_cache_that_cannot_be_written_is_done_without(checkout):
     assert run(checkout, XDG_CACHE_HOME="/dev/null")[0] == ["7", "3", "0", "0"]
     assert list((checkout / "envs" / "__pycache__").glob("outer.*.nbi"))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
-def test_a_terminal_shows_how_many_kernels_have_been_compiled(make_checkout):
-    checkout = make_checkout("first")
+def test_a_terminal_shows_how_many_kernels_have_been_compiled(checkout):
     ours, theirs = os.openpty()
     pytest.importorskip("termios").tcsetwinsize(theirs, (24, 80))
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout)}
@@ -101,8 +98,7 @@ def test_a_terminal_shows_how_many_kernels_have_been_compiled(make_checkout):
     assert shown.rstrip(" ").endswith("\r")  # the line is cleared
 
 
-def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(make_checkout):
-    checkout = make_checkout("first")
+def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(checkout):
     (checkout / "mine.py").write_text(FILES["other"])
     result, said = run(checkout, "import envs.compilation, mine; print(mine.same(1), mine.same.stats.cache_path)")
     assert result == ["1", str(checkout / "__pycache__")]
