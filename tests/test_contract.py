@@ -261,3 +261,14 @@ BAD_ARGUMENTS = [
 def test_bad_arguments_are_named(task, arguments, culprit):
     with pytest.raises((ValueError, FileNotFoundError), match=culprit):
         make(task, **arguments)
+
+
+@every_task
+def test_steps_and_pictures_before_a_reset_are_refused(task):
+    env = make(task, render_mode="rgb_array").unwrapped
+    for _ in range(2):
+        for call in (lambda: env.step(env.action_space.sample()), env.render):
+            with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+                call()
+        env.reset(seed=0)
+        env.close()

@@ -207,10 +207,6 @@ def test_actions_outside_are_refused_or_clipped():
     for each in (env, clipped):
         with pytest.raises(ValueError, match=r"action must.*, got \[nan  2.\]$"):
             each.step(np.array([np.nan, 2.0], dtype=np.float32))
-    team = LidarEnv(ExploreTeam, **QUICK, num_robots=2)
-    team.reset(seed=0)
-    with pytest.raises(ValueError, match=r"action must(.|\n)*clip_actions=True"):
-        team.step(np.full((2, 2), 1.5, dtype=np.float32))
     expected = env.step(np.array([1.0, -1.0], dtype=np.float32))
     assert same(clipped.step(np.array([2.5, -7.0], dtype=np.float32)), expected)
 
@@ -223,30 +219,11 @@ def test_rewards_name_what_is_wrong():
             Rewards.of(weights, wrong)
 
 
-@pytest.mark.parametrize("id", ["Explore", "ExploreTeam", "ExploreFrontiers", "Navigate", "Track"])
-def test_steps_and_pictures_before_a_reset_are_refused(id):
-    env = gymnasium.make(f"lidarnaut/{id}-v0", physics="kinematic", render_mode="rgb_array").unwrapped
-    for call in (lambda: env.step(env.action_space.sample()), env.render):
-        with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
-            call()
-    env.reset(seed=0)
-    env.close()
-    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
-        env.step(env.action_space.sample())
-    env.close()
-
-
-def test_copies_made_in_mid_episode_go_on_or_say_that_they_cannot():
-    env = LidarEnv(Explore, **QUICK, slam="truth")
-    env.reset(seed=0)
-    env.step(STILL + 0.5)
-    copy = pickle.loads(pickle.dumps(env))
-    assert same(env.step(STILL + 0.5), copy.step(STILL + 0.5))
-
+def test_copies_of_bullets_made_in_mid_episode_say_that_they_cannot_go_on():
     pytest.importorskip("pybullet")
     env = LidarEnv(Explore, **QUICK | {"physics": "bullet"}, slam="truth")
     env.reset(seed=0)
-    for copy in (pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(pickle.loads(pickle.dumps(env))))):
+    for copy in (first := pickle.loads(pickle.dumps(env)), pickle.loads(pickle.dumps(first))):
         with pytest.raises(gymnasium.error.ResetNeeded, match="cannot be copied in mid-episode"):
             copy.step(STILL)
         copy.reset(seed=0)

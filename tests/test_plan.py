@@ -2,25 +2,19 @@
 
 import math
 
-import gymnasium
 import numpy as np
 import pytest
 
 from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.observations.plan import LOOKAHEADS, look_ahead
-from envs.tasks.explore import Explore
-from envs.worlds import World
+from envs.tasks.explore import Explore, ExploreTeam
+from tests.rooms import make_room
 
 PARTS = ("scan", "motion", "plan")
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0, "observations": PARTS}
-
-
-def corridor():
-    """A corridor of 12 m x 1.6 m: from its one end, all that is unknown lies at the other."""
-    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 1.6), (0.0, 1.6)])
-    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
-    return World("corridor", walls, np.empty((0, 3)), (Pose2D(0.8, 0.8, 0.0),), (0.0, 0.0, 12.0, 1.6))
+CORRIDOR = make_room(0.0, 0.0, 12.0, 1.6, spawn=Pose2D(0.8, 0.8, 0.0))
+"""From its one end, all that is unknown lies at the other."""
 
 
 def test_points_ahead_are_measured_along_the_path():
@@ -40,10 +34,8 @@ def test_points_ahead_are_measured_along_the_path():
 
 @pytest.mark.parametrize("turn", [0.0, 0.5, -1.5, 3.0])
 def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
-    env = LidarEnv(
-        Explore, world=corridor(), start=(0.8, 0.8, turn), physics="kinematic", slam="truth", observations=("plan",)
-    )
-    observation, _ = env.reset(seed=0)
+    settings = {"physics": "kinematic", "slam": "truth", "observations": ("plan",)}
+    observation, _ = LidarEnv(Explore, world=CORRIDOR, start=(0.8, 0.8, turn), **settings).reset(seed=0)
     best = observation["plan"][:9]
     for direction in best[:6].reshape(3, 2):
         assert direction == pytest.approx([math.cos(-turn), math.sin(-turn)], abs=0.3)
@@ -100,10 +92,7 @@ def test_looking_twice_changes_nothing_and_a_reset_begins_anew():
 
 
 def test_each_robot_of_a_team_has_a_plan_of_its_own():
-    env = gymnasium.make(
-        "lidarnaut/ExploreTeam-v0", num_robots=2, world="rooms", world_size=(8.0, 8.0), physics="kinematic",
-        observations=("plan",), disable_env_checker=True,
-    )  # fmt: skip
+    env = LidarEnv(ExploreTeam, num_robots=2, **ROOMS | {"observations": ("plan",)})
     observation, _ = env.reset(seed=0)
     for _ in range(15):
         observation, *_ = env.step(np.full((2, 2), 0.3, dtype=np.float32))

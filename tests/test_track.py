@@ -161,15 +161,3 @@ def test_the_compass_tells_headings_in_the_map_frame():
     assert first.covariance[1, 1] > second.covariance[1, 1]
     assert second.covariance[0, 0] == pytest.approx(math.radians(0.1) ** 2 / 12, rel=0.1)
     assert np.isnan(measure_heading(robot, 0.3, 0.1, 3.1, math.nan).values).all()
-
-
-def test_render_shows_the_robot_on_its_map():
-    env = LidarEnv(FollowRoute, **QUICK, render_mode="rgb_array")
-    env.reset(seed=0)
-    before = env.render()
-    for _ in range(10):
-        env.step(np.array([1.0, 0.0], dtype=np.float32))
-    after = env.render()
-    assert before.shape == after.shape == (720, 1280, 3)
-    assert (before != after).any()
-    env.close()

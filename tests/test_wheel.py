@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 ROOT = Path(__file__).parents[1]
 SOURCES = ("pyproject.toml", "README.md", "LICENSE", "train.py", "evaluate.py", "configs")
 PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "benchmarks")
@@ -74,7 +75,6 @@ def run_in(environment, cwd, *command):
     return done.stdout
 
 
-@pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 def test_the_wheel_holds_all_that_episodes_need(environment, tmp_path):
     home, installed = environment
     (tmp_path / "episodes.py").write_text(EPISODES)
@@ -87,7 +87,6 @@ def test_the_wheel_holds_all_that_episodes_need(environment, tmp_path):
     assert all((installed / package / "py.typed").exists() for package in PACKAGES)
 
 
-@pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 def test_the_wheel_brings_commands_and_the_configurations_that_they_name(environment, tmp_path):
     home, _ = environment
     for command, option in {
