@@ -80,14 +80,14 @@ ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
 
 def my_slam(lidar, resolution):
     """A SLAM: maps at the pose that odometry leads to."""
-    return KnownPoses(lidar, replace(load_params("default"), resolution=resolution))
+    return KnownPoses(lidar, load_params("default", {"resolution": resolution}))
 
 
 class Failing(KnownPoses):
     """A SLAM that fails at its first scan."""
 
     def __init__(self, lidar, resolution):
-        super().__init__(lidar, replace(load_params("default"), resolution=resolution))
+        super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
     def update(self, reading, motion):
         raise TypeError("no numbers")

@@ -25,19 +25,11 @@ def run(file, monkeypatch, **options):
 
 def test_where_there_is_no_terminal_whole_lines_are_written_now_and_then(monkeypatch):
     written = run(io.StringIO(), monkeypatch)
-    assert "\r" not in written
-    assert "\x1b" not in written
+    assert not {"\r", "\x1b"} & set(written)
     assert written.endswith("\n")
     shares = [line.split("|")[0] for line in written.splitlines()]
-    assert shares == [
-        "items:   0%",
-        "items:  25%",
-        "parts:   0%",
-        "a note",
-        "items:  50%",
-        "items:  75%",
-        "items: 100%",
-    ]
+    items = [f"items: {percent:3d}%" for percent in (0, 25, 50, 75, 100)]
+    assert shares == [*items[:2], "parts:   0%", "a note", *items[2:]]
 
 
 def test_on_a_terminal_the_bar_stays_on_its_line(monkeypatch):

@@ -6,11 +6,9 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-import envs  # noqa: F401  (registers the environments)
 from envs.core import LidarEnv
 from envs.tasks.explore import Explore, ExploreTeam
-
-QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}
+from tests.test_core import QUICK
 
 
 class Beacon:
@@ -56,8 +54,6 @@ def test_an_episode_is_the_same_with_and_without_sensors():
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_each_robot_of_a_team_has_its_own_measurement(physics):
-    if physics == "bullet":
-        pytest.importorskip("pybullet")
     env = LidarEnv(ExploreTeam, sensors=[Cliff], **{**QUICK, "physics": physics})
     assert [one["cliff"].tolist() for one in drive(env, 1)[0]] == [[0.0], [1.0]]
     env.close()

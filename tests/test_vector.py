@@ -2,7 +2,7 @@
 
 import os
 import time
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
 
 import gymnasium
@@ -17,11 +17,12 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
 from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.observations import Motion
-from envs.slam import KnownPoses, load_params
 from envs.task import Rewards
 from envs.tasks.explore import Explore
 from envs.vector import LidarEnvs, LidarVectorEnv, make_vec
 from tests.rollouts import assert_same, step_both
+from tests.test_core import Own
+from tests.test_sensor import Beacon
 
 explore_envs = partial(LidarEnvs, task=Explore)
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0}
@@ -76,26 +77,11 @@ class Counting(Explore):
         return super().metrics() | {"count": self.count} | fifth
 
 
-class EveryScan(KnownPoses):
+class EveryScan(Own):
     """A SLAM with an `update` of its own."""
-
-    def __init__(self, lidar, resolution):
-        super().__init__(lidar, replace(load_params("default"), resolution=resolution))
 
     def update(self, reading, motion):
         return super().update(reading, motion)
-
-
-class Clock:
-    """A sensor."""
-
-    name, shape = "clock", (1,)
-
-    def reset(self, world, rng):
-        self.rng = rng
-
-    def measure(self, simulator, robot):
-        return np.array([simulator.states[robot].pose.x + self.rng.random()])
 
 
 class Braked(LidarEnv):
@@ -131,7 +117,7 @@ CASES = {
     "reward": ("Explore", {**QUICK, "reward": Squared}),
     "task": ("Explore", {**QUICK, "task": Counting}),
     "estimator": ("Explore", {**QUICK, "slam": EveryScan}),
-    "sensor": ("Explore", {**QUICK, "sensors": [Clock()], "observations": ("scan", "clock")}),
+    "sensor": ("Explore", {**QUICK, "sensors": [Beacon()], "observations": ("scan", "beacon")}),
     "flat": ("Explore", QUICK, FlattenObservation),
     "clipped": ("Explore", QUICK, ClipAction),
     "limit and reward": ("Explore", QUICK, partial(TimeLimit, max_episode_steps=7), NormalizeReward),
