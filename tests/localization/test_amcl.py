@@ -8,11 +8,11 @@ import pytest
 
 from benchmarks.drives.localization import load_reference, measure_filter, reference_map
 from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.raycast import cast_rays
 from envs.localization import PRESETS, Amcl, AmclParams, load_preset
 from envs.robots import LidarParams
 from envs.simulation import Reading
 from envs.worlds import World, rasterize
+from tests.slam.rooms import scan
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 LIDAR = LidarParams(180, 6.0)
@@ -26,14 +26,8 @@ PARAMS = replace(PRESETS["default"], global_particles=20_000)
 SURE = np.diag([0.05**2, 0.05**2, 0.05**2])
 
 
-def _scan(pose, segments=SEGMENTS):
-    ranges = np.empty(LIDAR.num_beams, dtype=np.float32)
-    cast_rays(*pose, LIDAR.beams, segments, CIRCLES, ranges)
-    return ranges
-
-
-def see(pose, **kwargs):
-    return Reading.of_scan(_scan(pose, **kwargs))
+def see(pose, segments=SEGMENTS):
+    return Reading.of_scan(scan(pose, walls=segments, lidar=LIDAR, circles=CIRCLES))
 
 
 START = Pose2D(1.5, 1.0, 0.2)
@@ -190,10 +184,10 @@ def test_beams_that_say_nothing(sensor):
     assert estimate.pose.x == pytest.approx(1.5 + 0.5 * math.cos(0.2), abs=0.03)
     assert estimate.covariance[0, 0] > spread  # nothing but noise has come in
     assert math.isnan(amcl.fit)
-    scan = _scan(START.compose(Pose2D(0.7, 0.0, 0.0)))
-    scan[::3] = np.nan
-    scan[1::3] = np.inf if sensor != "beam" else np.nan
-    estimate = amcl.update(Reading.of_scan(scan), Pose2D(0.2, 0.0, 0.0))
+    reading = see(START.compose(Pose2D(0.7, 0.0, 0.0)))
+    reading.ranges[::3] = np.nan
+    reading.ranges[1::3] = np.inf if sensor != "beam" else np.nan
+    estimate = amcl.update(reading, Pose2D(0.2, 0.0, 0.0))
     assert np.isfinite(estimate.covariance).all()
     assert estimate.covariance[0, 0] < 0.1
     assert np.isfinite(amcl.weights).all()

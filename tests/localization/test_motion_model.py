@@ -6,29 +6,13 @@ from numba import njit
 
 from envs.geometry import Pose2D
 from envs.localization import AmclParams
-from envs.localization.motion_model import cosine, move_particles, normal, sine, wrap
-
-
-@njit
-def _evaluate(angles, sines, cosines, wrapped):
-    for k in range(angles.size):
-        wrapped[k] = wrap(angles[k])
-        sines[k], cosines[k] = sine(wrapped[k]), cosine(wrapped[k])
+from envs.localization.motion_model import move_particles, normal
 
 
 @njit
 def _draw(seed, out):
     for k in range(out.size):
         out[k] = normal(seed, np.uint64(k))
-
-
-def test_trigonometry_without_branches():
-    angles = np.linspace(-3 * np.pi, 3 * np.pi, 100_001).astype(np.float32)
-    sines, cosines, wrapped = (np.empty_like(angles) for _ in range(3))
-    _evaluate(angles, sines, cosines, wrapped)
-    np.testing.assert_allclose(sines, np.sin(angles), atol=2e-6)
-    np.testing.assert_allclose(cosines, np.cos(angles), atol=2e-6)
-    assert np.abs(wrapped).max() <= np.pi + 1e-6
 
 
 def test_noise_is_nearly_normal():

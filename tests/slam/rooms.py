@@ -29,15 +29,18 @@ SMALL = {
 """Parameters that suit the room."""
 
 
+NO_CIRCLES = np.empty((0, 3))
+
+
 def make_small(name, preset="default", noise=WHEELS, **changes):
     return make_slam(name, LIDAR, 0.05, load_params(preset, SMALL[name] | changes, name), noise)
 
 
-def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR):
+def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR, circles=NO_CIRCLES):
     """Ranges of the lidar at a pose, with noise if there is a generator."""
     out = np.empty(lidar.num_beams, dtype=np.float32)
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-    cast_rays(*sensor, lidar.beams, np.array(walls, dtype=float), np.empty((0, 3)), out)
+    cast_rays(*sensor, lidar.beams, np.array(walls, dtype=float), circles, out)
     return out if rng is None else (out + rng.normal(0.0, noise, out.shape)).astype(np.float32)
 
 
