@@ -8,7 +8,7 @@ from envs.geometry import Pose2D
 from envs.slam import GMappingParams, HectorParams
 from envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
 from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.proposal import Proposals, draw_poses, propose, take_better
+from envs.slam.gmapping.proposal import Proposals, draw_poses, propose
 from envs.slam.gmapping.tiles import TileMap
 from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
@@ -126,19 +126,6 @@ def test_poses_are_drawn_with_the_covariance():
     np.testing.assert_allclose(poses.mean(axis=0), (1.0, 2.0, 0.3), atol=0.01)
     np.testing.assert_allclose(np.cov(poses.T), root @ root.T, atol=0.002)
     np.testing.assert_allclose(draw_poses(proposals, np.zeros((count, 3))), proposals.modes, rtol=1e-14)
-
-
-def test_the_better_proposal_is_taken_for_each_particle():
-    one, other = Proposals.make(3), Proposals.make(3)
-    one.num_known[:], one.known_scores[:] = 100, 0.3
-    other.num_known[:], other.known_scores[:] = (100, 100, 50), (0.5, 0.31, 0.5)
-    other.modes[:], other.fits[:] = 7.0, True
-    take_better(one, other, 5.0)
-    assert one.fits.tolist() == [True, False, False]
-    assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
-    other.known_scores[:], other.fits[:] = 1.0, (True, False, False)
-    take_better(one, other, 5.0)
-    assert one.modes[:, 0].tolist() == [7.0, 0.0, 0.0]
 
 
 def test_weights_from_logarithms_far_below_zero():
