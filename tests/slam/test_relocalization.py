@@ -41,20 +41,22 @@ def test_another_room_is_not_taken_for_this_one(grid):
         assert relocalizer.update(ranges, Pose2D(0.02 * k, 0.0, 0.0), grid) is None
 
 
+NOTHING = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
+
+
 def test_scans_in_succession_that_do_not_fit_make_a_robot_lost_and_one_that_fits_ends_it(grid):
-    tracker, ranges = LossTracker(LIDAR, 3, is_found_by_fit=True), np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
+    tracker = LossTracker(LIDAR, 3, is_found_by_fit=True)
     lost = []
     for fits in (None, False, False, None, False, None, True, False):
-        tracker.update(ranges, STAY, fits, grid)
+        tracker.update(NOTHING, STAY, fits, grid)
         lost.append(tracker.is_lost)
     assert lost == [False, False, False, False, True, True, False, False]
 
 
 def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
-    tracker, ranges = LossTracker(LIDAR, 2), np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
-    seen = []
+    tracker, seen = LossTracker(LIDAR, 2), []
     for fits in (None, False, True, False, False, True, None):
-        instead = tracker.update(ranges, MOTION, fits, grid)
+        instead = tracker.update(NOTHING, MOTION, fits, grid)
         seen.append((instead, tracker.is_in_doubt, tracker.is_lost))
     free, doubt, lost = (None, False, False), (MOTION, True, False), (MOTION, True, True)
     assert seen == [free, doubt, free, doubt, lost, lost, lost]
