@@ -113,12 +113,6 @@ def test_observations_are_chosen_by_name_and_argument():
     assert np.abs(fine - expected["map_near"][1, 4:36, 4:36]).mean() < 25.0
 
 
-@pytest.mark.parametrize("observations", [("sound",), (), {"sound": None}, {"scan": "no_such_module:Part"}])
-def test_unknown_observations_are_named(observations):
-    with pytest.raises(ValueError, match=r"sound|at least one|no_such_module"):
-        LidarEnv(Explore, **QUICK, observations=observations)
-
-
 def test_parts_rewards_and_slams_of_the_users_own_code():
     own = {"observations": {"speed": f"{__name__}:Speed", "motion": None}, "reward": f"{__name__}:Hurry"}
     arguments = {**QUICK, **own, "slam": f"{__name__}:Nailed"}

@@ -125,30 +125,6 @@ def test_randomized_environments_pickle_and_their_specs_are_json(physics):
         each.close()
 
 
-@pytest.mark.parametrize(
-    ("ranges", "culprit"),
-    [
-        ({"lidar.noise": (0.0, 0.1)}, r"\['lidar.noise'\].*allowed are \[.*'lidar.noise_std'"),
-        ({"radius": (0.1, 0.2)}, r"\['radius'\].*allowed are"),
-        ({"drive.friction": (0.4, 1.0)}, r"\['drive.friction'\].*no effect"),
-        ({"imu.compass_std": (0.0, 0.1)}, r"\['imu.compass_std'\].*no effect"),
-        ({"lidar.noise_std": 0.1}, r"'lidar.noise_std'.*two numbers \(low, high\), got 0.1"),
-        ({"lidar.noise_std": (0.1, 0.0)}, r"'lidar.noise_std'.*low <= high"),
-        ({"lidar.noise_std": (0.1, np.inf)}, r"'lidar.noise_std'.*finite"),
-        ({"lidar.noise_std": (-0.1, 0.1)}, r"'lidar.noise_std'.*noise_std: .*or equal to 0, got -0.1"),
-        ({"max_v": (0.1, 0.3)}, r"'max_v'.*must not exceed the robot's 0.22"),
-    ],
-)
-def test_bad_ranges_are_named(ranges, culprit):
-    with pytest.raises(ValueError, match=culprit):
-        LidarEnv(Explore, **QUICK, randomize=ranges)
-
-
-def test_wheels_are_refused_where_robots_slide_along_paths():
-    with pytest.raises(ValueError, match=r"the lidar.*\['max_v'\]"):
-        gymnasium.make("lidarnaut/ExploreFrontiersAbstract-v0", randomize={"max_v": (0.1, 0.2)})
-
-
 @pytest.mark.parametrize("name", RANDOMIZABLE)
 def test_every_name_is_a_parameter_of_robots(name):
     robot = load_robot("mpo_500")
