@@ -32,10 +32,7 @@ class Policy(Protocol):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for a new episode.
 
-        Args:
-            robot: the robot that will be driven.
-            control_period: time between two calls of `act` [s].
-            rng: source of every random draw of the episode.
+        `control_period`: time between two calls of `act` [s]; `rng`: source of every random draw of the episode.
         """
 
 
@@ -46,12 +43,7 @@ class Explorer(Policy, Protocol):
     """
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist to command for the next control period; what exceeds the robot's limits is cut off.
-
-        Args:
-            reading: what the sensors say now.
-            belief: pose estimate and map now.
-        """
+        """Return the twist to command for the next control period; what exceeds the robot's limits is cut off."""
 
 
 class ObservationPolicy(Policy, Protocol):
@@ -68,9 +60,7 @@ class Omniscient(Protocol):
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
         """Take the ground truth of an episode; called after `Policy.reset`.
 
-        Args:
-            coverage: what there is to explore and what is explored, kept up to date by the environment.
-            target_coverage: share of the area that ends the episode.
+        `coverage` is kept up to date by the environment; `target_coverage`: share of the area that ends the episode.
         """
 
 

@@ -85,14 +85,9 @@ def _in_a_line(box: str) -> str:
 def run_command(main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None) -> Any:
     """Call a function with the options of the command line, whose help is that of its module; return what it returns.
 
-    Args:
-        main: the function.
-        arguments: options; None takes those of the process.
-        options: class of what the function takes; None for arguments of its own.
-
-    Raises:
-        SystemExit: with status 2, if an option is wrong, or the function raises an error that speaks for itself, such
-            as for a missing file; says what.
+    `arguments`: options; None takes those of the process. `options`: class of what the function takes; None for
+    arguments of its own. SystemExit with status 2, which says what, if an option is wrong, or the function raises an
+    error that speaks for itself, such as for a missing file.
     """
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:

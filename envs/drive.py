@@ -30,18 +30,10 @@ class Passed(NamedTuple):
 def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from):
     """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
 
-    Args:
-        rows: as for `step_robots`; of one robot.
-        draws: as for `step_robots`.
-        ranges: as for `step_robots`.
-        around: segments and circles of the world, which rests.
-        navigator: `NavigatorArrays`, written.
-        passed: `Passed`, written.
-        max_steps: most control periods.
-        check_from: control period of the drive from which on the navigator's objects check each one.
-
-    Returns:
-        Control periods, and the progress as `check_progress` returns it; `UNCHECKED` in the first two cases.
+    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, which
+    rests; `navigator`, `passed`: written; `max_steps`: most control periods; `check_from`: the one from which on the
+    navigator's objects check each. Returns control periods, and the progress as `check_progress` returns it;
+    `UNCHECKED` in the first two cases.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles = around

@@ -9,12 +9,7 @@ IMPROVEMENT = 1e-9
 
 @njit(cache=True, error_model="numpy")
 def tour_length(lengths, tour):
-    """Sum the lengths along a tour.
-
-    Args:
-        lengths: shape (n, n), float64: between the start and the stops.
-        tour: shape (size,), int64: indices in their order, the start first.
-    """
+    """Sum lengths, shape (n, n), float64, along a tour, shape (size,), int64: indices in order, the start first."""
     total = 0.0
     for k in range(len(tour) - 1):
         total += lengths[tour[k], tour[k + 1]]
@@ -71,15 +66,10 @@ def _improve(lengths, tour, num_fixed):
 
 @njit(cache=True, error_model="numpy")
 def best_tours(lengths):
-    """Find a short tour for each stop that could come first.
+    """Find a short tour for each stop that could come first: to the nearest stop next, improved with 2-opt and or-opt.
 
-    Each begins with the nearest stop next, and is improved with 2-opt and or-opt.
-
-    Args:
-        lengths: shape (n + 1, n + 1), float64, finite, symmetric, index 0 is the start.
-
-    Returns:
-        Shape (n, n + 1), int64: tours, the k-th with stop k + 1 after the start; and their lengths, shape (n,).
+    `lengths`: shape (n + 1, n + 1), float64, finite, symmetric, index 0 is the start. Returns the tours, shape (n, n +
+    1), int64, the k-th with stop k + 1 after the start; and their lengths, shape (n,).
     """
     size = lengths.shape[0]
     tours = np.zeros((size - 1, size), dtype=np.int64)

@@ -176,16 +176,11 @@ class FrontierExplorer(RuleExplorer):
 
 
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Group frontier cells with DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
+    """Group the candidates' cells with DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
 
-    Args:
-        candidates: their cells are grouped.
-        tolerance: distance up to which cells are neighbours [m].
-        size: cells of 5 cm that make a cluster dense.
-
-    Returns:
-        Cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
-        (n,), int64, -1 for what is too sparse.
+    `tolerance`: distance up to which cells are neighbours [m]; `size`: cells of 5 cm that make a cluster dense. Returns
+    cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
+    (n,), int64, -1 for what is too sparse.
     """
     parts = candidates.cells
     cells = np.concatenate(parts)

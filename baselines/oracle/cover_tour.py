@@ -142,18 +142,11 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Find a short tour on which enough is seen.
+    """Return a short tour on which `target` samples are known, or else all that can be; and whether they are enough.
 
-    Args:
-        cover: the viewpoints.
-        known: shape (words,), uint64, what is known without any tour.
-        target: number of samples to know in the end.
-        tour: shape (size,), int64, to begin with: the start first, and any stops.
-        num_rounds: how often stops are taken out and others put in.
-        rng: random generator.
-
-    Returns:
-        The tour, shape (m,), int64, and whether enough is seen on it; if not, all is that can be.
+    `known`: shape (words,), uint64, what is known without any tour; `tour`: shape (size,), int64, to begin with: the
+    start first, and any stops; `num_rounds`: how often stops are taken out and others put in. The tour returned: shape
+    (m,), int64.
     """
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:

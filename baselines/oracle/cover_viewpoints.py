@@ -82,11 +82,10 @@ class Viewpoints:
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Find the shortest paths from a point in the frame of the map.
+        """Find the shortest paths from a point in the frame of the map; None if they lead to no viewpoint.
 
-        Returns:
-            Lengths of the paths to all viewpoints, shape (n,), float64 [m]; and the predecessor of each, shape (n,),
-            int32, n for the point itself. None if no viewpoint can be reached from there.
+        Returns their lengths to all viewpoints, shape (n,), float64 [m], and the predecessor of each, shape (n,),
+        int32, n for the point itself.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -177,16 +176,10 @@ def _views(free, cells, reach, sample_of, num_words):
 
 
 def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
-    """Tell which samples are seen from cells by a lidar that looks all around.
+    """Tell which samples are seen from cells by a lidar that looks all around up to `reach` [cells].
 
-    Args:
-        free: shape (height, width), bool.
-        cells: shape (n, 2), int64, (row, column) of the viewpoints.
-        reach: range [cells].
-        samples: shape (s, 2), int64, (row, column) of what is looked for.
-
-    Returns:
-        Shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 is set where sample i is seen.
+    `free`: shape (height, width), bool; `cells`, `samples`: shapes (n, 2) and (s, 2), int64, (row, column). Returns
+    shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 is set where sample i is seen.
     """
     sample_of = np.full(free.shape, -1, dtype=np.int32)
     sample_of[tuple(samples.T)] = np.arange(len(samples))

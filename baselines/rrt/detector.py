@@ -105,14 +105,10 @@ def _suppress_near(means, bandwidth):
 
 
 def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
-    """Cluster points by mean shift with a flat kernel (Comaniciu and Meer 2002).
+    """Cluster points, shape (n, 2), float64 [m], by mean shift with a flat kernel (Comaniciu and Meer 2002).
 
-    Args:
-        points: shape (n, 2), float64 [m].
-        bandwidth: radius of the kernel, and least distance between two centres [m].
-
-    Returns:
-        Shape (k, 2), float64 [m]: the centres, those with most points around them first.
+    `bandwidth`: its radius, and least distance between two centres [m]. Returns the centres, shape (k, 2), float64 [m],
+    those with most points around them first.
     """
     means, counts = _converge(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     means = means[np.lexsort((means[:, 1], means[:, 0], counts))[::-1]]

@@ -61,13 +61,11 @@ def steer(x0, y0, x, y, eta):
 
 @njit(cache=True, error_model="numpy")
 def grid_check(data, u0, v0, u1, v1):
-    """Tell what comes first in the cells that a line crosses, but for its first cell.
+    """Return what comes first in the cells that a line crosses, but for its first cell, and where the walk ended.
 
     The line leads from (u0, v0) to (u1, v1), column and row as real numbers: cell c holds [c, c + 1). What lies outside
-    of `data`, shape (height, width), int8, occupancy, is unknown.
-
-    Returns:
-        The verdict; and where the walk ended: middle of the unknown or occupied cell, or end of the line (column, row).
+    of `data`, shape (height, width), int8, occupancy, is unknown. The walk ends in the middle of the unknown or
+    occupied cell, or at the end of the line.
     """
     height, width = data.shape
     walk = start_walk(u0, v0, u1, v1)

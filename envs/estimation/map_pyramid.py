@@ -80,16 +80,10 @@ def _pool_blocks(finer, height, width, window, level):
 def crop_level(level, height, width, x, y, theta, pixel, crop):
     """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left, the robot in the middle.
 
-    Args:
-        level: shape (height * width + 1,), uint16; see `pool_cells`.
-        height: rows of the level [blocks].
-        width: columns of the level [blocks].
-        x: position of the robot from the map's corner, with `y` [blocks] and `theta` [rad].
-        y: see `x`.
-        theta: see `x`.
-        pixel: side of a crop pixel [blocks].
-        crop: shape (3, size, size), uint8, written: 255 where the block in the middle of the pixel has an occupied
-            cell; the share of its cells that are free, times 255; 255 where the robot has been in it.
+    `level`: shape (height * width + 1,), uint16, of blocks, see `pool_cells`; `x`, `y`, `theta`: the robot's pose from
+    the map's corner [blocks, blocks, rad]; `pixel`: side of a crop pixel [blocks]; `crop`: shape (3, size, size),
+    uint8, written: 255 where the block in the middle of the pixel has an occupied cell; the share of its cells that are
+    free, times 255; 255 where the robot has been in it.
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)

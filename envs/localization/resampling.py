@@ -43,25 +43,16 @@ def cumulate(weights, cumulated, guide):
 
 @njit(cache=True, error_model="numpy")
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
-    """Draw particles by weight until there are as many as the bins that they fall into need.
+    """Draw particles by weight until there are as many as the bins that they fall into need; return their number.
 
     Systematic resampling takes every n-th part of the sum of weights in order, so n must be known and one cannot stop
     early. Steps of the golden ratio spread about as evenly, however many there are.
 
-    Args:
-        particles: shape (3, n), float32 [m, rad].
-        weights: shape (n,), float64, with the sum 1.
-        bins: shape (n,), int32, the particles' bins.
-        start: position of the first draw in the cumulated weights, 0 to 1.
-        kld: `min_particles`, `kld_err` and `kld_z` of `AmclParams`.
-        injected: shape (3, f), float32, random particles to mix in, each of which counts as a bin; f >= `share` * m +
-            1.
-        share: of these among the drawn particles, 0 to 1.
-        seen: shape (num_bins,), bool, all False; scratch.
-        drawn: shape (3, m), float32, written.
-
-    Returns:
-        How many were drawn, at most m.
+    `particles`: shape (3, n), float32 [m, rad]; `weights`: shape (n,), float64, with the sum 1; `bins`: shape (n,),
+    int32, the particles'; `start`: position of the first draw in the cumulated weights, 0 to 1; `kld`: those of
+    `AmclParams`; `injected`: shape (3, f), float32, random particles to mix in, each of which counts as a bin, f >=
+    `share` * m + 1; `share`: of these among the drawn, 0 to 1; `seen`: shape (num_bins,), bool, all False, scratch;
+    `drawn`: shape (3, m), float32, written, room for at most m.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

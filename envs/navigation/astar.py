@@ -113,26 +113,18 @@ def begin(expansion, entries, costs, start, goal):
 
 @njit(cache=True, error_model="numpy")
 def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
-    """Go on with a search until the goal is reached, or all cells that cost at most `limit`.
+    """Search on until the goal is reached, or all cells that cost at most `limit`; return the next `counters`.
 
-    A robot whose footprint touches something at the start may drive on through such cells until it is out of them,
-    and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's (1969): a ring of
-    buckets, one per estimated total, last in first out, so that ties go to the path that has come farthest. Where all
-    cells around one cost the same, only steps that lead onward are tried: the pruning of jump point search (Harabor,
-    Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is found from the
-    cell before, at no higher cost.
+    A robot whose footprint touches something at the start may drive on through such cells, of weight `touching`, until
+    it is out of them, and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's
+    (1969): a ring of buckets, one per estimated total, last in first out, so that ties go to the path that has come
+    farthest. Where all cells around one cost the same, only steps that lead onward are tried: the pruning of jump point
+    search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is
+    found from the cell before, at no higher cost.
 
-    Args:
-        expansion: `Expansion`, written.
-        entries: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written.
-        open_weights: shape ((height + 2) * (width + 2),), uint8: weights of the cells; 0 in the border.
-        stride: width of the raster and its border.
-        touching: weight of cells where the footprint touches an obstacle.
-        goal: (row, column), (-1, -1) for none.
-        limit: travel cost up to which cells become final.
-
-    Returns:
-        The next `counters`. Where `entries` is full, the search has stopped early.
+    `entries`: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written, as
+    is `expansion`; where it is full, the search stops early. `open_weights`: shape ((height + 2) * (width + 2),),
+    uint8, 0 in the border; `stride`: width of the raster and its border; `goal`: (row, column), (-1, -1) for none.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal

@@ -25,15 +25,9 @@ WINDOW = 60
 def look_ahead(path, first, pose, distances, out):
     """Write the directions of points ahead on a path, in the robot's frame; beyond its end that of its last point.
 
-    Args:
-        path: shape (n, 2), float64, n > 0, map frame [m].
-        first: index from which on the point nearest to the robot is looked for.
-        pose: estimate, map frame: x, y [m], theta [rad].
-        distances: increasing lengths of the path from there [m].
-        out: shape (2 * number of distances,), float32, written: cosine and sine of each.
-
-    Returns:
-        Index of the nearest point.
+    `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index from which on the point nearest to the robot is
+    looked for, which is returned; `pose`: x, y [m], theta [rad], map frame; `distances`: increasing lengths of the path
+    from there [m]; `out`: shape (2 * number of distances,), float32, written: cosine and sine of each.
     """
     x, y, theta = pose
     nearest, best = first, np.inf

@@ -165,9 +165,8 @@ class BulletRobot:
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Plan what the wheels do during the next control period.
 
-        Args:
-            command: shape (2,), float64, twist (v, w), finite [m/s, rad/s].
-            normals: shape (n,), float64, standard normal draws; the first two are for the slip of the wheels.
+        `command`: shape (2,), float64, twist (v, w), finite [m/s, rad/s]; `normals`: shape (n,), float64, standard
+        normal draws; the first two are for the slip of the wheels.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])

@@ -109,12 +109,8 @@ def find_contacts(
 ) -> list[Contact]:
     """Return what robots touch: all that lies within `CONTACT_GAP` of the footprint, or else what is nearest.
 
-    Args:
-        touched: robots that touched anything during the period.
-        positions: shape (num_robots, 2), float64, of all robots, world frame [m].
-        radius: of their footprints [m].
-        world: the world.
-        circles: see `Simulator.circles`.
+    `touched`: robots that touched anything during the period; `positions`: shape (num_robots, 2), float64, of all
+    robots, world frame [m]; `radius`: of their footprints [m]; `circles`: see `Simulator.circles`.
     """
     contacts = []
     starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]

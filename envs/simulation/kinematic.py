@@ -25,23 +25,16 @@ of the library slip by: eight standard deviations or more at 20 Hz, five at 50 H
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan what the wheels do during one control period.
+    """Plan what the wheels do during one control period; return the twist that the controller has reached at its end.
 
     The command is clipped to the limits, approached at no more than the greatest accelerations, and turned into wheel
-    rates by the controller's own idea of the wheels. Each wheel also slips: the variance of the slipped distance
-    grows with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8).
-    Rolling and slip together move the base no faster than its limits and `SLIP_MARGIN` allow.
+    rates by the controller's own idea of the wheels. Each wheel also slips: the variance of the slipped distance grows
+    with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8). Rolling
+    and slip together move the base no faster than its limits and `SLIP_MARGIN` allow.
 
-    Args:
-        reached: twist (v, w) that the controller has reached [m/s, rad/s].
-        command: commanded twist (v, w) [m/s, rad/s].
-        normals: standard normal draws for the slip of the left and the right wheel.
-        robot: `RobotRecord`.
-        rates: shape (substeps, 2), float64, receives the rates of the left and the right wheel [rad/s].
-        slips: likewise, receives what slip adds to these over the ground, and encoders do not see [rad/s].
-
-    Returns:
-        The twist (v, w) that the controller has reached at the end [m/s, rad/s].
+    `reached`, `command`: twists (v, w), reached before and commanded [m/s, rad/s]; `normals`: standard normal draws for
+    the slip of the left and the right wheel; `rates`, `slips`: shape (substeps, 2), float64, written: rates of the left
+    and the right wheel, and what slip adds to these over the ground, and encoders do not see [rad/s].
     """
     v, w = reached
     substeps = int(robot.substeps)

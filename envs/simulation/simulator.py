@@ -86,9 +86,7 @@ class Simulator(ABC):
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
         """Drive as `step` does; `rows` then hold what it returns. An environment calls this one.
 
-        Args:
-            commands: as for `step`.
-            ahead: control periods for which noise is drawn at once, which nobody else may draw from the generators.
+        `ahead`: control periods for which noise is drawn at once, which nobody else may draw from the generators.
         """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)

@@ -102,22 +102,14 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into all levels of a map that has room for them.
+    """Integrate scans into all levels of a map that has room for them; return the number of `new_cells`.
 
-    Args:
-        words: the cells of each level, the finest first, shape (height, width), int32, written.
-        levels: the same in percent, int8, written.
-        ranges: shape (n, num_beams), float32 [m].
-        poses: shape (n, 3), float64, of the base, map frame [m, m, rad].
-        geometry: `ScanGeometry`, in cells of the finest level, as is `corner`; see `beam_ends`.
-        corner: of the map.
-        model: `LogOddsModel`.
-        stamp: number of the first scan; all are from 1 to `MAX_STAMP`, and other than what the words hold.
-        ends: shape (num_beams, 3), float64: room to work in.
-        new_cells: shape (n, 2), int32, written: row and column of cells that the last scan made known.
-
-    Returns:
-        Number of those.
+    `words`: the cells of each level, the finest first, shape (height, width), int32, written; `levels`: the same in
+    percent, int8, written; `ranges`: shape (n, num_beams), float32 [m]; `poses`: shape (n, 3), float64, of the base,
+    map frame [m, m, rad]; `geometry`: `ScanGeometry`, in cells of the finest level, as is `corner`, of the map, see
+    `beam_ends`; `stamp`: number of the first scan, all are from 1 to `MAX_STAMP`, and other than what the words hold;
+    `ends`: shape (num_beams, 3), float64, scratch; `new_cells`: shape (n, 2), int32, written: row and column of cells
+    that the last scan made known.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):

@@ -121,18 +121,11 @@ def match(words, points, num_points, pose, params, noise, trace):
     Candidates are drawn around the best pose so far. An improvement that comes after more than a third of the allowed
     failures halves the spread and forgives them.
 
-    Args:
-        words: shape (height, width), int32, the map.
-        points: shape (2, >= num_points), float32, the hits in the base frame [cells].
-        num_points: number of hits.
-        pose: predicted x, y from the map's corner [cells] and heading [rad].
-        params: `SearchParams`.
-        noise: shape (max_tries, 3), float64, standard normal.
-        trace: shape (max_tries + 1, 5), float64, written: predicted pose and candidates, x, y, heading, as in `pose`,
-            what `score` gave less the penalty, and whether that was better than all before.
-
-    Returns:
-        `Search`.
+    `words`: shape (height, width), int32, the map; `points`: shape (2, >= num_points), float32, the hits in the base
+    frame [cells]; `pose`: predicted x, y from the map's corner [cells] and heading [rad]; `params`: `SearchParams`;
+    `noise`: shape (max_tries, 3), float64, standard normal; `trace`: shape (max_tries + 1, 5), float64, written:
+    predicted pose and candidates, as in `pose`, what `score` gave less the penalty, and whether that was better than
+    all before.
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)

@@ -94,16 +94,11 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
     """Find proposal distribution and importance weight of every particle.
 
-    Args:
-        maps: `Maps`.
-        poses: shape (num_particles, 3), float64, at the last key scan, map frame [m, m, rad].
-        motion: since then by odometry, as seen from the pose then [m, m, rad].
-        start_motion: the same, from where the matches start.
-        stds: standard deviations of odometry's position along either axis [m], and of its heading [rad].
-        points: shape (2, >= num_points), float32, hits in the base frame [cells].
-        num_points: number of hits.
-        params: `MatcherParams`; modes farther than `retry_distance` from odometry's pose are not believed.
-        out: `Proposals`, written.
+    `poses`: shape (num_particles, 3), float64, at the last key scan, map frame [m, m, rad]; `motion`: since then by
+    odometry, as seen from the pose then; `start_motion`: the same, from where the matches start; `stds`: standard
+    deviations of odometry's position along either axis [m], and of its heading [rad]; `points`: shape (2, >=
+    num_points), float32, hits in the base frame [cells]; `params`: `MatcherParams`, modes farther than `retry_distance`
+    from odometry's pose are not believed; `out`: `Proposals`, written.
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]

@@ -46,9 +46,8 @@ class LocalSlam:
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
         """Move the pose to where a scan fits; return what `fits_map` says of it there.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            motion: pose of the base now, as odometry sees it from the base at the last matched scan.
+        `ranges`: shape (num_beams,), float32 [m]; `motion`: pose of the base now, as odometry sees it from the base at
+        the last matched scan.
         """
         before = self.pose
         self.pose = predicted = before.compose(motion)
