@@ -175,13 +175,7 @@ NEAR = {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0
     [
         ("Explore", {"target_coverage": 0.05}, STILL, "covered", "completed"),
         ("ExploreFrontiers", {"target_coverage": 0.5}, 0, "covered", "completed"),
-        (
-            "Navigate",
-            {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0.0)},
-            AHEAD,
-            "reached",
-            "reached",
-        ),
+        ("Navigate", NEAR, AHEAD, "reached", "reached"),
     ],
 )
 def test_success_terminates_and_pays(task, arguments, action, reason, term):
@@ -225,11 +219,7 @@ BAD_ARGUMENTS = [
     ("Explore", {"randomize": {"lidar.noise_std": 0.1}}, r"'lidar.noise_std'.*two numbers \(low, high\), got 0.1"),
     ("Explore", {"randomize": {"lidar.noise_std": (0.1, 0.0)}}, r"'lidar.noise_std'.*low <= high"),
     ("Explore", {"randomize": {"lidar.noise_std": (0.1, np.inf)}}, r"'lidar.noise_std'.*finite"),
-    (
-        "Explore",
-        {"randomize": {"lidar.noise_std": (-0.1, 0.1)}},
-        r"'lidar.noise_std'.*or equal to 0, got -0.1",
-    ),
+    ("Explore", {"randomize": {"lidar.noise_std": (-0.1, 0.1)}}, r"'lidar.noise_std'.*or equal to 0, got -0.1"),
     ("Explore", {"randomize": {"max_v": (0.1, 0.3)}}, r"'max_v'.*must not exceed the robot's 0.22"),
     ("ExploreFrontiersAbstract", {"randomize": {"max_v": (0.1, 0.2)}}, r"the lidar.*\['max_v'\]"),
     ("Explore", {"observations": ()}, "at least one"),

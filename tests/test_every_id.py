@@ -9,10 +9,10 @@ import pytest
 import envs.player.__main__ as player
 import evaluate
 from agents.callbacks import RunCallback
-from agents.config import parse_config
 from agents.training import train
 from envs import ENVIRONMENTS
 from envs.ids import arguments_of
+from tests.agents.test_every_algorithm import tiny
 from tests.test_contract import TASKS
 
 CLASSIC = {"Navigate": "pursuit", "Track": "route_follower", "ExploreTeam": "rrt_team"}
@@ -31,19 +31,7 @@ def test_an_id_goes_through_every_door(id, tmp_path, monkeypatch):
         environment |= {"world": "pimouse_arena"}
     elif "path" in taken:
         environment |= {key: TASKS["Track"][key] for key in ("world", "robot", "path", "map_resolution")}
-    network = {"width": 8, "heads": 2} if "Frontiers" in name else {"features": 8, "channels": 2, "hidden": 8}
-    data = {
-        "experiment": "tiny",
-        "environment": environment,
-        "algorithm": "PPO",
-        "total_steps": 24,
-        "num_envs": 2,
-        "hyperparameters": {"n_steps": 4, "batch_size": 8},
-        "network": network,
-        "evaluation": {"episodes": 1, "every": 1000},
-        "checkpoints": {"every": 8, "keep": 2},
-    }
-    config, run = parse_config(data, "tiny"), tmp_path / "run"
+    config, run = tiny("PPO", name, total_steps=24, environment=environment), tmp_path / "run"
     with monkeypatch.context() as patch:
         patch.setattr(RunCallback, "_on_rollout_end", Mock(side_effect=[None, Killed]))
         with pytest.raises(Killed):

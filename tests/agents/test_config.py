@@ -86,7 +86,6 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
         (["--seed", "1"], "--config FILE, or a run that is to go on"),
         (["--config", ""], "unknown configuration ''"),
         (["--config", "no.yaml"], "no.yaml: no such file"),
-        (["--config", "tiny.yaml", "--evaluation.evry", "1"], "did you mean 'every'"),
         ([*ID, "CartPole-v1", "--environment.time-limit", "1"], "has no argument 'time_limit'; allowed are sutton"),
         ([*ID, "lidarnaut/Navigat-v0"], "unknown id 'lidarnaut/Navigat-v0' (did you mean 'li"),
         ([*ID, "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),

@@ -17,16 +17,10 @@ from envs.logs.log import load_log
 from envs.logs.replay import Options, main
 from envs.logs.runs import picture, replay, save_g2o
 from envs.slam import SLAM_NAMES, Belief
+from tests.logs.test_logs import CARMEN
 from tests.logs.test_relations import DATA, needs_data
 
 ROOT = Path(__file__).parents[2]
-
-LOG = """\
-ODOM 0 0 0 0 0 0 10.0 nohost 10.0
-FLASER 3 1.0 2.0 90.0 0.2 0 0 0 0 0 10.5 nohost 10.5
-ODOM 1 0 0.5 0 0 0 11.0 nohost 11.0
-FLASER 3 1.5 2.5 3.5 1.0 1.2 1.57 1 1 1.57 12.0 nohost 12.0
-"""
 
 
 class TurningSlam:
@@ -104,7 +98,7 @@ OWN = f"{__name__}:"
 @pytest.fixture
 def log(tmp_path):
     path = tmp_path / "drive.log"
-    path.write_text(LOG)
+    path.write_text(CARMEN)
     return path
 
 
