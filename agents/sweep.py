@@ -46,18 +46,12 @@ class Member:
 def run_sweep(
     data: Mapping[str, Any], source: str, *, resume: Path | None = None, ray: str | None = None, progress: bool = True
 ) -> Path:
-    """Train all that a sweep consists of, or what is left of it, and write its table and its picture.
+    """Train all of a sweep, or what is left of it, and write its table and its picture; return the folder.
 
-    Args:
-        data: a configuration that comes from `source`, with `sweep` or `seeds` in it.
-        source: for messages.
-        resume: folder of a sweep that is to go on.
-        ray: address of a Ray cluster to train on, whose machines reach the folder under its path; None trains one after
-            the other.
-        progress: whether to show progress bars, and to print the table.
-
-    Returns:
-        The folder: a run for each training, `sweep.yaml`, `sweep.csv` and `sweep.png`.
+    It holds a run for each training, `sweep.yaml`, `sweep.csv` and `sweep.png`. `data`: a configuration that comes from
+    `source`, which messages name, with `sweep` or `seeds` in it; `resume`: folder of a sweep that is to go on; `ray`:
+    address of a Ray cluster to train on, whose machines reach the folder under its path, None trains one after the
+    other; `progress`: whether to show progress bars, and to print the table.
 
     Raises:
         ValueError: if a configuration is wrong, or trainings fail; the others go on.

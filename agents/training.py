@@ -24,16 +24,10 @@ from envs.progress import Progress
 def train(
     config: TrainingConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
 ) -> Path:
-    """Train a policy.
+    """Train a policy; return the run folder.
 
-    Args:
-        config: the experiment.
-        run: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. Not used with `resume`.
-        resume: run folder or checkpoint folder to go on from; results go to that run.
-        progress: whether to show a progress bar.
-
-    Returns:
-        The run folder.
+    `run`: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. `resume`: run folder or checkpoint
+    folder to go on from, in whose run the results go, in place of `run`. `progress`: whether to show a progress bar.
 
     Raises:
         ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training

@@ -48,16 +48,11 @@ def run(
     max_steps: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Ended:
-    """Step an environment until its episode ends, or `decide` returns a reason to stop.
+    """Step an environment, after its reset, until its episode ends, or `decide` returns a reason to stop.
 
-    Args:
-        env: the environment, after its reset.
-        decide: decides.
-        observation: of the reset, or of the last step.
-        info: of the same.
-        watch: called with `info` now and after every step, to take samples or pictures.
-        max_steps: number of steps after which the loop ends all the same.
-        clock: measures decisions [s].
+    `observation`, `info`: of the reset, or of the last step; `watch`: called with `info` now and after every step, to
+    take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
+    decisions [s].
     """
     decision_times: list[float] = []
     watch = watch or (lambda _: None)

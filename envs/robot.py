@@ -162,13 +162,9 @@ class Robot:
     ) -> None:
         """Begin an episode at rest; `integrate` processes the reading's scan.
 
-        Args:
-            rows: what its reading, motion and pose are views of, the row at `index`.
-            index: see `rows`.
-            reading: the first.
-            prior: what the robot is told.
-            rng: source of the estimator's noise.
-            shared_map: map that another robot of the team integrates its scans into; None without one.
+        `rows`: what reading, motion and pose are views of, the row at `index`; `prior`: what the robot is told; `rng`:
+        source of the estimator's noise; `shared_map`: that another robot of the team integrates its scans into, None
+        without one.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)

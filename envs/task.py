@@ -57,12 +57,8 @@ class Rewards:
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
         """Return the terms of a task as a user wants them.
 
-        Args:
-            weights: of the task.
-            reward: None; other weights for some of them; a subclass of this class; or `module:attribute` of either.
-
-        Raises:
-            ValueError: there is no such term, or a weight is not finite.
+        `weights`: of the task; `reward`: None, other weights for some of them, a subclass of this class, or
+        `module:attribute` of either. ValueError if there is no such term, or a weight is not finite.
         """
         reward = resolve(reward, {}, "reward")
         if isinstance(reward, type) and issubclass(reward, Rewards):
@@ -169,11 +165,9 @@ class Task(ABC):
     ) -> float:
         """Start an episode, once the robots have processed their first readings; return its usual time limit [s].
 
-        Args:
-            simulator: ground truth: states of the robots, contacts, what moves.
-            robots: all robots of the episode, with their estimates.
-            rng: draws what is random about the task.
-            options: of the environment's `reset`, those in `reset_options`.
+        `simulator`: ground truth: states of the robots, contacts, what moves; `robots`: all of the episode, with their
+        estimates; `rng`: draws what is random about the task; `options`: of the environment's `reset`, those in
+        `reset_options`.
         """
 
     @abstractmethod

@@ -42,10 +42,7 @@ class Teleop:
     def __init__(self, env: LidarEnv, map_path: Path, seed: int | None = None) -> None:
         """Open the window, RuntimeError without a display, and begin an episode.
 
-        Args:
-            env: with `render_mode="rgb_array"`.
-            map_path: where maps are saved.
-            seed: of the first episode.
+        `env`: with `render_mode="rgb_array"`; `map_path`: where maps are saved; `seed`: of the first episode.
         """
         self._env = env
         self._map_path = map_path

@@ -81,13 +81,8 @@ def update_robots(rows):
 def step_rows(rows, draws, ranges, worlds, active, num_robots):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
-    Args:
-        rows: as for `step_robots`, environment by environment.
-        draws: as for `step_robots`.
-        ranges: as for `step_robots`.
-        worlds: lists with an array for each environment: segments, circles before and after the period.
-        active: shape (num_envs,), bool.
-        num_robots: number of robots of an environment.
+    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `worlds`: lists with an array for each
+    environment: segments, circles before and after the period; `active`: shape (num_envs,), bool.
     """
     segments, before, after = worlds
     for i in range(active.shape[0]):

@@ -13,11 +13,8 @@ def squared_distances(occupied, reach):
 
     Separable as in Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012): first along rows,
     then down columns. With a small reach the second pass is a plain minimum over offsets, which the compiler
-    vectorises. `occupied`: shape (height, width), bool.
-
-    Returns:
-        Shape (height, width), uint16: squared distance between cell centres [cells2] where that is at most `reach**2`,
-        something greater everywhere else.
+    vectorises. `occupied`: shape (height, width), bool. Returns the squared distance between cell centres [cells2], of
+    this shape, uint16, where it is at most `reach**2`, and something greater everywhere else.
     """
     height, width = occupied.shape
     far = np.uint16((reach + 1) * (reach + 1))

@@ -112,18 +112,13 @@ def _hit_circle(low, high, circle, cosines, sines, out):
 def cast_rays(x, y, heading, beams, segments, circles, out):
     """Measure the distance from a point to the obstacles around it, along evenly spaced beams.
 
-    Each segment and circle is tested against the beams in the angular interval that it covers as seen from the
-    sensor, and against no others. The intersection itself is exact, so the result equals testing all pairs.
+    Each segment and circle is tested against the beams in the angular interval that it covers as seen from the sensor,
+    and against no others. The intersection itself is exact, so the result equals testing all pairs.
 
-    Args:
-        x: position of the sensor [m].
-        y: position of the sensor [m].
-        heading: direction of the sensor's x axis [rad].
-        beams: `Beams`, or any record that has its fields.
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m]; segments of no length are never hit.
-        circles: shape (m, 3), float64, (x, y, radius) [m]; seen from inside, the far side is hit.
-        out: shape (num_beams,), float32 or float64, receives the ranges [m]: inf where nothing lies within
-            `beams.range_max`. A sensor on a segment sees it at 0 in every direction.
+    `x`, `y`, `heading`: of the sensor [m, m, rad]; `beams`: `Beams`, or any record that has its fields; `segments`:
+    shape (n, 4), float64, (x0, y0, x1, y1) [m], those of no length are never hit; `circles`: shape (m, 3), float64, (x,
+    y, radius) [m], seen from inside, the far side is hit; `out`: shape (num_beams,), float32 or float64, written:
+    ranges [m], inf where nothing lies within `beams.range_max`. A sensor on a segment sees it at 0 in every direction.
     """
     num_beams = out.shape[0]
     turn = 2.0 * math.pi

@@ -96,15 +96,10 @@ class Amcl:
     ) -> Belief:
         """Start on a map; see `Estimator`.
 
-        Args:
-            rng: source of all later noise.
-            pose: initial pose of the base (map frame); None for global localization, anywhere in the free space.
-            map: the map.
-            covariance: shape (3, 3), of `pose` [m, m, rad]; None for one that follows from the params' `initial_std`.
-
-        Raises:
-            ValueError: there is no map, it has no free cell, `pose` lies outside of it or on a cell that is not free,
-                or `covariance` is not a covariance matrix.
+        `pose`: initial pose of the base (map frame), None for global localization, anywhere in the free space;
+        `covariance`: shape (3, 3), of `pose` [m, m, rad], None for one that follows from the params' `initial_std`.
+        ValueError if there is no map, it has no free cell, `pose` lies outside of it or on a cell that is not free, or
+        `covariance` is not a covariance matrix.
         """
         if map is None:
             raise ValueError("localization needs a map")

@@ -102,13 +102,8 @@ def free_distance(points, curvature, radius, distance):
     """Return how far the robot gets along an arc before its footprint touches a point [m], at most `abs(distance)`.
 
     A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
-    brings it nearer.
-
-    Args:
-        points: shape (n, 2), float64, obstacles in the base frame [m].
-        curvature: of the arc, positive to the left [1/m].
-        radius: of the footprint [m].
-        distance: how far to look along the arc, negative backwards [m].
+    brings it nearer. `points`: shape (n, 2), float64, obstacles in the base frame [m]; `curvature`: positive to the
+    left [1/m]; `radius`: of the footprint [m]; `distance`: how far to look, negative backwards [m].
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf

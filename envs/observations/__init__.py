@@ -33,14 +33,9 @@ the part that has this name, such as `{"map_near": {"resolution": 0.1, "size": 6
 def make_parts(
     observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
 ) -> dict[str, ObservationPart]:
-    """Return the parts of an observation by name.
+    """Return the parts of an observation by name; `own`: those of the task, by name, besides `PARTS`.
 
-    Args:
-        observations: the parts.
-        own: parts of the task, by name, besides `PARTS`.
-
-    Raises:
-        ValueError: a name is unknown, there is none, or what a name stands for is no part.
+    ValueError if a name is unknown, there is none, or what a name stands for is no part.
     """
     table = {**PARTS, **own}
     if isinstance(observations, str) or not isinstance(observations, Iterable):

@@ -114,14 +114,10 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process the scan of a reading.
+        """Process the scan of a reading, in whose `ranges` +inf is no return, NaN a beam to ignore.
 
-        Args:
-            reading: of its `ranges`, +inf is no return, NaN a beam to ignore.
-            motion: pose of the base now, as the motion source sees it from the base at the previous scan.
-
-        Raises:
-            ValueError: if the scan has another number of beams, or the motion is not finite.
+        `motion`: pose of the base now, as the motion source sees it from the base at the previous scan. ValueError if
+        the scan has another number of beams, or the motion is not finite.
         """
         ranges = check_scan(reading.ranges, motion, self._lidar)
         predicted = self._predict(motion)

@@ -250,15 +250,9 @@ PRESETS: dict[str, dict[str, Path]] = {
 def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = None, slam: str = "tinyslam") -> Any:
     """Return params by the name of a preset, by the path of a YAML file, by `module:attribute`, or as they are.
 
-    Args:
-        preset: what stands for them.
-        changes: values to replace; text that reads as a number is taken for it.
-        slam: whose they are, a key of `PRESETS`; mapping with known poses takes those of "tinyslam".
-
-    Raises:
-        ValueError: the name is unknown, or the file has an unknown key or a value that makes no sense; the message
-            names file and key.
-        FileNotFoundError: there is no file at the path.
+    `changes`: values to replace, text that reads as a number is taken for it; `slam`: whose they are, a key of
+    `PRESETS`; mapping with known poses takes those of "tinyslam". ValueError, naming file and key, for an unknown name
+    or key, or a value that makes no sense; FileNotFoundError if there is no file at the path.
     """
     found = resolve(preset, dict(PRESETS[slam]), f"preset of {slam}", files=True)
     values = read_mapping(found) if isinstance(found, Path) else asdict(found)

@@ -70,16 +70,12 @@ def project_hits(ranges, geometry, points):
 def beam_ends(ranges, pose, geometry, corner, ends):
     """Find where the beams of a scan end in a map.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; NaN for a beam to ignore.
-        pose: x, y, heading of the base, map frame [m, m, rad].
-        geometry: `ScanGeometry`; a beam without a return clears up to the lidar's range, or is ignored.
-        corner: column and row of the map's first cell, counted from the map frame's origin.
-        ends: shape (num_beams, 3), float64, written: x, y [cells], and 1 for a hit, else 0; NaN for beams to ignore.
-
-    Returns:
-        Position of the lidar from the map's corner (x, y) [cells], and smallest and greatest column and row that the
-        scan touches: col_min, row_min, col_max, row_max.
+    `ranges`: shape (num_beams,), float32 [m], NaN for a beam to ignore; `pose`: x, y, heading of the base, map frame
+    [m, m, rad]; `geometry`: `ScanGeometry`, a beam without a return clears up to the lidar's range, or is ignored;
+    `corner`: column and row of the map's first cell, counted from the map frame's origin; `ends`: shape (num_beams, 3),
+    float64, written: x, y [cells], and 1 for a hit, else 0; NaN for beams to ignore. Returns the position of the lidar
+    from the map's corner (x, y) [cells], and smallest and greatest column and row that the scan touches: col_min,
+    row_min, col_max, row_max.
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -121,9 +117,8 @@ def scans_extent(ranges, poses, geometry, corner, ends):
 def walk(d_row, d_col, width):
     """Return how to walk over so many rows and columns, in a straight line through a flattened map.
 
-    Returns:
-        Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what
-        one sideways add to the index.
+    Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what one
+    sideways add to the index.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

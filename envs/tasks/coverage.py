@@ -81,18 +81,11 @@ def sees(scan, x, y, tolerance):
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
     """Mark the raster cells under map cells as known, and those of them that a true scan sees as seen.
 
-    Args:
-        new_cells: shape (k, 2), int32, (row, column) of map cells that became known.
-        map_frame: `Frame` of the map, map frame.
-        start: pose (x, y, theta) of the map frame in the world frame.
-        cells: shape (height, width), uint8, written: bits of the raster's cells.
-        frame: `Frame` of the raster, world frame.
-        scan: `TrueScan`.
-        pending: shape (n, 2), int32, written: first `num_pending` (row, column) of cells that are known, and not seen.
-        num_pending: see `pending`.
-
-    Returns:
-        How many cells became explored, and how many are pending.
+    `new_cells`: shape (k, 2), int32, (row, column) of map cells that became known; `map_frame`: its `Frame`, map frame;
+    `start`: pose (x, y, theta) of the map frame in the world frame; `cells`: shape (height, width), uint8, written:
+    bits of the raster's cells; `frame`: its `Frame`, world frame; `scan`: `TrueScan`; `pending`: shape (n, 2), int32,
+    written: first `num_pending` (row, column) of cells that are known, and not seen. Returns how many cells became
+    explored, and how many are pending.
     """
     height, width = cells.shape
     # From the map's cells to the raster's: one affine map, in cells.

@@ -67,10 +67,8 @@ def rectangle(start: Pose2D) -> np.ndarray:
     """Return the route of Nguyen et al. (2021): 78 m around a rectangle, counter-clockwise from the end of a corner.
 
     Its corners are arcs of 1 m: a robot with two driven wheels does not take a sharp corner at speed, as the paper's
-    mecanum robot may. `start` is where the first long side begins, 24 m long with its corners.
-
-    Returns:
-        Shape (n, 2), float64, points `SPACING` apart in the corners; the last equals the first [m].
+    mecanum robot may. `start` is where the first long side begins, 24 m long with its corners. Shape (n, 2), float64
+    [m], points `SPACING` apart in the corners; the last equals the first.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side

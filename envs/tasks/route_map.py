@@ -56,18 +56,9 @@ def make_route_map(
     far it has gone, its compass, if it has one, in which direction. It does not get every scan: one that matches each
     to the one before, which it has just integrated, follows that one's noise.
 
-    Args:
-        world: in which the route lies.
-        robot: params of the robot.
-        physics: name of the physics.
-        slam: name of the SLAM that maps.
-        path: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m].
-        resolution: side of a map cell [m].
-        control_period: time between two scans [s].
-        seed: of the drive's noise.
-
-    Raises:
-        RuntimeError: the robot does not get to the end of the route.
+    `path`: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m]; `resolution`: side
+    of a map cell [m]; `control_period`: time between two scans [s]; `seed`: of the drive's noise. RuntimeError if the
+    robot does not get to the end of the route.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)

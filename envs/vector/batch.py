@@ -69,14 +69,9 @@ class Batch:
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
 
-        Args:
-            active: shape (num_envs,), bool.
-            is_last: shape (num_envs,), bool: whose episodes end here whatever happens.
-            records: what `info` holds at every step.
-            extras: what else it holds.
-
-        Returns:
-            Which episodes of active environments are over, shape (num_envs,), bool.
+        `active`, `is_last`: shape (num_envs,), bool; the latter's episodes end here whatever happens. `records`: what
+        `info` holds at every step; `extras`: what else it holds. Returns which episodes of active environments are
+        over, shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -137,9 +132,8 @@ class Batch:
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
         """Return the levels of the robots' maps for crops of so many metres per pixel; see `MapPyramid.level`.
 
-        Returns:
-            Their words; their rows and columns, shape (n, 2), int64; corners of the maps, shape (n, 2), float64 [m];
-            and the side of a block [m].
+        Their words; their rows and columns, shape (n, 2), int64; corners of the maps, shape (n, 2), float64 [m]; and
+        the side of a block [m].
         """
         side = 0.0
         if resolution not in self._levels:

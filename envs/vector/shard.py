@@ -40,12 +40,8 @@ class Shard:
     ) -> None:
         """Make the sub-environments.
 
-        Args:
-            make_env: makes one; see `envs.core.LidarEnv` for what a shard calls. It may have Gymnasium's wrappers.
-            memory: of all sub-environments' arrays.
-            share: rows of the shard's sub-environments.
-            autoreset_mode: see `LidarVectorEnv`.
-            max_episode_steps: see `LidarVectorEnv`.
+        `make_env` makes one, which may have Gymnasium's wrappers; see `envs.core.LidarEnv` for what a shard calls.
+        `memory`: of all sub-environments' arrays; `share`: rows of the shard's; see `LidarVectorEnv` for the rest.
         """
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]

@@ -58,14 +58,8 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
     """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided; a full disk changes nothing.
 
-    Args:
-        grid: the grid.
-        path: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in `NAME.yaml`), which is
-            returned.
-
-    Raises:
-        ValueError: for another suffix.
-        OSError: if writing fails.
+    `path`, which is returned: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in
+    `NAME.yaml`); ValueError for another suffix, OSError if writing fails.
     """
     image_path, yaml_path = map_paths(Path(path))
     pixels = np.full(grid.data.shape, 205, dtype=np.uint8)

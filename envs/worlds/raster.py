@@ -64,12 +64,8 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
     """Mark the cells, of side `resolution` [m], that a world's static segments and circles touch.
 
     A cell owns its lower and left border, circles are filled, the inside of other bodies is not. Movers are left out.
-
-    Returns:
-        0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
-
-    Raises:
-        ValueError: if the resolution is not positive, or so fine that there would be more than `MAX_CELLS`.
+    Returns 0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
+    ValueError if the resolution is not positive, or so fine that there would be more than `MAX_CELLS`.
     """
     if not resolution > 0:
         raise ValueError(f"resolution must be positive, got {resolution!r}")
@@ -94,9 +90,8 @@ def reachable(
 ) -> tuple[OccupancyGrid, np.ndarray]:
     """Find where the centre of a robot of a radius [m] can get from the first spawn, on cells of a side [m].
 
-    Returns:
-        The raster of the world, and a mask of its shape: cells farther than `radius` from every touched cell and
-        connected to the first spawn through the sides of such cells. Empty where the robot does not fit at the spawn.
+    Returns the raster of the world, and a mask of its shape: cells farther than `radius` from every touched cell and
+    connected to the first spawn through the sides of such cells. Empty where the robot does not fit at the spawn.
     """
     grid = rasterize(world, resolution)
     free = grid.data == FREE
@@ -161,11 +156,8 @@ def check_world(world: World) -> World:
 def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
     """Return the borders between solid and open cells, straight neighbours merged: shape (n, 4), (x0, y0, x1, y1) [m].
 
-    Args:
-        solid: shape (height, width), bool; beyond the array counts as solid, so that no segments run along its edge
-            unless open cells touch it.
-        xs: shape (width + 1,), positions of the grid lines along x [m].
-        ys: shape (height + 1,), positions of the grid lines along y [m].
+    `solid`: shape (height, width), bool; beyond the array counts as solid, so that no segments run along its edge
+    unless open cells touch it. `xs`, `ys`: shapes (width + 1,) and (height + 1,), positions of the grid lines [m].
     """
     padded = np.pad(solid, 1, constant_values=True)
     # Border k of a row of cells lies between cell k - 1 and cell k.

@@ -129,9 +129,8 @@ def _rank(grid, turn, row, col):
 def _score_top(levels, width, grid, least, limit):
     """Score the nodes of the top level, at most `limit`.
 
-    Returns:
-        Nodes that may hold totals of at least `least`: shape (n, 4), int64, total, turn, row and column of the offset;
-        the number of nodes scored; and whether those were all.
+    Returns the nodes that may hold totals of at least `least`, shape (n, 4), int64: total, turn, row and column of the
+    offset; the number of nodes scored; and whether those were all.
     """
     top = levels.shape[0] - 1
     side = 1 << top
@@ -212,21 +211,12 @@ def _search_below(levels, width, grid, nodes, least, budget):
 def search(
     pyramid: Pyramid, points: np.ndarray, pose: Pose2D, window: SearchWindow, min_score: float, max_evaluations: int
 ) -> SearchResult:
-    """Search the pose in a window at which points fit a field best.
+    """Search the pose in a window at which points, shape (n, 2), float32, base frame [m], fit a field best.
 
-    The grid of poses has steps of one cell and of `window.angle_step`, with the predicted pose in the middle. Among
-    equal scores the pose nearest to it wins.
-
-    Args:
-        pyramid: of the field.
-        points: shape (n, 2), float32, hits in the base frame [m].
-        pose: predicted one, in the frame of the field.
-        window: poses to search.
-        min_score: least mean of the cells in which points fall, from 0 to 1.
-        max_evaluations: most nodes that are scored; each costs as much as there are points.
-
-    Raises:
-        ValueError: the window is larger than the pyramid was built for.
+    The grid of poses has steps of one cell and of `window.angle_step`, with the predicted `pose`, frame of the field,
+    in the middle. Among equal scores the pose nearest to it wins. `min_score`: least mean of the cells in which points
+    fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points. ValueError
+    if the window is larger than the pyramid was built for.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)

@@ -59,15 +59,10 @@ def _total(occupancy, cells, up, right, unknown):
 def search_window(occupancy, scale, points, num_points, pose, window):
     """Return the best of the poses around a predicted one, whole cells and steps of `TURN_STEP` apart.
 
-    The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`.
-
-    Args:
-        occupancy: shape (height, width), int8, percent; -1 unknown.
-        scale: side of a cell of the finest map in cells of this one.
-        points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
-        num_points: number of hits, at least 1.
-        pose: predicted x, y from the map's corner [cells of the finest map] and heading [rad], as is the result.
-        window: `SearchWindow`.
+    The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`. `occupancy`: shape
+    (height, width), int8, percent, -1 unknown; `scale`: side of its cells in cells of the finest map, the unit of all
+    else; `points`: shape (2, >= num_points), float32, at least one hit, base frame; `pose`: predicted x, y from the
+    map's corner and heading [rad], as is the result; `window`: `SearchWindow`.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

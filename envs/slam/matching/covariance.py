@@ -31,10 +31,7 @@ class NoiseRecord(NamedTuple):
 def motion_stds(noise, travelled, turn):
     """Return the standard deviations of position [m] and heading [rad] after a motion; see `OdometryNoise`.
 
-    Args:
-        noise: `NoiseRecord`.
-        travelled: distance [m].
-        turn: change of heading [rad].
+    `noise`: `NoiseRecord`; `travelled`: distance [m]; `turn`: change of heading [rad].
     """
     heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
     return noise.position_std + noise.position_per_metre * travelled, heading_std

@@ -59,15 +59,9 @@ class HitShares(NamedTuple):
 def count_hits(field, points, pose):
     """Count the hits of a scan on or next to occupied cells, and those in free cells with no occupied one next to them.
 
-    A wall that is off by a cell agrees with the map, other than by the mean occupancy under the hits.
-
-    Args:
-        field: `Field`.
-        points: shape (n, 2), float32, hits in the base frame [m].
-        pose: x, y, heading in the frame of the field [m, m, rad].
-
-    Returns:
-        The two numbers, and the sum of the occupancies above one half in which hits fall [percent].
+    A wall that is off by a cell agrees with the map, other than by the mean occupancy under the hits. `points`: shape
+    (n, 2), float32, hits in the base frame [m]; `pose`: x, y, heading in the frame of the field [m, m, rad]. Returns
+    also the sum of the occupancies above one half in which hits fall [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -102,11 +96,8 @@ def fits_map(
 ) -> bool | None:
     """Tell whether at least a share of the hits on known cells lies at occupied ones; None with too few of them.
 
-    Args:
-        grid: the map.
-        points: shape (2, n), float32, hits in the base frame [cells].
-        pose: x, y, heading in the frame of the map [m, m, rad].
-        least_share: from 0 to 1.
+    `points`: shape (2, n), float32, hits in the base frame [cells]; `pose`: x, y, heading in the frame of the map [m,
+    m, rad].
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]

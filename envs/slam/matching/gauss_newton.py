@@ -105,16 +105,10 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the `Fit` of a scan at a pose.
+    """Return the `Fit` of a scan at a pose: x, y from the map's corner [cells of the finest map], heading [rad].
 
-    Args:
-        map: see `at_level`; an unknown cell counts as one half.
-        level: its number; each has cells twice as wide as the one before.
-        points: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
-        num_points: number of hits.
-        x: position from the map's corner [cells of the finest map].
-        y: position from the map's corner [cells of the finest map].
-        theta: heading [rad].
+    `map`: see `at_level`, an unknown cell counts as one half; `level`: its number, each has cells twice as wide as the
+    one before; `points`: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width

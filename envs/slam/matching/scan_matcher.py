@@ -79,17 +79,12 @@ def make_prior(pose, covariance, residual_variance, resolution):
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
     """Return the `Match` of a scan with a map.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m], as in `project_hits`.
-        geometry: `ScanGeometry`.
-        levels: occupancies, the finest first; see `at_level`.
-        corner: column and row of the finest map's first cell, counted from the map frame's origin.
-        last: pose (x, y, theta) of the last matched scan, map frame [m, m, rad].
-        predicted: pose by odometry since then, map frame [m, m, rad]; not used without odometry.
-        params: `MatcherParams`.
-        covariance: shape (3, 3), float64 [m, rad]: that of the last pose; written: that of the match, or, of a scan
-            that does not fit, that of the predicted pose.
-        points: shape (2, num_beams), float32: room to work in.
+    `ranges`: shape (num_beams,), float32 [m], as in `project_hits`; `levels`: occupancies, the finest first, see
+    `at_level`; `corner`: column and row of the finest map's first cell, counted from the map frame's origin; `last`,
+    `predicted`: poses (x, y, theta) of the last matched scan and by odometry since then (not used without odometry),
+    map frame [m, m, rad]; `params`: `MatcherParams`; `covariance`: shape (3, 3), float64 [m, rad], that of the last
+    pose; written: that of the match, or, of a scan that does not fit, that of the predicted pose; `points`: shape (2,
+    num_beams), float32, scratch.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])

@@ -73,13 +73,9 @@ def _factorise_diagonal(block, diagonal):
 def factorise(values, first, starts):
     """Replace a symmetric positive semidefinite matrix by its Cholesky factor, in place.
 
-    Args:
-        values: shape (starts[n],), float64, the matrix, written.
-        first: shape (n,), int64, the first block of each block row.
-        starts: shape (n + 1,), int64, from `row_starts`.
-
-    Returns:
-        Number of unknowns that the matrix does not determine; `solve` gives 0 for them.
+    `values`: shape (starts[n],), float64, the matrix; `first`: shape (n,), int64, the first block of each block row;
+    `starts`: shape (n + 1,), int64, from `row_starts`. Returns the number of unknowns that the matrix does not
+    determine; `solve` gives 0 for them.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
