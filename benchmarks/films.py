@@ -20,7 +20,7 @@ from benchmarks.arena.episodes import REFERENCES
 from envs.command_line import run_command
 from envs.core import lidar_env_of
 from envs.files import resolve
-from envs.geometry.polyline import lengths_along
+from envs.geometry.lines import lengths_along
 
 NUM_FRAMES = 48
 """Frames of a film, besides the last one, at most; at least half as many in episodes that last."""

@@ -11,7 +11,7 @@ from baselines.oracle.cover_planner import CoverPlanner
 from baselines.oracle.cover_viewpoints import find_viewpoints
 from envs.estimation import Belief
 from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
-from envs.geometry.polyline import resample
+from envs.geometry.lines import resample
 from envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
 from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
 from envs.robots import RobotParams

@@ -8,7 +8,7 @@ from baselines.rrt.detector import RrtParams
 from envs.estimation import Belief
 from envs.geometry import Pose2D
 from envs.geometry.distance_transform import squared_distances
-from envs.geometry.polyline import lengths_along
+from envs.geometry.lines import lengths_along
 from envs.navigation import COST_MAX_FREE, COST_UNKNOWN, NO_POINTS, FrontierNavigator, TravelField, travel_field
 from envs.navigation.navigator_kernels import DRIVING, REPLAN
 from envs.navigation.planning_map import CostLayer

@@ -7,7 +7,7 @@ import numpy as np
 
 from benchmarks.drives.recording import RESOLUTION, Row
 from envs.arguments import choose_robot
-from envs.geometry.polyline import lengths_along
+from envs.geometry.lines import lengths_along
 from envs.navigation import (
     CostmapParams,
     PlanningMap,

@@ -1,7 +1,8 @@
-"""Lines through grids: the cells that they cross, for kernels and for Python.
+"""Lines: points along polylines, and the cells of grids that lines cross, for kernels and for Python.
 
-There are two walks. `Walk` visits every cell that a line crosses: what a beam or a wall touches. `cell_along` takes
-one cell per step in a direction, and passes between two cells that touch at a corner: what can be seen, twice as fast.
+There are two walks over cells. `Walk` visits every cell that a line crosses: what a beam or a wall touches.
+`cell_along` takes one cell per step in a direction, and passes between two cells that touch at a corner: what can be
+seen, twice as fast.
 """
 
 import math
@@ -76,3 +77,28 @@ def longest_step(angle):
     d_row, d_col = math.sin(angle), math.cos(angle)
     scale = max(abs(d_row), abs(d_col))
     return d_row / scale, d_col / scale
+
+
+def lengths_along(points: np.ndarray) -> np.ndarray:
+    """Return the lengths from the start of a polyline, shape (n, 2), n > 0, to its points: shape (n,), float64 [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def points_at(points: np.ndarray, along: np.ndarray, distances: np.ndarray | float) -> np.ndarray:
+    """Return points of a polyline at distances along it, shape (...) [m]; its ends beyond: shape (..., 2), float64 [m].
+
+    `points`: shape (n, 2), n > 0 [m]; `along`: what `lengths_along` returns for them.
+    """
+    return np.stack([np.interp(distances, along, points[:, k]) for k in (0, 1)], axis=-1)
+
+
+def resample(points: np.ndarray, spacing: float) -> np.ndarray:
+    """Put points at equal distances of at most `spacing` [m] on a polyline: shape (m, 2), float64 [m].
+
+    Both ends of `points`, shape (n, 2) [m], are among them; fewer than two are returned as they are.
+    """
+    if len(points) < 2:
+        return points
+    along = lengths_along(points)
+    num_points = max(2, math.ceil(along[-1] / spacing) + 1)
+    return points_at(points, along, np.linspace(0.0, along[-1], num_points))

@@ -12,7 +12,7 @@ import numpy as np
 
 from envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from envs.geometry.distance_transform import squared_distances
-from envs.geometry.polyline import lengths_along
+from envs.geometry.lines import lengths_along
 from envs.robots import RobotParams
 from envs.simulation import Twist
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from envs.geometry.polyline import resample
+from envs.geometry.lines import resample
 from envs.navigation.astar import (
     COST_WEIGHT,
     NO_STEP,

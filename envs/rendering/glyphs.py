@@ -6,7 +6,7 @@ import numpy as np
 import pygame
 
 from envs.geometry import Pose2D
-from envs.geometry.polyline import lengths_along, points_at
+from envs.geometry.lines import lengths_along, points_at
 from envs.robots import RobotParams
 
 from .style import PAPER, RULE, Colour

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.polyline import lengths_along, points_at
+from envs.geometry.lines import lengths_along, points_at
 from envs.simulation import Twist
 
 END = 0.1

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from envs.geometry import Pose2D
-from envs.geometry.polyline import lengths_along
+from envs.geometry.lines import lengths_along
 
 MAX_COORDINATE = 1e7
 """Numbers of a world beyond this are no positions or sizes [m]; coordinates of maps of the earth lie below."""

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from envs.geometry.clearance import clearance
-from envs.geometry.lines import cell_along, longest_step, next_cell, start_walk
-from envs.geometry.polyline import lengths_along, points_at, resample
+from envs.geometry.lines import cell_along, lengths_along, longest_step, next_cell, points_at, resample, start_walk
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
 

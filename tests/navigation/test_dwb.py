@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from envs.geometry import Pose2D
-from envs.geometry.polyline import resample
+from envs.geometry.lines import resample
 from envs.navigation import DwbPlanner
 from envs.navigation.critics import (
     BASE_OBSTACLE,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from envs.geometry import Pose2D
-from envs.geometry.polyline import resample
+from envs.geometry.lines import resample
 from envs.navigation import DwbPlanner, PathFollower
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist

@@ -8,7 +8,7 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
 from envs.geometry import OccupancyGrid
-from envs.geometry.polyline import resample
+from envs.geometry.lines import resample
 from envs.navigation import (
     Costmap,
     CostmapParams,
