@@ -5,10 +5,8 @@ import numpy as np
 from envs.estimation import Belief
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.navigation import FrontierNavigator
-from envs.robots import load_robot
 from envs.simulation import Reading
-
-BURGER = load_robot("turtlebot3_burger")
+from tests.rooms import BURGER
 
 
 def hall():

@@ -1,5 +1,7 @@
 """What is measured of explorations, the columns of their rows, and rows that are made up."""
 
+import csv
+
 from benchmarks.arena.episodes import Episodes
 from benchmarks.arena.measures import Measures
 from benchmarks.arena.records import columns_of
@@ -17,6 +19,16 @@ def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explo
     values |= {"time_limit": 4000.0, "distance_limit": 9000.0}
     values |= {"policy": policy, "seed": seed, "world": world, "area_under_curve": area, "time_to_95": time}
     return values | {"distance_to_95": distance, "explored_fraction": explored, "success": int(explored >= 0.99)} | more
+
+
+def read_rows(folder):
+    """Return the table of an evaluation as text."""
+    return list(csv.DictReader((folder / "episodes.csv").read_text().splitlines()))
+
+
+def deterministic(rows):
+    """Return rows without the column that depends on the clock."""
+    return [{name: value for name, value in row.items() if name != "decision_ms"} for row in rows]
 
 
 def related(rows):

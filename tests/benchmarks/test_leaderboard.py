@@ -1,4 +1,3 @@
-import csv
 import math
 import re
 
@@ -11,7 +10,7 @@ from benchmarks.arena.episodes import Episodes, best_of
 from benchmarks.arena.measures import texts
 from benchmarks.arena.statistics import Estimate
 from evaluate import main
-from tests.benchmarks.explorations import BY_NAME, MEASURES, related, row
+from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row
 
 RELATIVE = BY_NAME["relative_time_to_95"]
 
@@ -181,8 +180,7 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
     options += ["--slam-axis.policies", "nearest", "--slam-axis.worlds", "pimouse_arena", "--slam-axis.episodes", "1"]
     assert main([*options, "--out", str(tmp_path / "out"), "--publish", str(docs)]) == 0
     page = (docs / "arena.md").read_text()
-    with open(docs / "arena" / "episodes.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(docs / "arena")
     assert len(rows) == 12 + 2
     lines = [line.replace("*", "").strip("| ").split(" | ") for line in page.splitlines() if line.startswith("|")]
     shown = {line[0].partition(" ")[2]: line[1:] for line in lines if re.match(r"\d\.|bound:", line[0])}

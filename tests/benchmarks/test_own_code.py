@@ -1,6 +1,5 @@
 """Explorers, policies, worlds, robots and SLAMs of a user enter the arena without an edit of the checkout."""
 
-import csv
 import re
 import shutil
 import subprocess
@@ -14,6 +13,7 @@ from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace
 from evaluate import main
 from tests import own_code
+from tests.benchmarks.explorations import read_rows
 
 ROOT = Path(__file__).parents[2]
 POLICIES = ("Circling", "ahead", "Model", "first_frontier", "MaskedModel")
@@ -30,11 +30,6 @@ def own_folder(tmp_path, monkeypatch):
     sys.path[:] = [path for path in sys.path if path != str(tmp_path)]
 
 
-def read_rows(folder):
-    with open(folder / "episodes.csv", newline="") as file:
-        return {row["policy"]: row for row in csv.DictReader(file)}
-
-
 def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no_overview):
     policies = ["nearest", *(f"own_explorers:{name}" for name in POLICIES[:-1]), "mine=own_explorers:MaskedModel"]
     # In another process, with two workers, as users do it: the module is found in the current folder.
@@ -43,10 +38,10 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no
     done = subprocess.run([*command, *options], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     rows = read_rows(own_folder / "out")
-    assert set(rows) == {*policies[:-1], "mine"}
-    for policy, row in rows.items():
-        assert 0.0 < float(row["explored_fraction"]) <= 1.0, policy
-        assert float(row["path_length"]) > 0.3, policy
+    assert {row["policy"] for row in rows} == {*policies[:-1], "mine"}
+    for row in rows:
+        assert 0.0 < float(row["explored_fraction"]) <= 1.0, row
+        assert float(row["path_length"]) > 0.3, row
     # At decision level as well, a trace tells when what became known.
     for path in (own_folder / "out" / "episodes").iterdir():
         trace = Trace.load(path)
@@ -60,7 +55,7 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
     command = [*BRIEF, "--policies", *policies, "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--out", str(out)]
     assert main(command) == 0
     name = f"{label.removesuffix('=') or 'own_explorers:Spy'} (ground truth)"
-    assert set(read_rows(out)) == {"nearest", name}
+    assert {row["policy"] for row in read_rows(out)} == {"nearest", name}
     page, report = (out / "leaderboard.md").read_text(), (out / "report.html").read_text()
     assert "| 1. nearest |" in page
     assert f"| bound: {name} |".replace("_", "\\_") in page
@@ -72,7 +67,7 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
 def test_worlds_robots_and_slams_of_a_users_module_are_taken(own_folder, no_overview):
     own = ["--worlds", "home=own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
     assert main([*BRIEF, "--policies", "nearest", *own, "--no-world-sections", "--out", str(own_folder / "out")]) == 0
-    (row,) = read_rows(own_folder / "out").values()
+    (row,) = read_rows(own_folder / "out")
     assert (row["world"], row["robot"], row["slam"]) == ("home", "my_mouse", "own_explorers:my_slam")
 
 
@@ -109,7 +104,7 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
         rf"{where} and own_explorers:Failing could not be run: TypeError: no numbers \(own_explorers.py, line \d+\)",
     ):
         assert re.search(culprit, said), said
-    assert list(read_rows(own_folder / "out")) == ["nearest"]
+    assert [row["policy"] for row in read_rows(own_folder / "out")] == ["nearest"]
 
 
 @pytest.mark.parametrize(

@@ -15,6 +15,7 @@ from envs.files import parse_record, read_record
 from envs.slam import SLAM_NAMES
 from envs.worlds import WORLD_NAMES
 from evaluate import main
+from tests.benchmarks.explorations import deterministic
 
 SETTINGS = Settings(
     policies=("nearest", "random"),
@@ -26,10 +27,6 @@ SETTINGS = Settings(
 )
 OPTIONS = ["--policies", "nearest", "random", "--physics", "kinematic", "--time-limit", "2"]
 NO_AXIS = {"slam_axis": type(SETTINGS.slam_axis)()}
-
-
-def deterministic(rows):
-    return [{name: value for name, value in row.items() if name != "decision_ms"} for row in rows]
 
 
 @pytest.fixture(scope="module")

@@ -1,6 +1,5 @@
 """Every task is evaluated, reported and played as explorations are, a user's own in an unknown world among them."""
 
-import csv
 import json
 import pickle
 import re
@@ -19,6 +18,7 @@ from envs.tasks.explore import Explore
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
 from evaluate import main, split_arguments
+from tests.benchmarks.explorations import read_rows
 
 ROOT = Path(__file__).parents[2]
 BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "5", "--record"]
@@ -38,8 +38,7 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
     task, policies, options = CASES[id]
     command = ["--id", f"lidarnaut/{id}-v0", "--policies", *policies, *BRIEF, *options, "--out", str(tmp_path)]
     assert main([*command, "--publish", str(tmp_path / "docs")]) == 0
-    with open(tmp_path / "episodes.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(tmp_path)
     own = [measure.name for measure in task.measures]
     key = ["policy", "world", "seed", "robot", "physics", "slam", "model"]
     common = ["path_length", "collisions", "position_rmse", "heading_rmse", "decision_ms", "success"]
@@ -102,8 +101,7 @@ def test_an_own_task_with_a_goal_in_an_unknown_world_is_driven_by_the_classic_co
     command = [sys.executable, str(ROOT / "evaluate.py"), *options, "--episodes", "2", "--jobs", "2", "--out", "out"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
-    with open(tmp_path / "out" / "episodes.csv", newline="") as file:
-        rows = list(csv.DictReader(file))
+    rows = read_rows(tmp_path / "out")
     assert {row["end_reason"] for row in rows if row["policy"] != "random"} == {"reached"}
     assert {row["world"] for row in rows} == {"rooms"}
     assert (tmp_path / "out" / "players").exists()

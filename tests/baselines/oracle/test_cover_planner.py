@@ -106,12 +106,6 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_
         assert max(steps, default=0.0) < 1.6
 
 
-def test_a_room_that_is_seen_from_the_start_needs_no_path():
-    stops, length = planned(world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)))
-    assert len(stops) == 0
-    assert length == 0.0
-
-
 @pytest.mark.parametrize(
     ("start", "target", "first", "last", "expected"),
     [
