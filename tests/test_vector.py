@@ -17,12 +17,10 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
 from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.observations import Motion
-from envs.task import Rewards
 from envs.tasks.explore import Explore
 from envs.vector import LidarEnvs, LidarVectorEnv, make_vec
 from tests.rollouts import assert_same, step_both
-from tests.test_core import Own
-from tests.test_sensor import Beacon
+from tests.test_core import Beacon, Nailed
 
 explore_envs = partial(LidarEnvs, task=Explore)
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0}
@@ -50,13 +48,6 @@ class Faster(Motion):
         out[0] *= 0.5
 
 
-class Squared(Rewards):
-    """Terms that are not linear in the quantities."""
-
-    def terms(self, quantities):
-        return {name: weight * quantities[name] ** 2 for name, weight in self.weights.items()}
-
-
 @dataclass(kw_only=True, eq=False)
 class Counting(Explore):
     """Counts control periods, and tells of every fifth."""
@@ -75,13 +66,6 @@ class Counting(Explore):
     def metrics(self):
         fifth = {"fifth": self.count} if self.count % 5 == 0 and self.count else {}
         return super().metrics() | {"count": self.count} | fifth
-
-
-class EveryScan(Own):
-    """A SLAM with an `update` of its own."""
-
-    def update(self, reading, motion):
-        return super().update(reading, motion)
 
 
 class Braked(LidarEnv):
@@ -114,9 +98,9 @@ CASES = {
     "part": ("Explore", {**QUICK, "observations": {"scan": None, "map_near": None, "mine": Travelled}}),
     "overwritten part": ("Explore", {**QUICK, "observations": {"motion": Faster}}),
     "plan": ("Explore", {**QUICK, "observations": ("motion", "plan")}),
-    "reward": ("Explore", {**QUICK, "reward": Squared}),
+    "reward": ("Explore", {**QUICK, "reward": "tests.test_core:Hurry"}),
     "task": ("Explore", {**QUICK, "task": Counting}),
-    "estimator": ("Explore", {**QUICK, "slam": EveryScan}),
+    "estimator": ("Explore", {**QUICK, "slam": "tests.test_core:Nailed"}),
     "sensor": ("Explore", {**QUICK, "sensors": [Beacon()], "observations": ("scan", "beacon")}),
     "flat": ("Explore", QUICK, FlattenObservation),
     "clipped": ("Explore", QUICK, ClipAction),
@@ -183,7 +167,7 @@ def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(
         (partial(Braked, Explore), {}, "Braked has twists of its own"),
         (partial(LidarEnv, Explore), {"physics": "bullet"}, "BulletSimulator steps in Python"),
         (ExploreFrontiersEnv, {}, ""),
-        (ExploreFrontiersEnv, {"slam": EveryScan}, "EveryScan processes every scan"),
+        (ExploreFrontiersEnv, {"slam": Nailed}, "Nailed processes every scan"),
     ],
 )
 def test_environments_say_whether_they_are_fused_and_why_not(kind, arguments, why):
