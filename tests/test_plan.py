@@ -1,5 +1,3 @@
-"""The observation part `plan`."""
-
 import math
 
 import numpy as np

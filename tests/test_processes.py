@@ -1,5 +1,3 @@
-"""Worker processes."""
-
 import os
 import signal
 import subprocess

@@ -1,5 +1,3 @@
-"""The tracking environment: Gymnasium's contract, the route, the map made beforehand, and the fused pose."""
-
 import math
 
 import numpy as np

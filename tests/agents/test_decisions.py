@@ -101,24 +101,6 @@ def test_what_was_learned_is_evaluated_by_its_name_with_the_observations_that_it
     assert min(lengths) > [0.5]
 
 
-def test_it_chooses_from_observations_and_draws_by_the_generator(run):
-    env = make_env(changed().environment, "test")
-    observation, _ = env.reset(seed=0)
-    chooser = LearnedPolicy.load(run)
-    assert chooser.level == "decision"
-    choice = chooser(observation)
-    assert env.action_space.contains(choice)
-    drawing = LearnedPolicy.load(run, deterministic=False)
-
-    def draw(seed):
-        drawing.reset(env.unwrapped.robot, 0.2, np.random.default_rng(seed))
-        return [int(drawing(observation)) for _ in range(200)]
-
-    assert draw(1) == draw(1)
-    assert 1 < len(set(draw(1))) <= observation["action_mask"].sum()
-    assert max(set(draw(1)), key=draw(1).count) == choice
-
-
 def test_a_checkpoint_for_other_spaces_is_refused(run):
     twists = {"id": "lidarnaut/Explore-v0", "world_size": [8, 8]}
     config = changed(environment=twists).model_copy(update={"network": {}})

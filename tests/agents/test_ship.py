@@ -1,5 +1,3 @@
-"""Folders of policies that come with the package."""
-
 import hashlib
 import json
 import shutil

@@ -1,5 +1,3 @@
-"""The wall follower, between walls drawn by hand; random commands; explorers by name."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Films of environments: which moments they show, and in which colours."""
-
 import numpy as np
 import pytest
 from PIL import Image

@@ -1,5 +1,3 @@
-"""Pages of text, tables and pictures, and the command that they name."""
-
 import io
 import re
 from pathlib import Path

@@ -1,5 +1,3 @@
-"""Bags of ROS 1 and ROS 2 as logs."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""How well a trajectory fits: relations between poses, and beams that contradict the other scans of a log."""
-
 import math
 import os
 from dataclasses import replace

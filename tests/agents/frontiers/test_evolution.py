@@ -1,5 +1,3 @@
-"""Tasks that training draws, and the evolution of a score."""
-
 import os
 import shutil
 import signal

@@ -1,5 +1,3 @@
-"""The network over candidates, and the policy that draws by it."""
-
 import numpy as np
 import pytest
 import torch

@@ -1,5 +1,3 @@
-"""Features of candidates, and the policy that scores them."""
-
 import json
 
 import numpy as np

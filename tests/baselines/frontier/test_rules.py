@@ -1,5 +1,3 @@
-"""How rules choose, and that explorers explore a small world with them."""
-
 import numpy as np
 import pytest
 

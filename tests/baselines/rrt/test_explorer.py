@@ -1,5 +1,3 @@
-"""The random trees, the filter, the assigner, and the explorer made of them."""
-
 import numpy as np
 import pytest
 from sklearn.cluster import MeanShift

@@ -1,5 +1,3 @@
-"""Several robots with one assigner."""
-
 import math
 
 import numpy as np
