@@ -1,5 +1,3 @@
-"""Policies that are loaded from checkpoints, and the one that starts from pursuit of the plan."""
-
 import math
 from pathlib import Path
 from types import SimpleNamespace
@@ -17,10 +15,11 @@ from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.run_folder import CheckpointError
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from baselines.episode import run_episode
-from envs.files import parse_record, read_record
+from envs.files import read_record
 from envs.geometry import wrap_angle
 from envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
+from tests.agents.test_every_algorithm import tiny
 
 
 @pytest.fixture
@@ -83,18 +82,10 @@ def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
     assert Actor(model.policy)(vector.reset())[0] == pytest.approx([0.6, 0.0], abs=0.1)
 
 
-TINY = {
-    "experiment": "tiny",
-    "total_steps": 64,
-    "num_envs": 2,
-    "algorithm": "PPO",
-    "environment": {
-        **{"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0},
-        "observations": ["scan", "motion", "plan"],
-    },
-    "hyperparameters": {"n_steps": 32, "batch_size": 32},
-    "network": {"pursuit": 1.0},
-}
+ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0}
+ROOMS |= {"id": "lidarnaut/Explore-v0", "observations": ["scan", "motion", "plan"]}
+LONGER = {"hyperparameters": {"n_steps": 32, "batch_size": 32}, "checkpoints": {"every": 64}}
+PURSUING = tiny("PPO", "Explore", environment=ROOMS, network={"pursuit": 1.0}, **LONGER)
 
 
 def plan_of(angle, *, present=1.0):
@@ -120,9 +111,8 @@ def test_pursuit_turns_to_the_path_backs_up_in_contact_and_looks_around_without_
 
 
 def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
-    config = parse_record(TINY, "tiny", TrainingConfig)
-    env = GymnasiumVecEnv(make_vector(config.environment, "train", 2))
-    model = build_model(config, env)
+    env = GymnasiumVecEnv(make_vector(PURSUING.environment, "train", 2))
+    model = build_model(PURSUING, env)
     observations = env.reset()
     followed = pursue(torch.as_tensor(observations["plan"]), torch.as_tensor(observations["motion"])).numpy()
     np.testing.assert_allclose(Actor(model.policy)(observations), followed, atol=0.1)
@@ -135,8 +125,7 @@ def test_an_untrained_policy_follows_the_plan_and_learns_beside_it():
 
 def test_the_policy_of_the_package_explores_a_small_world_without_contact():
     driver = LearnedPolicy.load(find_policy("pretrained/twist"))
-    config = parse_record(TINY, "tiny", TrainingConfig).environment
-    env = make_env(config.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
+    env = make_env(PURSUING.environment.model_copy(update={"robot": "turtlebot3_waffle_pi"}), "test")
     episode = run_episode(env, driver, 0)
     assert episode.end_reason == "covered"
     assert episode.duration < 0.5 * episode.time_limit

@@ -3,24 +3,22 @@ import sys
 
 import pytest
 
-from agents.config import TrainingConfig
 from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
-from envs.files import Lock, LockedError, parse_record
-
-TINY = {
-    "experiment": "tiny",
-    "total_steps": 16,
-    "num_envs": 2,
-    "algorithm": "PPO",
-    "environment": {"world": "turtlebot3_world", "time_limit": 2.0, "target_coverage": 0.95, "num_workers": 0},
-    "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1},
-    "evaluation": {"every": 16, "episodes": 1, "references": ["nearest"]},
-}
+from envs.files import Lock, LockedError
+from tests.agents.test_every_algorithm import tiny
 
 
 @pytest.fixture
 def config():
-    return parse_record(TINY, "tiny", TrainingConfig)
+    environment = {"world": "turtlebot3_world", "time_limit": 2.0, "target_coverage": 0.95, "num_workers": 0}
+    return tiny(
+        "PPO",
+        "Explore",
+        environment={"id": "lidarnaut/Explore-v0", **environment},
+        hyperparameters={"n_steps": 8, "batch_size": 16, "n_epochs": 1},
+        evaluation={"every": 16, "episodes": 1, "references": ["nearest"]},
+        checkpoints={"every": 16},
+    )
 
 
 def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config):

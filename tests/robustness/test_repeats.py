@@ -1,4 +1,4 @@
-"""The same seed in other processes, after other episodes, and with other numbers of threads."""
+"""The same seed in other processes, and with other numbers of threads."""
 
 import hashlib
 
@@ -26,21 +26,14 @@ ELSEWHERE = {
 """Variables of the environment of a process that repeats the episodes."""
 
 
-def digest(case, seed, steps=100, after=0):
-    """Return the SHA-256 of an episode: observations, rewards, pose errors.
-
-    `after` are episodes with other seeds that the same environment runs before.
-    """
+def digest(case):
+    """Return the SHA-256 of an episode: observations, rewards, pose errors."""
     id, arguments = CASES[case]
     env = gymnasium.make(f"envs:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
-    for other in range(after):
-        env.reset(seed=1000 + seed + other)
-        for _ in range(5):
-            env.step(env.action_space.sample())
     found = hashlib.sha256()
-    observation, info = env.reset(seed=seed)
-    env.action_space.seed(seed)
-    for _ in range(steps):
+    observation, info = env.reset(seed=0)
+    env.action_space.seed(0)
+    for _ in range(100):
         for name in sorted(observation):
             found.update(observation[name].tobytes())
         found.update(repr((info["time"], np.asarray(info["pose_error"]).tolist(), info["rewards"])).encode())
@@ -52,12 +45,7 @@ def digest(case, seed, steps=100, after=0):
 
 
 def digests():
-    return {case: digest(case, 0) for case in CASES}
-
-
-def test_episodes_repeat_after_others_and_differ_between_seeds():
-    case = "Explore-v0, hector"
-    assert digest(case, 3, 20) == digest(case, 3, 20, after=1) != digest(case, 4, 20)
+    return {case: digest(case) for case in CASES}
 
 
 @pytest.mark.slow
