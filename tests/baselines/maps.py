@@ -41,7 +41,6 @@ def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=
 
 
 def candidates_from(x, y, grid=None, **settings):
-    """The candidates at a position."""
     navigator = FrontierNavigator(BURGER, 0.1, **settings)
     navigator.begin(reading_of(), belief_at(x, y, grid))
     return navigator.candidates
