@@ -206,11 +206,7 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with other values at some keys, which are names with dots between them.
-
-    Raises:
-        ValueError: a key leads through a value that is no mapping.
-    """
+    """Return nested mappings with other values at keys such as `a.b`; ValueError if one leads through no mapping."""
     changed: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
         *parents, name = key.split(".")

@@ -52,11 +52,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
 
 
 def level_of(value: Any) -> Level:
-    """Return the level at which a policy decides, as its attribute `level` says; twists if it says nothing.
-
-    Raises:
-        ValueError: if it says something else.
-    """
+    """Return the level at which a policy decides, its `level`; twists without one; ValueError for any other."""
     level: Level = getattr(value, "level", "twist")
     if level not in get_args(Level):
         raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {level!r}")
@@ -64,11 +60,7 @@ def level_of(value: Any) -> Level:
 
 
 def observations_of(value: Any) -> Observations | None:
-    """Return the parts of the observation that a policy needs, as its attribute `observations` says; None if nothing.
-
-    Raises:
-        ValueError: if they are not by name.
-    """
+    """Return the parts of the observation that a policy needs, its `observations`; ValueError if not by name."""
     parts = getattr(value, "observations", None)
     if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
         raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")

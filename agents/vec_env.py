@@ -145,11 +145,7 @@ class GymnasiumVecEnv(VecEnv):
         return list(pictures or [None] * self.num_envs)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the sub-environments.
-
-        Raises:
-            AttributeError: if they do not have it.
-        """
+        """Return an attribute of the sub-environments; AttributeError if they do not have it."""
         inner: Any = self.env.unwrapped
         chosen = self._get_indices(indices)
         if attr_name == "action_masks" and self._has_masks:
@@ -166,11 +162,7 @@ class GymnasiumVecEnv(VecEnv):
         inner.set_attr(attr_name, [value if i in chosen else values[i] for i in range(self.num_envs)])
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the sub-environments.
-
-        Raises:
-            ValueError: if it is to be called in some of them only.
-        """
+        """Call a method of the sub-environments; ValueError if it is to be called in some of them only."""
         chosen = list(self._get_indices(indices))
         if method_name == "action_masks" and self._has_masks:
             return list(self._observations["action_mask"].astype(np.bool_)[chosen])

@@ -121,8 +121,7 @@ class Tree:
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
         """Grow by samples, shape (n, 2), float64, map frame [m]; a tree that resets starts again at the robot (x, y).
 
-        Returns:
-            Shape (k, 2), float64: the frontier points found, in the order of the samples, map frame [m].
+        Returns the frontier points found, shape (k, 2), float64, map frame [m], in the order of the samples.
         """
         count, scale, origin = len(self.vertices), grid.resolution, np.array(grid.origin)
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)

@@ -63,8 +63,7 @@ def find_bins(particles, raster, bins):
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
     """Find the particles of the heaviest cluster: those in bins that touch, be it by a corner or across half a turn.
 
-    Returns:
-        The cluster's weight, of 1 in all, and the weights of its particles, 0 for the others: shape (n,), float64.
+    Returns its weight, of 1 in all, and the weights of its particles, 0 for the others: shape (n,), float64.
     """
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()

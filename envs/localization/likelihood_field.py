@@ -46,8 +46,7 @@ class Beams:
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
     """Measure how far cells lie from the nearest of `obstacles`, shape (height, width), bool, centre to centre.
 
-    Returns:
-        Shape (height, width), float64, at most `max_distance` [m].
+    Returns shape (height, width), float64, at most `max_distance` [m].
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)

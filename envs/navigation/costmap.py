@@ -50,11 +50,7 @@ class CostmapParams:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
 
     def reach(self, resolution: float) -> int:
-        """Return how many cells of a side [m] the inflation radius spans.
-
-        Raises:
-            ValueError: if these are less than one or more than 180.
-        """
+        """Return how many cells of a side [m] the inflation radius spans; ValueError unless 1 to 180."""
         reach = math.floor(self.inflation_radius / resolution + 1e-9)
         if not 1 <= reach <= 180:
             raise ValueError(

@@ -29,11 +29,7 @@ _UNSTOPPABLE = 1e4
 
 
 def import_pybullet() -> ModuleType:
-    """Import PyBullet without the line that it prints on standard error.
-
-    Raises:
-        ImportError: it is not installed; the message says how to get it.
-    """
+    """Import PyBullet without the line that it prints on standard error; ImportError says how to get it."""
     stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:

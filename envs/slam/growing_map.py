@@ -22,12 +22,9 @@ class GrowingMap:
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Make an unknown map with the map frame's origin in its middle.
+        """Make an unknown map with the map frame's origin in its middle; ValueError for more than `MAX_CELLS`.
 
         Numbers of columns and rows, and those before the origin, stay multiples of `block`.
-
-        Raises:
-            ValueError: if the map would have more than `MAX_CELLS`.
         """
         resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:

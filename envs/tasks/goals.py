@@ -59,11 +59,7 @@ class GeodesicDistance:
     """True distance to a goal around everything that does not move."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D) -> None:
-        """Measure the distances from everywhere in the true free space to a goal, world frame.
-
-        Raises:
-            ValueError: if the robot does not fit at the goal.
-        """
+        """Measure distances from free space to a goal, world frame; ValueError if the robot does not fit there."""
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
         costs = np.where(area.traversable, np.uint8(COST_FREE), np.uint8(COST_LETHAL))

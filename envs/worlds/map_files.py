@@ -44,11 +44,7 @@ class MapFile(BaseModel):
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
-    """Return the image and the YAML file that `save_map` writes.
-
-    Raises:
-        ValueError: if the path ends otherwise.
-    """
+    """Return the image and the YAML file that `save_map` writes; ValueError if the path ends otherwise."""
     if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
         raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
     image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")

@@ -153,11 +153,7 @@ def _score_top(levels, width, grid, least, limit):
 
 @njit(cache=True, error_model="numpy")
 def _descend(levels, width, grid, node, best, budget):
-    """Search below a node of the top level, depth first.
-
-    Returns:
-        The best leaf, the number of nodes scored, and whether that was within `budget`.
-    """
+    """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`."""
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
     stack[0, :4], stack[0, 4] = node, top

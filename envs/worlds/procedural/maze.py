@@ -34,8 +34,7 @@ def _lines(length: float, count: int) -> np.ndarray:
 def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
     """Walk at random from cell to unvisited cell, and back where there is none.
 
-    Returns:
-        Shape (2 rows + 1, 2 cols + 1), bool: solid; cells at odd positions, walls and posts between them.
+    Returns shape (2 rows + 1, 2 cols + 1), bool: solid; cells at odd positions, walls and posts between them.
     """
     solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
     solid[1::2, 1::2] = False
