@@ -1,5 +1,7 @@
 """Progress bars, of which files and pipes get whole lines."""
 
+import os
+import threading
 import time
 from typing import Any
 
@@ -27,3 +29,13 @@ class Progress(tqdm):
         """Take the bar off the terminal for a moment."""
         if not self.disable and self.fp.isatty():
             super().clear(*args, **kwargs)
+
+
+def _make_lock() -> None:
+    """Give bars a lock of this process alone: a process that is killed in the midst of a bar would keep tqdm's."""
+    Progress.set_lock(threading.RLock())
+
+
+_make_lock()
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_child=_make_lock)
