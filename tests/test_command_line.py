@@ -174,6 +174,7 @@ def test_bars_that_are_short_or_switched_off_write_nothing(monkeypatch):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked")
 def test_a_process_that_is_killed_in_the_midst_of_a_bar_stops_no_other():
-    program = "import os\nfrom envs.progress import Progress\nchild = os.fork()\nif not child:\n    "
-    program += "Progress.get_lock().acquire()\n    os._exit(9)\nos.waitpid(child, 0)\nlist(Progress(range(3)))"
-    subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=60, check=True)
+    program = "import os\nfrom envs.progress import Progress\nlist(Progress(range(3)))\nchild = os.fork()\n"
+    program += "if not child:\n    Progress.get_lock().acquire()\n    os._exit(9)\nos.waitpid(child, 0)\n"
+    program += "list(Progress(range(3)))"
+    subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=20, check=True)
