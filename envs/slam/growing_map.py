@@ -36,8 +36,8 @@ class GrowingMap:
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
         """The map as an occupancy grid, always up to date."""
-        # Room for all cells that a scan may touch; only what is written takes memory.
-        most_cells = lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2)
+        # Room for all cells that a scan may make known; only what is written takes memory.
+        most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 3))
 

@@ -30,6 +30,8 @@ class ExplorableArea:
     """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
     near_movers: np.ndarray
     """Shape of `walls`, bool: cells in whose centre the footprint overlaps a mover at time 0."""
+    name: str
+    """Name of the world."""
 
     @property
     def area(self) -> float:
@@ -71,7 +73,9 @@ class ExplorableArea:
         """
         cells, blocked = np.flatnonzero(self.start_cells), self.near_movers.ravel()
         if blocked[cells].all():
-            raise ValueError("there is no free pose for the robot: movers cover all that it can reach at time 0")
+            raise ValueError(
+                f"world {self.name!r} has no free pose: movers cover all that the robot can reach at time 0"
+            )
         cell = cells[rng.integers(len(cells))]
         while blocked[cell]:
             cell = cells[rng.integers(len(cells))]
@@ -119,4 +123,4 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     for mover in world.movers:
         x, y = mover.position(0.0)
         near_movers |= np.hypot(xs - x, ys - y) <= robot.radius + mover.radius
-    return ExplorableArea(walls, explorable, traversable, start_cells, near_movers)
+    return ExplorableArea(walls, explorable, traversable, start_cells, near_movers, world.name)
