@@ -190,7 +190,7 @@ def test_the_published_numbers_are_those_of_the_table(tmp_path):
         areas, fractions = ([float(r[name]) for r in mine] for name in ("area_under_curve", "explored_fraction"))
         expected = stats.trim_mean(areas, 0.25), stats.trim_mean(fractions, 0.25), np.mean(np.array(fractions) >= 0.95)
         numbers = [float(re.search(r"[-\d.]+", shown[policy][k]).group()) for k in (0, 1, 4)]
-        assert numbers == pytest.approx(100 * np.array(expected), abs=0.51)
+        assert (np.abs(numbers - 100 * np.array(expected)) <= (0.051, 0.051, 0.51)).all()
         times = [min(float(r["time_to_95"]), float(r["time_limit"])) for r in mine if r["world"] == "pimouse_arena"]
         assert float(re.search(r"[\d.]+", cell).group()) == pytest.approx(stats.trim_mean(times, 0.25), abs=0.51)
     assert "## What mapping error costs" in page

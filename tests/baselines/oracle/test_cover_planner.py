@@ -107,18 +107,20 @@ def test_viewpoints_are_spread_evenly_and_paths_lead_around_walls_through_those_
 
 
 @pytest.mark.parametrize(
-    ("start", "target", "first", "last", "expected"),
+    ("start", "target", "first", "last", "expected", "within"),
     [
         # The shorter end comes first. From 3.35 m before an end the lidar sees both of its corners.
-        (8.0, 1.0, 3.35, 16.65, 2 * 4.65 + 8.65),
+        (8.0, 1.0, 3.35, 16.65, 2 * 4.65 + 8.65, (0.4, 0.8)),
         # 80 % are enough: the last 4 m of the longer end are left unseen.
-        (3.0, 0.8, 12.6, 12.6, 9.6),
+        (3.0, 0.8, 12.6, 12.6, 9.6, (0.5, 0.6)),
     ],
 )
-def test_a_corridor_is_toured_by_the_shortest_path_from_which_enough_is_seen(start, target, first, last, expected):
+def test_a_corridor_is_toured_by_the_shortest_path_from_which_enough_is_seen(
+    start, target, first, last, expected, within
+):
     stops, length = planned(corridor(start), target)
-    assert stops[[0, -1], 0] == pytest.approx([first, last], abs=0.5)
-    assert length == pytest.approx(expected, abs=0.8)
+    assert stops[[0, -1], 0] == pytest.approx([first, last], abs=within[0])
+    assert length == pytest.approx(expected, abs=within[1])
 
 
 def test_the_longest_arm_of_a_cross_comes_last():
