@@ -1,4 +1,4 @@
-"""Where a planner would go: ways to the frontiers that are worth most."""
+"""Where a planner would go: paths to the frontiers that are worth most."""
 
 import math
 

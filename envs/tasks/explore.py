@@ -49,7 +49,7 @@ class Explore(UnknownWorldTask):
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | map, 8 m x 8 m around the robot, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | map, 32 m x 32 m around the robot, 0.8 m per pixel |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
-    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | ways to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `envs.observations.Plan` |
+    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `envs.observations.Plan` |
 
     Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left. Unknown is 0 in
     channels 0 and 1.

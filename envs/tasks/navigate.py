@@ -76,7 +76,7 @@ class Navigate(WorldTask):
     Collisions do not end the episode.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of the way that is done), `pose_error`
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of that path that is driven), `pose_error`
     (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
     (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` each step also
     `randomized`: what the episode has drawn, by name.
