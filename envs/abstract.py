@@ -12,8 +12,8 @@ from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
 from envs.simulation import KinematicSimulator
+from envs.simulation.crowd.step import step_people
 from envs.simulation.records import THETA, X
-from envs.simulation.sensors import sense
 from envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97
@@ -191,10 +191,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             pose = explore.map_pose.between(true_pose.compose(error.inverse()))
         rows.numbers[0, X : THETA + 1] = true_pose
         rows.go_to(rows.steps + count)
-        if world.movers:
-            simulator.circles = world.circles_at(rows.steps * explore.control_period)
+        for _ in range(count if len(simulator.crowd.rows) else 0):
+            step_people(*simulator.crowd.arrays, rows.numbers, world.segments, world.circles)
         rows.draw([rng])
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, simulator.circles)
+        simulator.sense()
         ranges = robot.ranges
         if num_false := rng.binomial(len(ranges), self._false_returns):
             beams = rng.integers(len(ranges), size=num_false)

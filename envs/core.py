@@ -21,8 +21,9 @@ from envs.rendering.scene import Scene, scene_of
 from envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
-from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
+from envs.simulation import KinematicSimulator, Reading, Twist, crowd_of, make_simulator
 from envs.simulation import records as at
+from envs.simulation.crowd.params import PeopleLike
 from envs.simulation.rows import Rows
 from envs.task import Task
 from envs.transition import pose_errors, update_robots
@@ -48,6 +49,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `time_limit` (`None`): length of an episode [s]; `None` gives the task's usual one.
     - `observations` (`None`): parts of the observation, see `envs.observations.make_parts`; `None` gives the task's
       usual ones.
+    - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
+      `"doorway"`, `"crossing"`), an `envs.simulation.Crowd`, or a mapping of its parameters; drawn for each episode.
     - `sensors` (`()`): sensors of your own, see `envs.sensor.Sensor`.
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
       robot's; see docs/training.md.
@@ -66,6 +69,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         control_hz: float = 10.0,
         time_limit: float | None = None,
         observations: Observations | None = None,
+        people: PeopleLike = None,
         sensors: Sequence[Any] = (),
         randomize: Ranges | None = None,
         clip_actions: bool = False,
@@ -92,7 +96,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.control_period = period = 1.0 / control_hz
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
-        self.simulator = make_simulator(physics, self.robot, period, num_robots)
+        self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
         self.robots = [
             Robot(self.robot, period, self.task.make_estimator(), uses_true_motion=self.task.uses_true_motion)
             for _ in range(num_robots)
@@ -162,12 +166,15 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             # world, starts and task.
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
-        readings = self.simulator.reset(self.world, starts, rngs[::2])
+        # Generators after all others: the same seed without sensors or people has the same episode.
+        sensor_rngs = self.np_random.spawn(len(self.sensors))
+        crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.crowd else None
+        readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
         rows = self.simulator.rows
         rows.numbers[:, at.MAP_POSE : at.MAP_POSE + 3] = task.map_pose
         self.truths = [GroundTruth(rows, k) for k in range(num_robots)]
-        if self.sensors:  # a generator after all others: the same seed without sensors has the same episode
-            for sensor, rng in zip(self.sensors, self.np_random.spawn(len(self.sensors)), strict=True):
+        if self.sensors:
+            for sensor, rng in zip(self.sensors, sensor_rngs, strict=True):
                 sensor.reset(self.world, rng)
             readings = self._measure(readings)
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]

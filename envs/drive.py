@@ -30,13 +30,13 @@ class Passed(NamedTuple):
 def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from):
     """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, which
-    rests; `navigator`, `passed`: written; `max_steps`: most control periods; `check_from`: the one from which on the
-    navigator's objects check each. Returns control periods, and the progress as `check_progress` returns it;
+    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, and
+    `People.arrays`; `navigator`, `passed`: written; `max_steps`: most control periods; `check_from`: the one from which
+    on the navigator's objects check each. Returns control periods, and the progress as `check_progress` returns it;
     `UNCHECKED` in the first two cases.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
-    segments, circles = around
+    segments, circles, crowd = around
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
     passed.counts[:] = 0
     num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
@@ -44,7 +44,7 @@ def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from)
         pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
         v, w = compute_velocity_command(navigators, navigator.path, obstacles, pose, row[at.TWIST_V], constants)
         row[at.COMMAND_V], row[at.COMMAND_W] = v, w
-        step_robots(rows, draws, ranges, segments, circles, circles)
+        step_robots(rows, draws, ranges, segments, circles, crowd)
         update_robots(rows)
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
         if flags & REMEMBER:

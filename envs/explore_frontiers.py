@@ -274,8 +274,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} looks at every control period"
-        if env.world.movers or env.sensors or env.on_period or env.render_mode == "human":
-            return "movers, own sensors, recorders and windows look at every control period"
+        if env.sensors or env.on_period or env.render_mode == "human":
+            return "own sensors, recorders and windows look at every control period"
         return ""
 
     def _drive(self) -> str:
@@ -326,7 +326,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
-        around, check_from = (env.world.segments, simulator.circles), min(navigator.check_from, 1 << 40)
+        around = env.world.segments, env.world.circles, simulator.crowd.arrays
+        check_from = min(navigator.check_from, 1 << 40)
         arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, passed
         count, progress = drive(*arrays, max(left, 1), check_from)
         v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()

@@ -82,14 +82,15 @@ def step_rows(rows, draws, ranges, worlds, active, num_robots):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
     `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `worlds`: lists with an array for each
-    environment: segments, circles before and after the period; `active`: shape (num_envs,), bool.
+    environment: segments, circles, and those of `People.arrays`; `active`: shape (num_envs,), bool.
     """
-    segments, before, after = worlds
+    segments, circles, people, points, fields, setups = worlds
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
             own = rows[first:last]
-            step_robots(own, draws[first:last], ranges[first:last], segments[i], before[i], after[i])
+            crowd = (people[i], points[i], fields[i], setups[i])
+            step_robots(own, draws[first:last], ranges[first:last], segments[i], circles[i], crowd)
             update_robots(own)
 
 

@@ -13,7 +13,7 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 BURGER = load_robot("turtlebot3_burger")
 
 
-def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), movers=(), spawn=ORIGIN):
+def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), people=(), spawn=ORIGIN):
     """A rectangular room with something in it; its walls come before `segments`."""
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
     walls = [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1])]
@@ -23,13 +23,13 @@ def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), movers=(), sp
         circles=np.array(circles, dtype=float).reshape(-1, 3),
         spawns=(spawn,),
         bounds=(x_min, y_min, x_max, y_max),
-        movers=tuple(movers),
+        people=tuple(people),
     )
 
 
-def square_room(size, segments=(), circles=(), movers=()):
+def square_room(size, segments=(), circles=(), people=()):
     """A room of side 2 `size` around the origin."""
-    return make_room(-size, -size, size, size, segments, circles, movers)
+    return make_room(-size, -size, size, size, segments, circles, people)
 
 
 def hall(width=8.0, height=4.0, segments=()):

@@ -22,7 +22,7 @@ from tests.test_core import QUICK
     ("world", "seed"),
     [("turtlebot3_stage_3", 4), ("turtlebot3_stage_4", 18), ("turtlebot3_dqn_stage3", 21)],
 )
-def test_reset_keeps_clear_of_movers(world, seed):
+def test_reset_keeps_clear_of_people(world, seed):
     env = LidarEnv(Explore, world=world, physics="kinematic", slam="truth")
     env.reset(seed=seed)
     assert not env.step(np.zeros(2, dtype=np.float32))[4]["collisions"]

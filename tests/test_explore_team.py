@@ -12,7 +12,7 @@ from envs.observations.positions import PEERS_RANGE
 from envs.simulation.contact import check_starts
 from envs.tasks.explore import Explore, ExploreTeam
 from envs.tasks.starts import draw_starts
-from envs.worlds import Mover, explorable_area, world_sampler
+from envs.worlds import FixedRoute, explorable_area, world_sampler
 from tests.rooms import BURGER, hall
 from tests.test_core import QUICK
 
@@ -196,7 +196,7 @@ def test_each_robot_keeps_its_own_pose_by_the_shared_map():
 
 
 def test_starts_keep_clear_of_what_moves():
-    world = replace(hall(3.0, 3.0), movers=(Mover(0.4, np.array([[2.0, 1.5], [2.0, 2.0]]), 0.2),))
+    world = replace(hall(3.0, 3.0), people=(FixedRoute(0.4, np.array([[2.0, 1.5], [2.0, 2.0]]), 0.2),))
     area, first = explorable_area(world, BURGER, 0.05), Pose2D(0.5, 1.5, 0.0)
     for seed in range(5):
         starts = draw_starts(area, world, BURGER, first, 4, np.random.default_rng(seed))

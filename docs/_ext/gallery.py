@@ -22,9 +22,9 @@ PAGES = {
 # Worlds
 
 White is what can be reached from the spawns (triangles; the filled one is the usual one), grey is solid or not reached,
-movers are orange with the lines that they walk along. Pass the name as `world=`. Free area is what a point reaches from
-the first spawn, and the centre of a disc of 0.22 m radius. Worlds 0, 1 and 2 of each procedural family come last;
-environments draw a new one at each reset.
+people on fixed routes are orange with the lines that they walk along. Pass the name as `world=`. Free area is what a
+point reaches from the first spawn, and the centre of a disc of 0.22 m radius. Worlds 0, 1 and 2 of each procedural
+family come last; environments draw a new one at each reset.
 
 """,
     "robots": """\
@@ -65,7 +65,7 @@ def pages(folder: Path) -> dict[str, str]:
 
 
 def draw_world(world: World) -> Figure:
-    """Draw a world: what a point can reach in white, spawns as triangles, movers with their paths, a scale bar."""
+    """Draw a world: what a point can reach in white, spawns as triangles, people with their paths, a scale bar."""
     figure, ax = _new_figure(world.bounds)
     cell = max(0.02, max(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1]) / 400.0)
     grid, mask = reachable(world, resolution=cell)
@@ -75,9 +75,9 @@ def draw_world(world: World) -> Figure:
     ax.add_collection(LineCollection(list(world.segments.reshape(-1, 2, 2)), colors=_INK, linewidths=0.8))
     for circle in world.circles:
         ax.add_patch(Circle(circle[:2], circle[2], color=_INK))
-    for mover in world.movers:
-        ax.add_patch(Polygon(mover.waypoints, fill=False, edgecolor=_MOVER, linewidth=1.0, linestyle=(0, (3, 2))))
-        ax.add_patch(Circle(mover.position(0.0), mover.radius, color=_MOVER))
+    for person in world.people:
+        ax.add_patch(Polygon(person.waypoints, fill=False, edgecolor=_PERSON, linewidth=1.0, linestyle=(0, (3, 2))))
+        ax.add_patch(Circle(person.waypoints[0], person.radius, color=_PERSON))
     for k, spawn in enumerate(world.spawns):
         marker = (3, 0, np.degrees(spawn.theta) - 90.0)
         face = "none" if k else _SPAWN
@@ -115,7 +115,7 @@ def _colour(colour: style.Colour) -> tuple[float, ...]:
     return tuple(value / 255.0 for value in colour)
 
 
-_INK, _BODY, _MOVER, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.MOVER, style.ESTIMATED))
+_INK, _BODY, _PERSON, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.MOVER, style.ESTIMATED))
 
 
 def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes]:

@@ -69,9 +69,9 @@ class Panels {
     const { episode, colors, view } = this, context = prepare(this.truth);
     context.drawImage(this.world, 0, 0, this.width, this.height);
     if (showsScan) this.drawScan(context, sample);
-    for (let k = 0; k < episode.mover_radii.length; k++) {
-      const x = 2 * (sample * episode.mover_radii.length + k);
-      view.disc(context, episode.movers[x], episode.movers[x + 1], episode.mover_radii[k], colors.mover, 3);
+    for (let k = 0; k < episode.people_radii.length; k++) {
+      const x = 2 * (sample * episode.people_radii.length + k);
+      view.disc(context, episode.people[x], episode.people[x + 1], episode.people_radii[k], colors.person, 3);
     }
     this.drawTask(context, sample);
     view.path(context, episode.true_poses, sample, pose, colors.true, 2);

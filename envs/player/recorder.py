@@ -99,7 +99,7 @@ class EpisodeRecorder:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
-        positions = [mover.position(env.time) for mover in env.world.movers]
+        positions = env.simulator.people[:, :2].tolist()
         positions += [peer.state.pose[:2] for peer in env.truths[1:]]
         self._samples.append(
             {
@@ -111,7 +111,7 @@ class EpisodeRecorder:
                 "path_length": truth.path_length,
                 "contacts": robot.collisions,
                 "scans": np.rint(np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)),
-                "movers": [x for position in positions for x in position],
+                "people": [x for position in positions for x in position],
             }
         )
         self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
@@ -128,7 +128,7 @@ class EpisodeRecorder:
         lidar, area = env.robot.lidar, getattr(env.task, "area", None)
         floor = np.zeros((1, 1)) if area is None else area.explorable
         frame = (1.0, (0.0, 0.0)) if area is None else (area.walls.resolution, tuple(map(float, area.walls.origin)))
-        radii = [mover.radius for mover in env.world.movers] + [env.robot.radius] * (len(env.robots) - 1)
+        radii = env.simulator.people[:, 2].tolist() + [env.robot.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
             "explorer": type(self._explorer).__name__ if self._explorer is not None else "",
@@ -163,7 +163,7 @@ class EpisodeRecorder:
             segments=env.world.segments,
             circles=env.world.circles,
             route=getattr(getattr(env.task, "route", None), "points", NO_POINTS),
-            mover_radii=radii,
+            people_radii=radii,
             floor=floor,
         )
 

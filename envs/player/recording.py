@@ -84,9 +84,9 @@ class Recording:
     """True static cylinders as (x, y, radius), world frame [m]."""
     route: Annotated[np.ndarray, np.float32, "points", 2]
     """Points of the route to follow, map frame [m]; none in tasks without one."""
-    mover_radii: Annotated[np.ndarray, np.float32, "movers"]
-    """Of the bodies that move, the other robots of a team among them [m]."""
-    movers: Annotated[np.ndarray, np.float32, "n", "coordinates"]
+    people_radii: Annotated[np.ndarray, np.float32, "people"]
+    """Of people, and after them of the other robots of a team [m]."""
+    people: Annotated[np.ndarray, np.float32, "n", "coordinates"]
     """Their positions x, y one after the other, world frame [m]."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """1 where a robot can get to or see; a single 0 where the task does not tell."""

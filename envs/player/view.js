@@ -2,7 +2,7 @@
 
 const MARGIN = 0.3; // around the walls [m]
 const COLORS = [
-  ..."ink muted line paper true estimated plan goal frontier lidar mover floor outside wall free occupied".split(" "),
+  ..."ink muted line paper true estimated plan goal frontier lidar person floor outside wall free occupied".split(" "),
   ..."unknown contact first second".split(" "),
 ];
 

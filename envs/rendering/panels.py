@@ -45,9 +45,10 @@ _PALETTE = _palette()
 def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     """Draw the ground truth: walls and bodies, robots at their true poses, their beams, and their true paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
-    for mover in scene.world.movers:
-        centre = view.pixels(np.array(mover.position(scene.time)))[0]
-        pygame.draw.circle(surface, style.MOVER, centre, max(mover.radius * view.scale, 6.0))
+    for x, y, radius, vx, vy in scene.people.tolist():
+        centre, ahead = view.pixels(np.array([(x, y), (x + vx, y + vy)]))
+        pygame.draw.circle(surface, style.PERSON, centre, max(radius * view.scale, 6.0))
+        pygame.draw.line(surface, style.PERSON, centre, ahead, 2)
     if scene.goal is not None:
         _draw_goal(surface, view, scene.start.compose(scene.goal))
     for one in (scene, *scene.peers):

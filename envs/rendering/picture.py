@@ -22,7 +22,7 @@ LEGENDS = (
         ("robot and its path", style.TRUE, "line"),
         ("lidar", style.LIDAR, "box"),
         ("solid", style.SOLID, "box"),
-        ("moving", style.MOVER, "disc"),
+        ("people", style.PERSON, "disc"),
     ),
     (
         ("estimate", style.ESTIMATED, "line"),

@@ -33,6 +33,8 @@ class Scene:
     """Contacts so far, of all robots."""
     start: Pose2D
     """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
+    people: np.ndarray
+    """People, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
     belief: Belief
     """Pose estimate and map, map frame."""
     estimated_trail: np.ndarray
@@ -75,6 +77,7 @@ def scene_of(env: Any, k: int) -> Scene:
         robot=robot.params,
         pose=truth.state.pose,
         start=env.map_pose,
+        people=env.simulator.people,
         belief=robot.belief,
         ranges=robot.reading.ranges,
         trail=truth.trail.positions,

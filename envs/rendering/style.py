@@ -21,7 +21,7 @@ LOOP: Colour = (204, 121, 167)
 LIDAR: Colour = (86, 180, 233)
 SEEN_ALPHA, BEAM_ALPHA = 70, 130
 """Opacity of the area that the lidar sees and of its beams, up to 255."""
-MOVER: Colour = (230, 159, 0)
+PERSON: Colour = (230, 159, 0)
 
 FLOOR: Colour = (255, 255, 255)
 SOLID: Colour = (122, 133, 147)

@@ -2,6 +2,7 @@
 
 from envs.robots import RobotParams
 
+from .crowd import CROWDS, Crowd, crowd_of
 from .kinematic import KinematicSimulator
 from .rows import Reading, RobotState, Twist
 from .simulator import Simulator
@@ -10,8 +11,10 @@ PHYSICS = ("bullet", "kinematic")
 """Names of the physics."""
 
 
-def make_simulator(physics: str, robot: RobotParams, control_period: float, num_robots: int = 1) -> Simulator:
-    """Return equal robots under one of `PHYSICS`, which get commands every `control_period` seconds.
+def make_simulator(
+    physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
+) -> Simulator:
+    """Return equal robots among people under one of `PHYSICS`, which get commands every `control_period` seconds.
 
     Raises:
         ValueError: the physics is unknown, the control period is not positive, or there is not at least one robot.
@@ -20,12 +23,23 @@ def make_simulator(physics: str, robot: RobotParams, control_period: float, num_
     if num_robots < 1:
         raise ValueError(f"num_robots must be at least 1, got {num_robots}")
     if physics == "kinematic":
-        return KinematicSimulator(robot, control_period, num_robots)
+        return KinematicSimulator(robot, control_period, num_robots, crowd)
     if physics == "bullet":
         from .bullet import BulletSimulator
 
-        return BulletSimulator(robot, control_period, num_robots)
+        return BulletSimulator(robot, control_period, num_robots, crowd)
     raise ValueError(f"unknown physics {physics!r}; choose one of {', '.join(PHYSICS)}")
 
 
-__all__ = ["PHYSICS", "KinematicSimulator", "Reading", "RobotState", "Simulator", "Twist", "make_simulator"]
+__all__ = [
+    "CROWDS",
+    "PHYSICS",
+    "Crowd",
+    "KinematicSimulator",
+    "Reading",
+    "RobotState",
+    "Simulator",
+    "Twist",
+    "crowd_of",
+    "make_simulator",
+]

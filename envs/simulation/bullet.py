@@ -12,8 +12,10 @@ from envs.worlds import World
 
 from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
+from .crowd import Crowd
+from .crowd import records as crowd_at
+from .crowd.step import step_people
 from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, X, Y, robot_record
-from .sensors import sense
 from .simulator import Simulator
 
 GRAVITY = 9.81
@@ -31,11 +33,14 @@ class BulletSimulator(Simulator):
     The lidar of each sees the others as circles, as under the kinematic physics.
     """
 
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
+    def __init__(
+        self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
+    ) -> None:
         import_pybullet()
-        super().__init__(robot, control_period, num_robots)
+        super().__init__(robot, control_period, num_robots, crowd)
         self._bullet: Any = None
         self._nearby: NearbyWalls | None = None
+        self._people: list[int] = []
         self.is_copy = False
         """Whether this is a copy that was made in mid-episode, and has not been reset since."""
         self.set_robot(robot)
@@ -47,7 +52,7 @@ class BulletSimulator(Simulator):
     def set_robot(self, robot: RobotParams) -> None:
         """Change the robots' parameters from the next reset on, which builds the simulation anew; see `Simulator`."""
         super().set_robot(robot)
-        self._arguments = robot, self._period, len(self.rows.numbers)
+        self._arguments = robot, self._period, len(self.rows.numbers), self.crowd.crowd
         self._substeps = int(robot_record(robot, self._period).substeps)
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
         self._reach = 2.0 * (robot.radius + fastest * self._period)
@@ -64,9 +69,9 @@ class BulletSimulator(Simulator):
         self.is_copy = False
         if self._bullet is None:
             self._bullet = BulletClient()
-        if world is not self._built or self._nearby is not None:
+        if world is not self._built or self._nearby is not None or len(self._people) != len(self.crowd.rows):
             self._build(world)
-        self._place_movers(world, self.circles, np.zeros_like(self.circles))
+        self._place_people(0.0)
         if self._nearby is not None:
             self._nearby.follow(np.array([pose[:2] for pose in poses], dtype=np.float64))
         for robot, pose in zip(self.robots, poses, strict=True):
@@ -75,17 +80,18 @@ class BulletSimulator(Simulator):
         for robot, pose in zip(self.robots, poses, strict=True):
             robot.reset_pose(pose)
 
-    def _move(self, world: World, before: np.ndarray) -> None:
+    def _move(self, world: World) -> None:
         rows, numbers = self.rows, self.rows.numbers
         rows.tick()
+        numbers[:, TOUCHED] = 0.0
+        if len(self.crowd.rows):
+            step_people(*self.crowd.arrays, numbers, world.segments, world.circles)
         for robot, row, draws in zip(self.robots, numbers, rows.draws, strict=True):
             robot.plan(row[COMMAND_V : COMMAND_W + 1], draws[int(row[DRAW])])
         if self._nearby is not None:
             self._nearby.follow(numbers[:, [X, Y]])
         for substep in range(self._substeps):
-            if world.movers:
-                travel = self.circles - before
-                self._place_movers(world, before + substep / self._substeps * travel, travel / self._period)
+            self._place_people(substep / self._substeps)
             for robot in self.robots:
                 robot.turn_wheels(substep)
             self._bullet.stepSimulation()
@@ -93,8 +99,8 @@ class BulletSimulator(Simulator):
                 robot.update_contacts()
         for robot in self.robots:
             robot.update_state()
-        numbers[:, TOUCHED] = [robot.touched for robot in self.robots]
-        sense(numbers, rows.draws, rows.ranges, world.segments, self.circles)
+        numbers[:, TOUCHED] = np.maximum(numbers[:, TOUCHED], [robot.touched for robot in self.robots])
+        self.sense()
 
     def _reset_world(self) -> World:
         if self._world is None and self.is_copy:
@@ -116,21 +122,25 @@ class BulletSimulator(Simulator):
             deterministicOverlappingPairs=1,
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY)
-        self._movers = build_world(bullet, world)
+        self._people = build_world(bullet, world, self.crowd.states[:, 2])
         self._nearby = NearbyWalls(bullet, world, self._reach) if has_many_walls(world) else None
         for robot in self.robots:
             robot.build(bullet)
         self._built = world
 
-    def _place_movers(self, world: World, circles: np.ndarray, velocities: np.ndarray) -> None:
-        for i, mover in enumerate(self._movers, start=len(circles) - len(self._movers)):
-            position = [*circles[i, :2].tolist(), 0.5 * world.height]
-            self._bullet.resetBasePositionAndOrientation(mover, position, [0.0, 0.0, 0.0, 1.0])
-            velocity = [*velocities[i, :2].tolist(), 0.0]
-            self._bullet.resetBaseVelocity(mover, velocity, [0.0] * 3)
+    def _place_people(self, part: float) -> None:
+        """Put people where they are after a part of the control period, with the velocities that they have in it."""
+        for body, person in zip(self._people, self.crowd.rows, strict=True):
+            before, after = person[[crowd_at.BEFORE_X, crowd_at.BEFORE_Y]], person[[crowd_at.X, crowd_at.Y]]
+            position = [*(before + part * (after - before)).tolist(), 0.5 * self._reset_world().height]
+            self._bullet.resetBasePositionAndOrientation(body, position, [0.0, 0.0, 0.0, 1.0])
+            velocity = [*person[[crowd_at.VX, crowd_at.VY]].tolist(), 0.0]
+            self._bullet.resetBaseVelocity(body, velocity, [0.0] * 3)
 
 
-def _copy(robot: RobotParams, control_period: float, num_robots: int, is_running: bool) -> BulletSimulator:
-    simulator = BulletSimulator(robot, control_period, num_robots)
+def _copy(
+    robot: RobotParams, control_period: float, num_robots: int, crowd: Crowd | None, is_running: bool
+) -> BulletSimulator:
+    simulator = BulletSimulator(robot, control_period, num_robots, crowd)
     simulator.is_copy = is_running
     return simulator

@@ -1,4 +1,4 @@
-"""PyBullet, and what it holds of a world: the ground, upright walls, all of them or those around robots, and movers."""
+"""PyBullet, and what it holds of a world: the ground, upright walls, all of them or those around robots, and people."""
 
 import math
 import os
@@ -25,7 +25,7 @@ _PER_CIRCLE = 32
 _SLACK = 2.0
 """How far robots drive before the walls around them are built again, in a world with many [m]."""
 _UNSTOPPABLE = 1e4
-"""Mass of a mover [kg]."""
+"""Mass of a person [kg]: nothing pushes people."""
 
 
 def import_pybullet() -> ModuleType:
@@ -63,24 +63,24 @@ class BulletClient:
         return found
 
 
-def build_world(bullet: BulletClient, world: World) -> list[int]:
-    """Put ground, walls and movers into an empty simulation; return the ids of the movers.
+def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
+    """Put ground, walls and people of some radii, shape (n,), float64 [m], into an empty simulation; return their ids.
 
-    A mover is a heavy body whose pose and velocity are set in every substep: what it walks into is pushed aside. The
-    walls of a world with very many are left to `NearbyWalls`.
+    A person is a heavy body whose pose and velocity are set in every substep. The walls of a world with very many are
+    left to `NearbyWalls`.
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
     cylinders = [
-        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=mover.radius, height=world.height)
-        for mover in world.movers
+        bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=world.height)
+        for radius in radii.tolist()
     ]
     static = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes)]
-    movers = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
+    people = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
     set_contact(bullet, static[0], GROUND, ROLLING)
-    for body in (*static[1:], *movers):
+    for body in (*static[1:], *people):
         set_contact(bullet, body, OBSTACLES, CHASSIS)
-    return movers
+    return people
 
 
 def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
@@ -147,10 +147,7 @@ class NearbyWalls:
     """The walls around the robots, in a world that has too many for PyBullet."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Take the world; robots drive no farther than `reach` [m] between two calls of `follow`, with their bodies.
-
-        A mover that pushes a robot faster than it drives can push it past the walls that are built.
-        """
+        """Take the world; robots drive no farther than `reach` [m] between two calls of `follow`, with their bodies."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height

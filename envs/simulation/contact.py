@@ -11,6 +11,9 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance, segment_offset
 from envs.worlds import World
 
+from .crowd import records as crowd_at
+from .records import COMMANDED_V, ROBOT, THETA, Y
+
 _MAX_PUSHES = 12
 """How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
 _TOLERANCE = 1e-6
@@ -74,7 +77,7 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
     Raises:
         ValueError: a pose is not finite, or a footprint overlaps an obstacle or touches another footprint.
     """
-    circles = world.circles_at(0.0)
+    circles = world.circles_at_start
     for pose in poses:
         if not np.all(np.isfinite(pose)):
             raise ValueError(f"start pose must be finite, got {pose}")
@@ -98,31 +101,46 @@ class Contact(NamedTuple):
 
     robot: int
     """Which robot."""
-    kind: Literal["wall", "cylinder", "mover", "robot"]
+    kind: Literal["wall", "cylinder", "person", "robot"]
     """What it touched."""
     which: int
-    """Which one: row of `World.segments` or `World.circles`, of `World.movers`, or index of the other robot."""
+    """Which one: row of `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
+    by: Literal["robot", "other"] = "robot"
+    """Who moved into whom: "other" where the person or the other robot came nearer faster than this robot did."""
 
 
-def find_contacts(
-    touched: Sequence[int], positions: np.ndarray, radius: float, world: World, circles: np.ndarray
-) -> list[Contact]:
+def find_contacts(touched: Sequence[int], rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
     """Return what robots touch: all that lies within `CONTACT_GAP` of the footprint, or else what is nearest.
 
-    `touched`: robots that touched anything during the period; `positions`: shape (num_robots, 2), float64, of all
-    robots, world frame [m]; `radius`: of their footprints [m]; `circles`: see `Simulator.circles`.
+    `touched`: robots that touched anything during the period; `rows`: all robots, see `records`; `people`: all people,
+    see `crowd.records`.
     """
     contacts = []
+    positions, radius, bodies = rows[:, : Y + 1], rows[0, ROBOT], people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]
+    headings = np.column_stack([np.cos(rows[:, THETA]), np.sin(rows[:, THETA])])
+    commanded = rows[:, COMMANDED_V, None] * headings
     starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]
     for k in touched:
         at, others = positions[k], np.delete(np.arange(len(positions)), k)
         share = ((at - starts) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
         walls = np.hypot(*(at - starts - np.clip(share, 0.0, 1.0)[:, None] * along).T)
-        around = np.hypot(*(circles[:, :2] - at).T) - circles[:, 2]
+        round_things = np.vstack([world.circles, bodies])
+        around = np.hypot(*(round_things[:, :2] - at).T) - round_things[:, 2]
         gaps = np.concatenate([walls, around, np.hypot(*(positions[others] - at).T) - radius]) - radius
         things: list[tuple[Any, int]] = [("wall", i) for i in range(len(walls))]
         things += [("cylinder", i) for i in range(len(world.circles))]
-        things += [("mover", i) for i in range(len(circles) - len(world.circles))]
+        things += [("person", i) for i in range(len(people))]
         things += [("robot", i) for i in others.tolist()]
-        contacts += [Contact(k, *things[i]) for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist()]
+        for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist():
+            kind, which = things[i]
+            by: Literal["robot", "other"] = "robot"
+            if kind in ("person", "robot"):
+                there = bodies[which, :2] if kind == "person" else positions[which]
+                normal = (there - at) / max(float(np.hypot(*(there - at))), 1e-9)
+                velocity = people[which, [crowd_at.VX, crowd_at.VY]] if kind == "person" else commanded[which]
+                closing = -float(velocity @ normal)
+                if kind == "person":
+                    closing = max(closing, float(people[which, crowd_at.BLOCKED]))
+                by = "other" if closing > float(commanded[k] @ normal) else "robot"
+            contacts.append(Contact(k, kind, which, by))
     return contacts

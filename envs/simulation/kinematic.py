@@ -15,6 +15,8 @@ from envs.worlds import World
 
 from . import records as at
 from .contact import push_out, select_near
+from .crowd import records as crowd_at
+from .crowd.step import step_people, with_bodies, with_people
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
@@ -123,34 +125,39 @@ def advance(state, command, normals, robot, obstacles):
 
 
 @njit(cache=True, error_model="numpy")
-def step_robots(rows, draws, ranges, segments, before, after):
-    """Move all robots of a world for one control period, and measure what they sense at its end.
+def step_robots(rows, draws, ranges, segments, circles, crowd):
+    """Move people and all robots of a world for one control period, and measure what robots sense at its end.
 
-    Within a period they move one after the other, past peers that rest where they are by then. So no two of them ever
-    overlap, and no robot pushes another. Arguments are plain: unpacking named tuples would take a tenth of a step.
-    `rows`, `draws` and `ranges` are as for `sense`, `COMMAND_V` and `COMMAND_W` are obeyed, contacts are written; the
-    others are those of `Obstacles`.
+    First people walk, and stop at robots. Then the robots move one after the other, past peers that rest where they are
+    by then. So no two of them ever overlap, and no robot pushes another. Arguments are plain: unpacking named tuples
+    would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V` and
+    `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
+    `People.arrays`, of which the rows are written.
     """
-    robot, num_fixed = at.unpack_robot(rows[0, at.ROBOT :]), before.shape[0]
+    people, points, fields, setup = crowd
+    robot, num_fixed = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0] + people.shape[0]
     radius = robot.radius
     for k in range(rows.shape[0]):
         rows[k, at.TOUCHED] = 0.0
         rows[k, at.STEPS] += 1.0
         rows[k, at.TIME] = rows[k, at.STEPS] * robot.period
         rows[k, at.DRAW] += 1.0
+    if people.shape[0] > 0:
+        step_people(people, points, fields, setup, rows, segments, circles)
+    before, after = with_people(circles, people, crowd_at.BEFORE_X), with_people(circles, people, crowd_at.X)
     for k in range(rows.shape[0]):
         row = rows[k]
-        circles = Obstacles(segments, with_peers(before, rows, k, radius), with_peers(after, rows, k, radius))
+        obstacles = Obstacles(segments, with_peers(before, rows, k, radius), with_peers(after, rows, k, radius))
         noise = draws[k, int(row[at.DRAW])]
         command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
-        touched, hits = advance(row, command, slip, robot, circles)
+        touched, hits = advance(row, command, slip, robot, obstacles)
         if touched:
             row[at.TOUCHED] = 1.0
         for j in range(num_fixed, hits.shape[0]):
             if hits[j]:  # contact is mutual
                 peer = j - num_fixed
                 rows[peer + (peer >= k), at.TOUCHED] = 1.0
-    sense(rows, draws, ranges, segments, after)
+    sense(rows, draws, ranges, segments, with_bodies(circles, people, setup))
 
 
 class KinematicSimulator(Simulator):
@@ -162,6 +169,6 @@ class KinematicSimulator(Simulator):
         for row, pose in zip(self.rows.numbers, poses, strict=True):
             row[at.X], row[at.Y], row[at.THETA] = pose.x, pose.y, wrap_angle(pose.theta)
 
-    def _move(self, world: World, before: np.ndarray) -> None:
+    def _move(self, world: World) -> None:
         rows = self.rows
-        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, before, self.circles)
+        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, world.circles, self.crowd.arrays)

@@ -87,7 +87,7 @@ def sense(rows, draws, ranges, segments, circles):
 
     `rows`: shape (num_robots, ROW_SIZE), float64, written, see `records`; `draws`: see `Rows.draws`; `ranges`: shape
     (num_robots, num_beams), float32 [m], written, see `Reading.ranges`; `segments`: shape (n, 4), float64, obstacles,
-    (x0, y0, x1, y1) [m]; `circles`: shape (m, 3), float64, obstacles and movers, (x, y, radius) [m].
+    (x0, y0, x1, y1) [m]; `circles`: shape (m, 3), float64, obstacles and people, (x, y, radius) [m].
     """
     robot = at.unpack_robot(rows[0, at.ROBOT :])
     for k in range(rows.shape[0]):

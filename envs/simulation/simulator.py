@@ -13,7 +13,9 @@ from envs.robots import RobotParams
 from envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
-from .records import COMMAND_V, COMMAND_W, GYRO_BIAS, TOUCHED, Y
+from .crowd import Crowd, People
+from .crowd.step import with_bodies
+from .records import COMMAND_V, COMMAND_W, GYRO_BIAS, TOUCHED
 from .rows import BLOCK, Reading, RobotState, Rows, Twist
 from .sensors import SLIP_LEFT, sense
 
@@ -24,12 +26,14 @@ class Simulator(ABC):
     ignored: tuple[str, ...] = ()
     """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
 
-    def __init__(self, robot: RobotParams, control_period: float, num_robots: int = 1) -> None:
+    def __init__(
+        self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
+    ) -> None:
         self.rows = Rows(robot, control_period, num_robots)
         """The robots' states, measurements and noise."""
         self.rngs: Sequence[np.random.Generator] = ()
-        self.circles = np.empty((0, 3))
-        """Static cylinders, and after them what moves, now: shape (m, 3), float64, (x, y, radius), world frame [m]."""
+        self.crowd = People(crowd)
+        """The people of the episode, as kernels see them."""
         self.robot = robot
         """The robots as they are: where parameters are drawn, those of this episode."""
         self._radius, self._period = robot.radius, float(control_period)
@@ -50,27 +54,39 @@ class Simulator(ABC):
     def contacts(self) -> list[Contact]:
         """What the robots touched during the last period, one entry for each thing."""
         touched = np.flatnonzero(self.rows.numbers[:, TOUCHED] > 0.0).tolist()
-        return find_contacts(touched, self.rows.numbers[:, : Y + 1], self._radius, self._reset_world(), self.circles)
+        return find_contacts(touched, self.rows.numbers, self._reset_world(), self.crowd.rows)
 
-    def reset(self, world: World, poses: Sequence[Pose2D], rngs: Sequence[np.random.Generator]) -> list[Reading]:
+    @property
+    def people(self) -> np.ndarray:
+        """Ground truth of people: shape (n, 5), float64, x, y, radius [m], vx, vy [m/s], world frame."""
+        return self.crowd.states
+
+    def reset(
+        self,
+        world: World,
+        poses: Sequence[Pose2D],
+        rngs: Sequence[np.random.Generator],
+        crowd_rng: np.random.Generator | None = None,
+    ) -> list[Reading]:
         """Place the robots at rest at poses in the world frame and return their first readings.
 
         All noise of a robot's episode is drawn from its own generator, so that it does not depend on the others':
-        same generator state, same bytes.
+        same generator state, same bytes. People are drawn from `crowd_rng`, which a crowd needs.
 
         Raises:
-            ValueError: a robot does not fit there, two of them overlap, or there are not as many poses and generators
-                as robots.
+            ValueError: a robot does not fit there, two of them overlap, there is no room for all people, or there are
+                not as many poses and generators as robots.
         """
         self._check_number(poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
-        self._world, self.rngs, self.circles, rows = world, rngs, world.circles_at(0.0), self.rows
+        self._world, self.rngs, rows = world, rngs, self.rows
+        self.crowd.reset(world, poses, self._radius, crowd_rng)
         rows.reset()
         self._place(world, poses)
         rows.draw(rngs)
         # The bias of an episode is by the draw that slip leaves unused at a reset.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
-        sense(rows.numbers, rows.draws, rows.ranges, world.segments, self.circles)
+        self.sense()
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
@@ -95,14 +111,7 @@ class Simulator(ABC):
                 raise ValueError(f"command must be finite, got v = {v} m/s, w = {w} rad/s")
             rows.numbers[k, COMMAND_V], rows.numbers[k, COMMAND_W] = v, w
         rows.draw_ahead(self.rngs, ahead)
-        self._move(world, self.move_circles())
-
-    def move_circles(self) -> np.ndarray:
-        """Take `circles` to the end of the coming control period; return them as they are at its beginning."""
-        before, world = self.circles, self._reset_world()
-        if world.movers:
-            self.circles = world.circles_at((self.rows.steps + 1) * self._period)
-        return before
+        self._move(world)
 
     def close(self) -> None:  # noqa: B027
         """Release what the simulator holds. Closing twice does no harm."""
@@ -112,11 +121,14 @@ class Simulator(ABC):
         """Put the robots at rest at their poses, and write these to `rows`."""
 
     @abstractmethod
-    def _move(self, world: World, before: np.ndarray) -> None:
-        """Drive all robots by the commands in `rows` for one control period, and measure what they sense at its end.
+    def _move(self, world: World) -> None:
+        """Let people walk and drive all robots, by the commands in `rows`, for one control period; then `sense`."""
 
-        Meanwhile circles go evenly from `before`, shape (m, 3), float64 [m], to `circles`.
-        """
+    def sense(self) -> None:
+        """Measure what the robots sense now, but for contact."""
+        rows, world = self.rows, self._reset_world()
+        visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
+        sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)
 
     def _readings(self) -> list[Reading]:
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]

@@ -62,7 +62,7 @@ class Explore(UnknownWorldTask):
 
     ## Starting State
     The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of
-    movers, `start="spawn"` takes the world's first spawn pose, a tuple `(x, y, theta)` is taken as it is. Procedural
+    people on fixed routes, `start="spawn"` takes the world's first spawn pose, a tuple `(x, y, theta)` is taken as it is. Procedural
     families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` chooses for one episode.
 
     ## Episode End

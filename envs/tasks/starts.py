@@ -138,7 +138,7 @@ def draw_starts(
     Raises:
         ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.
     """
-    starts, circles = [first], world.circles_at(0.0)
+    starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))
     away = np.hypot(*(start_cells - first[:2]).T)
     for must_see, gap, factor in product((True, False), START_GAPS, (1.0, 2.0, 4.0, 8.0)):

@@ -47,24 +47,26 @@ class Batch:
         """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
         envs, num_robots = self._envs, self._num_robots
         if self._worlds is None:
-            every = [(np.array(env.world.segments), np.array(env.simulator.circles)) for env in envs]
-            lists = [numba.typed.List([pair[kind] for pair in every]) for kind in (0, 1, 1)]
-            self._worlds = tuple(lists)
+            every = [self._surroundings(env) for env in envs]
+            self._worlds = tuple(numba.typed.List(arrays) for arrays in zip(*every, strict=True))
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots])
-            segments, before, after = self._worlds
-            segments[i] = np.array(env.world.segments)
-            before[i] = after[i] = np.array(env.simulator.circles)
+            for arrays, array in zip(self._worlds, self._surroundings(env), strict=True):
+                arrays[i] = array
             self._is_new[robots] = True
             self._time_limits[i] = env.time_limit
             follows = all(robot.follows_odometry for robot in env.robots)
             self._rests[i] = env.task.rests_between_scans and follows and not env.sensors and env.on_period is None
-        self._moving = [i for i, env in enumerate(envs) if env.world.movers]
         tasks = [env.task for env in envs]
         self._has_columns = all(type(task.rewards).terms is Rewards.terms for task in tasks) and all(
             task.rewards.weights == tasks[0].rewards.weights for task in tasks
         )
+
+    @staticmethod
+    def _surroundings(env: Any) -> tuple[np.ndarray, ...]:
+        """Return what `step_rows` needs of an environment's world: its own copy, and the arrays of its people."""
+        return np.array(env.world.segments), np.array(env.world.circles), *env.simulator.crowd.arrays
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
@@ -106,11 +108,6 @@ class Batch:
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        for i in self._moving:
-            if active[i]:
-                _, before, after = self._worlds
-                before[i] = np.array(envs[i].simulator.move_circles())
-                after[i] = np.array(envs[i].simulator.circles)
         step_rows(numbers, self._draws, self.ranges, self._worlds, active, self._num_robots)
 
     @property

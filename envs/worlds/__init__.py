@@ -5,13 +5,13 @@ from .library import WORLD_NAMES, load_world, world_sampler
 from .map_files import load_map, save_map, world_from_map
 from .procedural import FAMILIES
 from .raster import check_world, free_area, leaks, rasterize, reachable
-from .world import Mover, World
+from .world import FixedRoute, World
 
 __all__ = [
     "FAMILIES",
     "WORLD_NAMES",
     "ExplorableArea",
-    "Mover",
+    "FixedRoute",
     "World",
     "check_world",
     "explorable_area",

@@ -28,8 +28,8 @@ class ExplorableArea:
     """Shape of `walls`, bool: cells where the robot's base is collision-free, connected to the world's first spawn."""
     start_cells: np.ndarray
     """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
-    near_movers: np.ndarray
-    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a mover at time 0."""
+    near_people: np.ndarray
+    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a person on a fixed route at time 0."""
     name: str
     """Name of the world."""
 
@@ -66,15 +66,15 @@ class ExplorableArea:
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
         """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
 
-        A pose on a mover's position at time 0 is drawn again.
+        A pose on a position of a person on a fixed route at time 0 is drawn again.
 
         Raises:
-            ValueError: if movers leave no room anywhere.
+            ValueError: if these people leave no room anywhere.
         """
-        cells, blocked = np.flatnonzero(self.start_cells), self.near_movers.ravel()
+        cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
             raise ValueError(
-                f"world {self.name!r} has no free pose: movers cover all that the robot can reach at time 0"
+                f"world {self.name!r} has no free pose: people cover all that the robot can reach at time 0"
             )
         cell = cells[rng.integers(len(cells))]
         while blocked[cell]:
@@ -117,10 +117,10 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     touches[pieces[traversable]] = True
     candidates = free & touches[pieces]
     explorable = visible_from(free, traversable, candidates, robot.lidar.range_max / resolution, world.name)
-    near_movers = np.zeros_like(free)
+    near_people = np.zeros_like(free)
     rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
     xs, ys = (walls.origin[k] + resolution * (indices + 0.5) for k, indices in enumerate((cols, rows)))
-    for mover in world.movers:
-        x, y = mover.position(0.0)
-        near_movers |= np.hypot(xs - x, ys - y) <= robot.radius + mover.radius
-    return ExplorableArea(walls, explorable, traversable, start_cells, near_movers, world.name)
+    for person in world.people:
+        x, y = person.waypoints[0]
+        near_people |= np.hypot(xs - x, ys - y) <= robot.radius + person.radius
+    return ExplorableArea(walls, explorable, traversable, start_cells, near_people, world.name)

@@ -124,7 +124,7 @@ def check_world(world: World) -> World:
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
     numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns")]
-    for what, values in numbers + [("movers", mover.waypoints) for mover in world.movers]:
+    for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:
             raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")

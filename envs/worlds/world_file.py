@@ -10,10 +10,10 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from envs.geometry import Pose2D
 
 from .raster import check_world
-from .world import MAX_COORDINATE, Mover, World
+from .world import MAX_COORDINATE, FixedRoute, World
 
 MAX_SPEED = 100.0
-"""Greatest speed of a mover [m/s]."""
+"""Greatest speed of a person on a fixed route [m/s]."""
 
 Number = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0.0, le=MAX_COORDINATE, allow_inf_nan=False)]
@@ -52,8 +52,8 @@ def _points(minimum: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-class MoverFile(BaseModel):
-    """A moving cylinder in a world file."""
+class RouteFile(BaseModel):
+    """A person on a fixed route in a world file."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -87,8 +87,8 @@ class WorldFile(BaseModel):
     """Straight walls: thin, or solid rectangles where a thickness is given."""
     cylinders: Annotated[Rows, _columns("x, y, radius", positive=(2,))] = []
     """Upright cylinders."""
-    movers: list[MoverFile] = []
-    """Cylinders that walk around closed polylines at constant speed."""
+    people: list[RouteFile] = []
+    """People who walk around closed polylines at constant speed."""
     closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
     """Thin walls that the source does not have, added so that nothing leaks out."""
 
@@ -151,7 +151,9 @@ def build_world(name: str, file: WorldFile) -> World:
         circles=circles,
         spawns=tuple(Pose2D(*row) for row in file.spawns),
         bounds=(float(low[0]), float(low[1]), float(high[0]), float(high[1])),
-        movers=tuple(Mover(mover.radius, np.array(mover.waypoints), mover.speed) for mover in file.movers),
+        people=tuple(
+            FixedRoute(one.radius, np.array(one.waypoints, dtype=np.float64), one.speed) for one in file.people
+        ),
         height=file.height,
         source=file.source,
         licence=file.licence,

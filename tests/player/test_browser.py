@@ -31,7 +31,7 @@ def test_the_page_draws_and_fits(pair, width):
     truth, estimate = report["boxes"][:2]
     assert (estimate["left"] > truth["right"]) == (width > 600)
     assert (estimate["top"] > truth["bottom"]) == (width <= 600)
-    for name in ("true", "wall", "lidar", "mover"):
+    for name in ("true", "wall", "lidar", "person"):
         assert report["colors"][0].get(name, 0) > 20, name
     for name in ("estimated", "plan", "frontier", "free", "unknown"):
         assert report["colors"][1].get(name, 0) > 20, name

@@ -125,7 +125,7 @@ def test_every_task_is_recorded_with_its_goal_route_and_teammates(id, arguments,
     goal = task.goal[:2] if id == "Navigate" else (np.nan, np.nan)
     np.testing.assert_allclose(recording.goals, np.tile(goal, (len(recording.time), 1)), atol=1e-5)
     assert len(recording.route) == (len(task.route.points) if id == "Track" else 0)
-    assert len(recording.mover_radii) == (1 if id == "ExploreTeam" else 0)
+    assert len(recording.people_radii) == (1 if id == "ExploreTeam" else 0)
     assert recording.plan_ends[-1] > 0 or id == "Track"
     assert "<title>" in build_page([recording])
 

@@ -15,11 +15,11 @@ from envs.rendering.view import View
 from envs.robots import load_robot
 from envs.slam import Belief, PoseGraphView
 from envs.slam.posegraph import PoseGraph
-from envs.worlds import Mover
+from envs.worlds import FixedRoute
 from tests.rooms import BURGER, make_room
 
-MOVER = Mover(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0)
-WORLD = make_room(0.0, 0.0, 8.0, 6.0, circles=[(6.0, 4.5, 0.5)], movers=[MOVER], spawn=Pose2D(1.0, 1.0, 0.0))
+PERSON = FixedRoute(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0)
+WORLD = make_room(0.0, 0.0, 8.0, 6.0, circles=[(6.0, 4.5, 0.5)], people=[PERSON], spawn=Pose2D(1.0, 1.0, 0.0))
 ROOT = Path(__file__).parents[2]
 START = Pose2D(2.0, 1.0, 0.5)
 """The map frame is turned against the world, so that a picture which forgets to turn it is wrong."""
@@ -51,6 +51,7 @@ def make_scene(pose=TRUE, estimated=ESTIMATED):
         progress=0.5,
         time=75.0,
         collisions=3,
+        people=np.array([[5.5, 5.0, 0.3, 0.0, 0.0]]),
     )
 
 
@@ -119,7 +120,7 @@ def test_the_ground_truth_shows_floor_bodies_and_outside(truth_and_belief):
     assert (floor.max(axis=0) < (8.05, 6.05)).all()
     assert ((outside < 0) | (outside > (8.0, 6.0))).any(axis=1).all()
     assert np.hypot(*(solid - (6.0, 4.5)).T).max() < 0.5
-    assert np.abs(found(truth, style.MOVER).mean(axis=0) - MOVER.position(75.0)).max() < 0.05
+    assert np.abs(found(truth, style.PERSON).mean(axis=0) - (5.5, 5.0)).max() < 0.05
 
 
 def test_beams_end_where_the_scan_says():

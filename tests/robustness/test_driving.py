@@ -65,7 +65,7 @@ def drive(world_name, physics, steps):
 
     What pushes robots aside makes them faster than their limits, so that worlds are driven without what moves.
     """
-    world, robot = replace(load_world(world_name), movers=()), choose_robot(None, world_name)
+    world, robot = replace(load_world(world_name), people=()), choose_robot(None, world_name)
     rng = np.random.default_rng([0, len(world.segments)])
     area = explorable_area(world, robot, 0.005 if robot.radius < 0.1 else 0.05)  # for corridors of 0.18 m
     simulator = make_simulator(physics, robot, PERIOD)

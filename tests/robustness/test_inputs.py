@@ -51,7 +51,7 @@ segments: [[4.0, 3.0, 0.0, 3.0], [2.0, 0.0, 2.0, 1.0, 0.2]]
 boxes: [[3.0, 2.0, 1.0, 0.4, 0.785]]
 polygons: [[[1.0, 2.0], [1.5, 2.0], [1.0, 2.5]]]
 cylinders: [[3.0, 1.0, 0.25]]
-movers: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
+people: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
 closures: [[0.0, 3.0, 0.0, 0.0]]
 """)
 MAP = {"image": "", "resolution": 0.1, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65}

@@ -11,17 +11,18 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.robots import load_robot
 from envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
-from envs.worlds import Mover
+from envs.simulation.crowd.records import BLOCKED
+from envs.worlds import FixedRoute
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 
 SUBSTEPS = 6
 
 
 def test_equals_the_plain_physics():
-    """Among walls, posts and a walking body, with slip; here every obstacle is looked at in every substep."""
+    """Among walls, posts and a person, with slip; here every obstacle is looked at in every substep."""
     walls = [[0.4, -0.5, 0.4, 0.5], [-0.3, 0.3, 0.3, 0.5], [-0.5, -0.4, 0.2, -0.45]]
-    mover = Mover(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
-    world = square_room(0.8, walls, circles=[[-0.2, 0.2, 0.05]], movers=[mover])
+    person = FixedRoute(radius=0.1, waypoints=np.array([[-0.5, 0.9], [-0.5, -0.9]]), speed=0.3)
+    world = square_room(0.8, walls, circles=[[-0.2, 0.2, 0.05]], people=[person])
     simulator, pose = KinematicSimulator(BURGER, 0.1), Pose2D(0.0, 0.0, 0.3)
     rng, copy = np.random.default_rng(3), np.random.default_rng(3)
     simulator.reset(world, [pose], [rng])
@@ -32,16 +33,18 @@ def test_equals_the_plain_physics():
     for step in range(200):
         if step % 10 == 0:
             command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
+        before = np.vstack([world.circles, simulator.people[:, :3]])
         reading = simulator.step([command])[0]
+        after = np.vstack([world.circles, simulator.people[:, :3]])
         normals, touched = copy.standard_normal(size)[:2] / math.sqrt(SUBSTEPS), False
-        before, after = (world.circles_at(0.1 * time) for time in (step, step + 1))
         for part in range(1, SUBSTEPS + 1):
             arguments = state, command, normals, 0.1 / SUBSTEPS, 1, BURGER
             state = advance_in_numpy(*arguments, world.segments, before + (after - before) * part / SUBSTEPS)
             touched |= (state[:2] != advance_in_numpy(*arguments, PLAIN.segments, PLAIN.circles)[:2]).any()
         contacts += touched
         np.testing.assert_allclose(simulator.states[0].pose, state[:3], atol=1e-9)
-        assert reading.bumper == touched
+        has_run_in = simulator.crowd.rows[0, BLOCKED] > 0.0
+        assert reading.bumper == (touched or has_run_in)
         np.testing.assert_array_equal(reading.ticks, np.floor(state[5:7] * 4096 / (2 * math.pi) + 1e-9))
     assert 20 < contacts < 180
 

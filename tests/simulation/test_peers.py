@@ -9,22 +9,22 @@ import pytest
 from envs.geometry import Pose2D
 from envs.simulation import Twist, make_simulator
 from envs.simulation.records import X
-from envs.worlds import Mover
+from envs.worlds import FixedRoute
 from tests.rooms import BURGER, begin, make_room
 
 STILL = Twist(0.0, 0.0)
 HALL = make_room(0.0, 0.0, 22.0, 4.0)
 LEFT, RIGHT = Pose2D(1.0, 2.0, 0.0), Pose2D(3.0, 2.0, 0.0)
-MOVER = Mover(0.2, np.array([[4.0, 2.0], [1.0, 2.0]]), 0.5)
+PERSON = FixedRoute(0.2, np.array([[4.0, 2.0], [1.0, 2.0]]), 0.5)
 
 
 @pytest.mark.parametrize(
     ("bodies", "xs", "speed", "contacts"),
     [
-        ({}, [5.0], 0.2, [(0, "wall", 1)]),
-        ({"circles": [(1.0, 1.0, 0.1), (4.0, 2.0, 0.2)]}, [3.0], 0.2, [(0, "cylinder", 1)]),
-        ({"circles": [(1.0, 1.0, 0.1)], "movers": [MOVER]}, [2.0], 0.0, [(0, "mover", 0)]),
-        ({}, [2.0, 3.0], 0.2, [(0, "robot", 1), (1, "robot", 0)]),
+        ({}, [5.0], 0.2, [(0, "wall", 1, "robot")]),
+        ({"circles": [(1.0, 1.0, 0.1), (4.0, 2.0, 0.2)]}, [3.0], 0.2, [(0, "cylinder", 1, "robot")]),
+        ({"circles": [(1.0, 1.0, 0.1)], "people": [PERSON]}, [2.0], 0.0, [(0, "person", 0, "other")]),
+        ({}, [2.0, 3.0], 0.2, [(0, "robot", 1, "robot"), (1, "robot", 0, "other")]),
     ],
 )
 def test_a_contact_says_what_was_touched(physics, bodies, xs, speed, contacts):

@@ -113,7 +113,7 @@ def test_gyroscope_and_compass():
     assert math.isnan(read().heading)
 
 
-def test_movers_and_the_bumper_are_reported():
+def test_people_and_the_bumper_are_reported():
     reading = read(circles=[[3.0, 0.0, 0.5]], bumper=True)
     assert reading.bumper is True
     assert reading.time == 1.5

@@ -9,7 +9,7 @@ from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
 from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import Twist, make_simulator
-from envs.worlds import Mover, load_world
+from envs.worlds import FixedRoute, load_world
 from tests.rooms import BURGER, ORIGIN, begin, square_room, without_slip
 
 WALL = 2.0
@@ -55,21 +55,22 @@ def test_driving_freely_touches_nothing(physics):
     assert not any(simulator.step([Twist(0.2, 0.3)])[0].bumper for _ in range(100))
 
 
-def test_a_body_that_walks_pushes_the_robot_aside(physics):
+def test_a_person_stops_at_a_robot_and_walks_on_when_it_has_left(physics):
     robot = load_robot("turtlebot3_waffle_pi")
     path = np.array([[1.5, 0.03], [-3.0, 0.03], [-3.0, 3.0], [1.5, 3.0]])
-    mover = Mover(radius=0.25, waypoints=path, speed=0.8)
-    simulator = begin(physics, robot, square_room(5.0, movers=[mover]), ORIGIN)
-    touched = 0
-    nearest = robot.radius if physics == "kinematic" else robot.body.center[0] + 0.5 * robot.body.size[0]
+    person = FixedRoute(radius=0.25, waypoints=path, speed=0.8)
+    simulator = begin(physics, robot, square_room(5.0, people=[person]), Pose2D(0.0, 0.0, math.pi / 2))
+    touched = [simulator.step([Twist(0.0, 0.0)])[0].bumper for _ in range(40)]
+    assert touched[-1]
+    assert not touched[0]
+    assert math.hypot(*simulator.states[0].pose[:2]) < 0.01, "nobody pushes a robot"
+    (x, y, radius, vx, vy), (contact,) = simulator.people[0], simulator.contacts
+    assert robot.radius + radius <= math.hypot(x, y) < robot.radius + radius + 0.05
+    assert (vx, vy) == (0.0, 0.0)
+    assert (contact.kind, contact.by) == ("person", "other")
     for _ in range(60):
-        reading = simulator.step([Twist(0.0, 0.0)])[0]
-        touched += reading.bumper
-        gap = math.dist(mover.position(reading.time), simulator.states[0].pose[:2])
-        assert gap > 0.25 + nearest - 0.01
-    assert touched >= 3
-    assert math.hypot(*simulator.states[0].pose[:2]) > 0.2
-    assert np.nanmin(reading.ranges) < 3.5
+        simulator.step([Twist(robot.max_v, 0.0)])
+    assert simulator.people[0, 0] < -0.5
 
 
 @pytest.mark.parametrize("name", ["create3", "turtlebot3_waffle_pi", "raspimouse"])

@@ -10,7 +10,7 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.tasks.coverage import Coverage, map_iou
 from envs.tasks.explore import Explore
-from envs.worlds import Mover, explorable_area
+from envs.worlds import FixedRoute, explorable_area
 from tests.rooms import BURGER, ORIGIN, make_room
 
 ROOM = make_room(0.0, 0.0, 2.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
@@ -44,11 +44,11 @@ def test_explorable_area_refuses_a_robot_that_does_not_fit():
 
 
 def area_with_mover(radius):
-    mover = Mover(radius=radius, waypoints=np.array([[1.0, 1.5], [1.1, 1.5]]), speed=0.1)
-    return explorable_area(replace(ROOM, movers=(mover,)), BURGER, 0.05)
+    mover = FixedRoute(radius=radius, waypoints=np.array([[1.0, 1.5], [1.1, 1.5]]), speed=0.1)
+    return explorable_area(replace(ROOM, people=(mover,)), BURGER, 0.05)
 
 
-def test_drawn_poses_are_traversable_clear_of_movers_and_equal_those_without_movers_elsewhere():
+def test_drawn_poses_are_traversable_clear_of_people_and_equal_those_without_people_elsewhere():
     empty, area = explorable_area(ROOM, BURGER, 0.05), area_with_mover(0.2)
     plain, drawn = ([each.draw_pose(np.random.default_rng(seed)) for seed in range(100)] for each in (empty, area))
     assert all(empty.is_traversable(pose) for pose in plain)
@@ -59,7 +59,7 @@ def test_drawn_poses_are_traversable_clear_of_movers_and_equal_those_without_mov
     for pose, other, is_clear in zip(drawn, plain, clear):
         assert math.dist(pose[:2], (1.0, 1.5)) > 0.2 + BURGER.radius
         assert not is_clear or pose == other
-    with pytest.raises(ValueError, match="movers"):
+    with pytest.raises(ValueError, match="people"):
         area_with_mover(5.0).draw_pose(np.random.default_rng(0))
 
 
@@ -180,8 +180,8 @@ def test_under_ground_truth_all_that_is_mapped_counts(slam):
 
 @pytest.mark.parametrize("slam", ["tinyslam", "odometry"])
 def test_a_blocked_robot_that_turns_its_wheels_earns_only_what_it_sees(slam):
-    blocker = Mover(0.4, np.array([[6.0, 0.5], [6.0, 0.501]]), 0.001)
-    corridor = make_room(0.0, 0.0, 32.0, 1.0, movers=[blocker], spawn=Pose2D(5.0, 0.5, 0.0))
+    blocker = FixedRoute(0.4, np.array([[6.0, 0.5], [6.0, 0.501]]), 0.001)
+    corridor = make_room(0.0, 0.0, 32.0, 1.0, people=[blocker], spawn=Pose2D(5.0, 0.5, 0.0))
     env = LidarEnv(Explore, world=corridor, physics="kinematic", slam=slam, start="spawn", time_limit=200.0)
     env.reset(seed=0)
     for _ in range(1200):

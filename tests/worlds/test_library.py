@@ -45,16 +45,14 @@ def test_every_world_loads_and_has_room_at_its_spawns(name):
     assert all(traversable[tuple(grid.cells(np.array(spawn[:2])))] for spawn in world.spawns)
 
 
-def test_movers_keep_clear_of_walls():
+def test_people_keep_clear_of_walls():
     for name in WORLD_NAMES:
         world = load_world(name)
         grid, free = reachable(world, resolution=0.02)
-        for mover in world.movers:
-            for time in np.linspace(0, 200, 400):
-                assert free[tuple(grid.cells(np.array(mover.position(time))))], (name, mover.position(time))
-    for mover in load_world("turtlebot3_dqn_stage3").movers:
-        assert mover.position(80.0) == pytest.approx(mover.position(0.0), abs=0.01)
-        assert mover.position(40.0) == pytest.approx(tuple(-mover.waypoints[0]), abs=0.01)
+        for person in world.people:
+            ends = np.roll(person.waypoints, -1, axis=0)
+            for share in np.linspace(0.0, 1.0, 100):
+                assert free[tuple(grid.cells(person.waypoints + share * (ends - person.waypoints)).T)].all(), name
 
 
 def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):

@@ -26,7 +26,7 @@ def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
         # What is left out are single cells beside furniture.
         assert np.count_nonzero(traversable) > 0.93 * fitting, seed
         assert np.count_nonzero(inside) > 0.3 * grid.data.size, seed
-        assert not world.movers
+        assert not world.people
         if size is None:
             outlines.add(world.segments.tobytes())
     assert len(outlines) == 10

@@ -16,7 +16,7 @@ segments: [[4, 3, 0, 3], [2.0, 0.0, 2.0, 1.0, 0.2]]
 boxes: [[3, 2, 1.0, 0.4, 0.785398163]]
 polygons: [[[1, 2], [1.5, 2], [1, 2.5]]]
 cylinders: [[3.0, 1.0, 0.25]]
-movers: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
+people: [{radius: 0.1, speed: 0.5, waypoints: [[0.5, 1.5], [1.5, 1.5]]}]
 closures: [[0, 3, 0, 0]]
 """
 
@@ -42,10 +42,7 @@ def test_every_kind_of_body(tmp_path):
     wall = world.segments[7:11, :2]
     assert (*wall.min(axis=0), *wall.max(axis=0)) == pytest.approx((1.9, -0.1, 2.1, 1.1))
     assert world.circles.tolist() == [[3.0, 1.0, 0.25]]
-    assert world.movers[0].position(0.0) == (0.5, 1.5)
-    assert world.movers[0].position(1.0) == pytest.approx((1.0, 1.5))
-    assert world.movers[0].position(3.0) == pytest.approx((1.0, 1.5))
-    assert world.circles_at(2.0).tolist() == [[3.0, 1.0, 0.25], [1.5, 1.5, 0.1]]
+    assert world.circles_at_start.tolist() == [[3.0, 1.0, 0.25], [0.5, 1.5, 0.1]]
 
 
 @pytest.mark.parametrize(
@@ -56,8 +53,8 @@ def test_every_kind_of_body(tmp_path):
         ("1.0, 0.4, 0.785398163", "1.0, -0.4", r"boxes: row 0: width must be positive, got -0\.4"),
         ("3.0, 1.0, 0.25", "3.0, 1.0", r"cylinders: row 0 must be \[x, y, radius\]"),
         ("[[1, 2], [1.5, 2], [1, 2.5]]", "[[1, 2], [1.5, 2]]", "polygons: item 0 must be .* at least 3"),
-        ("speed: 0.5", "speeed: 0.5", "unknown key 'movers.0.speeed'"),
-        ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"movers\.0\.waypoints"),
+        ("speed: 0.5", "speeed: 0.5", "unknown key 'people.0.speeed'"),
+        ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"people\.0\.waypoints"),
         ("[[0.5, 0.5, 1.57]]", "[]", "spawns"),
         ("[[0.5, 0.5, 1.57]]", "[[3.1, 1.1, 0]]", r"spawn \(3\.1, 1\.1\) lies inside a solid body"),
         ("[[0.5, 0.5, 1.57]]", "[[2.0, 0.5, 0]]", "inside a solid body"),
@@ -65,7 +62,7 @@ def test_every_kind_of_body(tmp_path):
         ("closures: [[0, 3, 0, 0]]", "", "leaks"),
         ("[4, 0], [4, 3]", "[4e5, 0], [4, 3]", r"spans 400000 x 3\.1 m, which is .* cells .*at most 100,000,000"),
         ("3.0, 1.0, 0.25", "3.0, 1.0, 1e308", r"cylinders\.0\.2: .*less than or equal to 10000000, got 1e\+308"),
-        ("speed: 0.5", "speed: 1e9", r"movers\.0\.speed: .*less than or equal to 100"),
+        ("speed: 0.5", "speed: 1e9", r"people\.0\.speed: .*less than or equal to 100"),
         ("height: 5e-1", "height: 1e99", "height: "),
         ("source: here", "source: [", "not readable as YAML"),
         (GOOD, "", "keys and values"),
