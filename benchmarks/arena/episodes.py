@@ -17,14 +17,14 @@ REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 """Policies that the others are compared with: the first of these that takes part, or else the first policy."""
 
 Case = tuple[str, ...]
-"""World, robot, physics and SLAM (or localizer): a stratum of the statistics."""
+"""World, robot, physics, SLAM (or localizer) and people: a stratum of the statistics."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
 """Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
 
 
 def case_of(row: Row) -> Case:
     """Return where, and under which conditions."""
-    return row["world"], row["robot"], row["physics"], row["slam"]
+    return row["world"], row["robot"], row["physics"], row["slam"], f"{row['people']} people"
 
 
 def start_of(row: Row) -> tuple[Case, int]:

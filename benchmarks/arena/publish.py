@@ -134,7 +134,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
         ]
     sections += [
         # Along these, starts stay the same; robots differ in which cells they can traverse.
-        *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam")),
+        *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
         _missing_section(evaluation.missing(), len(episodes), len(fair)),
@@ -175,7 +175,7 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
 def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
     """Return what all episodes have in common."""
     settings = evaluation.settings
-    columns = {name: name for name in ("robot", "physics")} | {estimator_of(settings.id) or "slam": "slam"}
+    columns = {name: name for name in ("robot", "physics", "people")} | {estimator_of(settings.id) or "slam": "slam"}
     seeds = [row["seed"] for row in episodes]
     return {
         "environment": settings.id,

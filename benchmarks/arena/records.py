@@ -36,6 +36,8 @@ class Key(NamedTuple):
     physics: str
     slam: str
     """Of an environment with a localizer instead, that one."""
+    people: str = "0"
+    """How many people walk around."""
 
     @classmethod
     def of(cls, row: Row) -> "Key":

@@ -204,7 +204,7 @@ class Evaluation:
         tasks: dict[Key, Task] = {}
         for case, seed, policies in starts:
             for policy in (self._policies[name] for name in policies):
-                conditions = self._robots[case], case.name("physics"), case.name("slam")
+                conditions = self._robots[case], case.name("physics"), case.name("slam"), case.name("people")
                 key = Key(policy.name, case.name("world"), seed, *conditions)
                 # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
                 own = replace(case, id=self._id_for(policy), slam="truth" if is_bound(policy.name) else case.slam)

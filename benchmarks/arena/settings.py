@@ -37,6 +37,8 @@ class Case:
     physics: str
     slam: str
     """SLAM, or the localizer where the environment has one instead."""
+    people: str = USUAL
+    """How many people walk around, as `envs.simulation.crowd_of` reads it."""
     label: str = ""
     """What the world is called in tables and files; empty if that is `world`."""
     id: str = EXPLORE
@@ -45,11 +47,13 @@ class Case:
     """Further arguments of the environment, the same for all cases of an evaluation."""
 
     def name(self, part: str) -> str:
-        """Return what the `world`, `physics` or `slam` is called in tables and files; empty where there is none."""
+        """Return what `world`, `physics`, `slam` or `people` are called in tables and files; empty without one."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
         usual = {**arguments_of(self.id), **self.arguments}.get(argument, "")
+        if part == "people" and usual is None:
+            usual = 0
         return value if value != USUAL else str(getattr(usual, "name", usual))
 
     def make_env(
@@ -60,7 +64,8 @@ class Case:
         `given` holds worlds, robots and SLAMs of the user's own that names stand for, `observations` are the parts of
         the observation, None for the environment's own.
         """
-        parts = {"world": self.world, "robot": self.robot, "physics": self.physics, estimator_of(self.id): self.slam}
+        parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
+        parts[estimator_of(self.id)] = self.slam
         own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
         own |= {} if observations is None else {"observations": observations}
         usual = {"split": "test"} if "split" in arguments_of(self.id) else {}
@@ -100,7 +105,7 @@ class SlamAxis(Section):
 
 
 class Settings(Section):
-    """What an evaluation consists of. Robots, physics and SLAM are axes: every combination is run in every world."""
+    """What an evaluation consists of. Robots, physics, SLAM, people are axes: every combination is run in each world."""
 
     policies: tuple[str, ...] = Field(min_length=1)
     """Classic policies that can do the task by name, learned ones as `ppo:PATH` of a run folder, explorers and policies
@@ -127,6 +132,9 @@ class Settings(Section):
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
     """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`; of an environment with a
     localizer, `amcl`, `odometry` or `truth`."""
+    people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
+    """How many people walk around: numbers, or crowds by name (`sparse`, `dense`, `corridor`, `doorway`, `crossing`),
+    either with parameters, as `20?attentive=0.5,model=orca`; `usual` takes the environment's own, mostly nobody."""
     time_limit: PositiveFloat | None = None
     """Length of an episode [s]; null lets it grow with the world."""
     world_sections: bool = True
@@ -161,7 +169,7 @@ class Settings(Section):
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield every case and seed, and the policies that start there."""
-        for case in self._cases(self.worlds, self.robots, self.physics, self.slam):
+        for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
@@ -169,12 +177,12 @@ class Settings(Section):
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
         """Yield the same for the SLAM axis; those of the evaluation may be among them."""
         axis = self.slam_axis
-        for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam):
+        for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):
                 yield case, seed, axis.policies
 
     def _cases(self, worlds: tuple[str, ...], *conditions: tuple[str, ...]) -> Iterator[Case]:
         arguments = self.arguments | ({} if self.time_limit is None else {"time_limit": self.time_limit})
-        for name, robot, physics, slam in product(worlds, *conditions):
+        for name, robot, physics, slam, people in product(worlds, *conditions):
             label, world = parse_world(name)
-            yield Case(world, robot, physics, slam, label if label != world else "", self.id, arguments)
+            yield Case(world, robot, physics, slam, people, label if label != world else "", self.id, arguments)

@@ -140,7 +140,8 @@ def recording_path(folder: Path, row: Row) -> Path:
 
 def episode_name(row: Row) -> str:
     """Return the name of the files of a row's episode, without a suffix."""
-    return "__".join(slug(str(row[name])) for name in ("policy", "world", "robot", "physics", "slam", "seed"))
+    names = ("policy", "world", "robot", "physics", "slam", *(["people"] if row["people"] != "0" else []), "seed")
+    return "__".join(slug(str(row[name])) for name in names)
 
 
 def load_curve(folder: Path, row: Row) -> Curve:

@@ -40,7 +40,7 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
     assert main([*command, "--publish", str(tmp_path / "docs")]) == 0
     rows = read_rows(tmp_path)
     own = [measure.name for measure in task.measures]
-    key = ["policy", "world", "seed", "robot", "physics", "slam", "model"]
+    key = ["policy", "world", "seed", "robot", "physics", "slam", "people", "model"]
     common = ["path_length", "collisions", "position_rmse", "heading_rmse", "decision_ms", "success"]
     ending = ["end_reason", "duration", "time_limit", "distance_limit"]
     assert list(rows[0]) == [*key, *own, *common, *ending]

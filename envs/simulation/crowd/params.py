@@ -1,9 +1,11 @@
 """How many people are in a world, and how they walk."""
 
+import re
 from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Annotated, Any, Literal
 
+import yaml
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
@@ -55,7 +57,8 @@ CROWDS = {
 """Crowds by name. All people give way to robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
 """What stands for people: how many, (low, high), a crowd or the name of one, or parameters that differ from those of
-the crowd under the key `crowd`, such as `{"crowd": "dense", "attentive": 0.5}`."""
+the crowd under the key `crowd`, such as `{"crowd": "dense", "attentive": 0.5}`; as text, `dense?attentive=0.5` and
+`20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
@@ -64,9 +67,20 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
     Raises:
         ValueError: there is no such crowd, it has no such parameter, or a value is not allowed.
     """
-    people = resolve(people, CROWDS, "crowd")
-    if people is None or isinstance(people, Crowd):
+    changes: dict[str, Any] = {}
+    if isinstance(people, str):
+        people, _, text = people.partition("?")
+        changes = {name: yaml.safe_load(value) for name, _, value in map(_parted, re.split(r",(?=\w+=)", text)) if name}
+        people = int(people) if people.isdigit() else resolve(people, CROWDS, "crowd")
+    if people is None or (isinstance(people, Crowd) and not changes):
         return people
-    changes = dict(people) if isinstance(people, Mapping) else {"number": people}
-    base = crowd_of(changes.pop("crowd", None)) or Crowd()
-    return parse_record(asdict(base) | changes, "people", Crowd)
+    if isinstance(people, Mapping):
+        changes = dict(people)
+        people = crowd_of(changes.pop("crowd", None)) or Crowd()
+    base = asdict(people if isinstance(people, Crowd) else Crowd())
+    changes |= {} if isinstance(people, Crowd) else {"number": people}
+    return parse_record(base | changes, "people", Crowd)
+
+
+def _parted(text: str) -> tuple[str, str, str]:
+    return text.partition("=")
