@@ -105,7 +105,7 @@ class SlamAxis(Section):
 
 
 class Settings(Section):
-    """What an evaluation consists of. Robots, physics, SLAM, people are axes: every combination is run in each world."""
+    """What an evaluation consists of. Every combination of robots, physics, SLAM and people is run in each world."""
 
     policies: tuple[str, ...] = Field(min_length=1)
     """Classic policies that can do the task by name, learned ones as `ppo:PATH` of a run folder, explorers and policies
