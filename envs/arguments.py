@@ -19,14 +19,15 @@ USUAL_ROBOTS = {
     "pimouse_arena": "raspimouse",
     "raspimouse_sample_maze": "raspimouse",
     "create3_maze": "create3",
+    "barn": "jackal",
 }
-"""Robot that a world is driven with when none is named."""
+"""Robot that a world is driven with when none is named; `barn` stands for `barn:0` and all others."""
 
 
 def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:
     """Return a robot by name, path or as it is; for None the world's usual one."""
     name = world if isinstance(world, str) else getattr(world, "name", "")
-    return load_robot(USUAL_ROBOTS.get(name, USUAL_ROBOT) if robot is None else robot)
+    return load_robot(USUAL_ROBOTS.get(name.partition(":")[0], USUAL_ROBOT) if robot is None else robot)
 
 
 def is_pose(pose: Any) -> bool:

@@ -20,6 +20,7 @@ EPISODES = """
 import gymnasium, lidarnaut
 from pathlib import Path
 import agents, baselines, benchmarks, envs, evaluate, train
+from envs.worlds import load_world
 from agents.learned import find_policy, load_policy
 from baselines.episode import begin_episode, decide_with, run
 
@@ -27,6 +28,7 @@ print(lidarnaut.__version__)
 for module in (agents, baselines, benchmarks, envs, evaluate, lidarnaut, train):
     print(Path(module.__file__))
 print(lidarnaut.find_configuration("explore_frontiers"))
+assert load_world("barn:12").goals
 for explorer in (baselines.make_explorer("nearest"), load_policy(find_policy("pretrained/frontiers"))):
     env = gymnasium.make("lidarnaut:lidarnaut/ExploreHouse-v0", physics="kinematic", time_limit=3.0)
     start = begin_episode(env, explorer, 0, env.np_random)

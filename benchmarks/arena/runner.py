@@ -21,7 +21,7 @@ from benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_faul
 from envs.core import lidar_env_of
 from envs.files import Lock, write_file
 from envs.ids import CHOOSE
-from envs.worlds import FAMILIES, WORLD_NAMES
+from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 
 @contextlib.contextmanager
@@ -79,7 +79,8 @@ class Evaluation:
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._all_tasks))}
         own = [task for key, task in self._all_tasks.items() if groups[key.world, key.seed] % total == number - 1]
         worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
-        own_worlds = {name: world for name, world in worlds.items() if world not in {USUAL, *WORLD_NAMES, *FAMILIES}}
+        known = {USUAL, *WORLD_NAMES, *BARN_NAMES, *FAMILIES}
+        own_worlds = {name: world for name, world in worlds.items() if world not in known}
         common = {"time_limit": settings.time_limit, "id": settings.id}
         common["arguments"] = json.loads(json.dumps(settings.arguments, default=repr))
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)

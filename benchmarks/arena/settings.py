@@ -15,12 +15,12 @@ from agents.config import Section
 from envs.ids import EXPLORE, arguments_of
 from envs.observations import Observations
 from envs.slam import DEFAULT_SLAM
-from envs.worlds import FAMILIES, WORLD_NAMES
+from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
 """Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
-GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES)}
-"""Words that stand for many worlds."""
+GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
+"""Words that stand for many worlds; the benchmark BARN is reported on every sixth of its own."""
 
 
 def estimator_of(id: str) -> str:
@@ -81,7 +81,7 @@ def parse_world(name: str) -> tuple[str, str]:
     if not (match := re.fullmatch(r"([\w.-]+)=(.+)", name)):
         return name, name
     label, world = match.groups()
-    if {label, world} & {*WORLD_NAMES, *FAMILIES, *GROUPS}:
+    if {label, world} & {*WORLD_NAMES, *BARN_NAMES, *FAMILIES, *GROUPS}:
         raise ValueError(
             f"world {name!r}: only paths and module:attribute can have names of their own, as LABEL=PATH, and not "
             "those of the library or of a procedural family"
@@ -117,7 +117,7 @@ class Settings(Section):
     `--arguments.goal_tolerance 0.2`."""
     worlds: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Library worlds, procedural families (their test split), paths of world files or of ROS maps, `module:attribute`;
-    `library` and `families` stand for all of them,
+    `library`, `families` and `barn` stand for all of them, `barn_test` for every sixth of BARN's (`barn:12` is one),
     `usual` for the environment's own. A name for tables goes before the latter two, as `LABEL=PATH`."""
     episodes: Episodes = 10
     """Episodes of each policy in each world."""

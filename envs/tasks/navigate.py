@@ -131,6 +131,7 @@ class Navigate(WorldTask):
             raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
         self.map_pose = Pose2D(*map(float, self.map_pose))
         self._map = load_map(self.map) if isinstance(self.map, str | Path) else self.map
+        self.needs_explorable = self._map is None
         self.uses_true_motion = self.localizer == "truth"
         super().attach(robot, control_period, physics)
 

@@ -29,6 +29,8 @@ before."""
 class WorldTask(Task):
     """A task whose worlds and starts users choose; see `envs.worlds.world_sampler` for what is raised."""
 
+    needs_explorable = True
+    """Whether what can be seen from where the robot fits is worked out for each world, which takes up to seconds."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`."""
     split: Literal["train", "test"] = "train"
@@ -57,7 +59,9 @@ class WorldTask(Task):
             size = self.world_size if is_family else None
             sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius)
         drawn = sample(rng)
-        explorable_area(drawn, self.robot, self.map_resolution)
+        area = explorable_area(drawn, self.robot, self.map_resolution)
+        if self.needs_explorable:
+            _ = area.explorable  # here, since worlds are drawn ahead of time
         return drawn
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:

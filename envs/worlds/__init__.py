@@ -1,5 +1,6 @@
 """Worlds: a library of files, procedural families, and map files."""
 
+from .barn import BARN_NAMES
 from .explorable import ExplorableArea, explorable_area
 from .library import WORLD_NAMES, load_world, world_sampler
 from .map_files import load_map, save_map, world_from_map
@@ -8,6 +9,7 @@ from .raster import check_world, free_area, leaks, rasterize, reachable
 from .world import FixedRoute, World
 
 __all__ = [
+    "BARN_NAMES",
     "FAMILIES",
     "WORLD_NAMES",
     "ExplorableArea",

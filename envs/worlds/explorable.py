@@ -1,7 +1,7 @@
 """The part of a world that a robot can explore."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 
 import numpy as np
@@ -22,8 +22,6 @@ class ExplorableArea:
 
     walls: OccupancyGrid
     """Ground truth: 0 free, 100 touched by something static."""
-    explorable: np.ndarray
-    """Shape of `walls`, bool: free cells visible from a traversable one."""
     traversable: np.ndarray
     """Shape of `walls`, bool: cells where the robot's base is collision-free, connected to the world's first spawn."""
     start_cells: np.ndarray
@@ -32,6 +30,26 @@ class ExplorableArea:
     """Shape of `walls`, bool: cells in whose centre the footprint overlaps a person on a fixed route at time 0."""
     name: str
     """Name of the world."""
+    lidar_reach: float
+    """Range of the lidar [cells]."""
+    _explorable: np.ndarray | None = field(default=None, init=False, repr=False)
+
+    @property
+    def explorable(self) -> np.ndarray:
+        """Shape of `walls`, bool: free cells visible from a traversable one; found when first asked for.
+
+        That takes seconds where a lidar sees far, and tasks with a goal have no use for it.
+        """
+        if self._explorable is None:
+            free = self.walls.data == 0
+            # Only free cells connected to a traversable one can be seen from it.
+            pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
+            touches = np.zeros(num_pieces + 1, dtype=bool)
+            touches[pieces[self.traversable]] = True
+            seen = visible_from(free, self.traversable, free & touches[pieces], self.lidar_reach, self.name)
+            object.__setattr__(self, "_explorable", seen)
+        assert self._explorable is not None
+        return self._explorable
 
     @property
     def area(self) -> float:
@@ -85,7 +103,7 @@ class ExplorableArea:
 
 @lru_cache(maxsize=16)
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Find the free cells, of side `resolution` [m], within lidar range of where the footprint of `robot` fits.
+    """Find where the footprint of `robot` fits, on cells of a side `resolution` [m], and what it can see from there.
 
     Raises:
         ValueError: if the robot does not fit at the world's first spawn.
@@ -111,16 +129,11 @@ def explorable_area(world: World, robot: RobotParams, resolution: float) -> Expl
     start_cells = traversable & (clearance > robot.radius + resolution)
     if not start_cells.any():
         start_cells = traversable
-    # Only free cells connected to a traversable one can be seen from it.
-    pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
-    touches = np.zeros(num_pieces + 1, dtype=bool)
-    touches[pieces[traversable]] = True
-    candidates = free & touches[pieces]
-    explorable = visible_from(free, traversable, candidates, robot.lidar.range_max / resolution, world.name)
     near_people = np.zeros_like(free)
     rows, cols = np.ogrid[: free.shape[0], : free.shape[1]]
     xs, ys = (walls.origin[k] + resolution * (indices + 0.5) for k, indices in enumerate((cols, rows)))
     for person in world.people:
         x, y = person.waypoints[0]
         near_people |= np.hypot(xs - x, ys - y) <= robot.radius + person.radius
-    return ExplorableArea(walls, explorable, traversable, start_cells, near_people, world.name)
+    lidar_reach = robot.lidar.range_max / resolution
+    return ExplorableArea(walls, traversable, start_cells, near_people, world.name, lidar_reach)

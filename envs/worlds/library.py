@@ -1,6 +1,6 @@
 """Finding a world by what users call it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Literal, get_args
@@ -9,6 +9,7 @@ import numpy as np
 
 from envs.files import SHORT, parse_record, read_mapping, resolve
 
+from .barn import barn_world
 from .map_files import load_map, world_from_map
 from .procedural import FAMILIES
 from .raster import check_world
@@ -25,7 +26,7 @@ WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Return a world of the library, from a world file or a `map_server` YAML, by `module:attribute`, or as it is.
+    """Return a world of the library or of BARN, from a world file or a map, by `module:attribute`, or as it is.
 
     Loaded once: the same name, or path to an unchanged file, gives the same object.
 
@@ -35,7 +36,7 @@ def load_world(world: str | Path | World) -> World:
         FileNotFoundError: if there is no such file.
         TypeError: `world` is none of these.
     """
-    found = resolve(world, LIBRARY, "world", files=True)
+    found = _resolve(world, LIBRARY)
     if isinstance(found, World):
         return check_world(found)
     if not isinstance(found, Path):
@@ -47,6 +48,13 @@ def load_world(world: str | Path | World) -> World:
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")
     return _read(found.resolve(), found.stat().st_mtime_ns)
+
+
+def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
+    """Return what a name stands for, see `resolve`; those that begin with `barn:` are no modules."""
+    if isinstance(world, str) and world.startswith("barn:"):
+        return barn_world(world)
+    return resolve(world, table, "world", files=True)
 
 
 @lru_cache(maxsize=64)
@@ -74,9 +82,9 @@ def world_sampler(
     """Return a function that gives the world of the next episode.
 
     Args:
-        world: name of a library world or of a procedural family, path of a world file or of a `map_server` YAML, a
-            world, a function from a random generator to a world, or `module:attribute` of either. Worlds and files
-            give the same object each time.
+        world: name of a library world, of one of BARN's (`barn:12`) or of a procedural family, path of a world file or
+            of a `map_server` YAML, a world, a function from a random generator to a world, or `module:attribute` of
+            either. Worlds and files give the same object each time.
         split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
         size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
         radius: of the robot that a family's worlds are to fit [m].
@@ -91,7 +99,7 @@ def world_sampler(
     if isinstance(world, str) and world in FAMILIES:
         FAMILIES[world](0, size, radius)  # a size that the family refuses should fail here, not at the first reset
         return partial(_draw, world, split == "test", size, radius)
-    found: Any = resolve(world, {**LIBRARY, **FAMILIES}, "world", files=True)
+    found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
     if callable(found):

@@ -118,26 +118,31 @@ def check_world(world: World) -> World:
     """Return a world after making sure that robots can be driven in it.
 
     Raises:
-        ValueError: if there is no spawn, a spawn lies on something solid or out of bounds, spawns are not connected,
-            the outside can be reached from them, numbers are not finite, or the world is too large to be worked on.
+        ValueError: if there is no spawn, a spawn or goal lies on something solid or out of bounds, they are not
+            connected, goals are not as many as spawns, the outside can be reached, numbers are not finite, or the world
+            is too large to be worked on.
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
-    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns")]
+    numbers = [(what, getattr(world, what)) for what in ("bounds", "segments", "circles", "spawns", "goals")]
     for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:
             raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
+    if len(world.goals) not in (0, len(world.spawns)):
+        goals, spawns = len(world.goals), len(world.spawns)
+        raise ValueError(f"world {world.name!r} has {goals} goals and {spawns} spawns; give one for each or none")
     grid = rasterize(world, CHECK_RESOLUTION)
     labels, _ = ndimage.label(grid.data == FREE)
+    poses = [("spawn", pose) for pose in world.spawns] + [("goal", pose) for pose in world.goals]
     pieces = []
-    for spawn in world.spawns:
-        cell = grid.cells(np.array([spawn.x, spawn.y]))
+    for what, pose in poses:
+        cell = grid.cells(np.array([pose.x, pose.y]))
         if not grid.contains(cell):
-            raise ValueError(f"world {world.name!r}: spawn {tuple(spawn)} lies outside its bounds {world.bounds}")
-        if labels[tuple(cell)] == 0 or clearance(spawn.x, spawn.y, world.segments, world.circles) < _ON:
+            raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies outside its bounds {world.bounds}")
+        if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _ON:
             raise ValueError(
-                f"world {world.name!r}: spawn {tuple(spawn)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
+                f"world {world.name!r}: {what} {tuple(pose)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
             )
         pieces.append(labels[tuple(cell)])
     if leaks(labels == pieces[0]):
@@ -145,10 +150,10 @@ def check_world(world: World) -> World:
             f"world {world.name!r} leaks: the outside of its bounds {world.bounds} can be reached from "
             f"{tuple(world.spawns[0])}; close the gap with a segment under `closures`"
         )
-    for spawn, piece in zip(world.spawns, pieces):
+    for (what, pose), piece in zip(poses, pieces):
         if piece != pieces[0]:
             raise ValueError(
-                f"world {world.name!r}: spawn {tuple(spawn)} cannot be reached from {tuple(world.spawns[0])}"
+                f"world {world.name!r}: {what} {tuple(pose)} cannot be reached from {tuple(world.spawns[0])}"
             )
     return world
 

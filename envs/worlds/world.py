@@ -38,6 +38,10 @@ class World:
     """(x_min, y_min, x_max, y_max) of everything static [m]."""
     people: tuple[FixedRoute, ...] = ()
     """People on fixed routes, who belong to the world."""
+    goals: tuple[Pose2D, ...] = ()
+    """Usual goal of a robot that starts at each of the spawns; empty where the world has none."""
+    optimal_length: float | None = None
+    """Length of the path from the first spawn to its goal that a benchmark measures robots by [m]."""
     height: float = 1.0
     """Height of walls and bodies in the physics engine [m]."""
     source: str = ""
@@ -54,6 +58,8 @@ class World:
             segments=factor * self.segments,
             circles=factor * self.circles,
             spawns=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.spawns),
+            goals=tuple(Pose2D(factor * x, factor * y, theta) for x, y, theta in self.goals),
+            optimal_length=None if self.optimal_length is None else factor * self.optimal_length,
             bounds=tuple(factor * side for side in self.bounds),  # type: ignore[arg-type]
             people=tuple(FixedRoute(factor * p.radius, factor * p.waypoints, factor * p.speed) for p in self.people),
         )

@@ -77,6 +77,8 @@ class WorldFile(BaseModel):
     """Height of walls and bodies in the physics engine."""
     spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
     """Poses where a robot can start; the first is the usual one."""
+    goals: Annotated[Rows, _columns("x, y, heading")] = []
+    """Usual goal from each of the spawns."""
     boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
     """Solid rectangles: centre, size, rotation."""
     polygons: Annotated[Loops, _points(3)] = []
@@ -138,11 +140,11 @@ def build_world(name: str, file: WorldFile) -> World:
     circles = np.array(file.cylinders, dtype=np.float64).reshape(-1, 3)
     if len(segments) + len(circles) == 0:
         raise ValueError("the world is empty; give boxes, polygons, polylines, segments or cylinders")
-    for x, y, _ in file.spawns:
+    for what, (x, y, _) in [("spawn", row) for row in file.spawns] + [("goal", row) for row in file.goals]:
         if any(_contains(solid, x, y) for solid in solids) or any(
             np.hypot(*(circles[:, :2] - (x, y)).T) <= circles[:, 2]
         ):
-            raise ValueError(f"spawn ({x}, {y}) lies inside a solid body")
+            raise ValueError(f"{what} ({x}, {y}) lies inside a solid body")
     low = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] - circles[:, 2:]]).min(axis=0)
     high = np.vstack([segments[:, :2], segments[:, 2:], circles[:, :2] + circles[:, 2:]]).max(axis=0)
     world = World(
@@ -154,6 +156,7 @@ def build_world(name: str, file: WorldFile) -> World:
         people=tuple(
             FixedRoute(one.radius, np.array(one.waypoints, dtype=np.float64), one.speed) for one in file.people
         ),
+        goals=tuple(Pose2D(*row) for row in file.goals),
         height=file.height,
         source=file.source,
         licence=file.licence,

@@ -148,6 +148,11 @@ def test_the_arena_of_the_project_covers_everything():
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
 
+def test_groups_stand_for_their_worlds():
+    settings = parse_record({"policies": ["random"], "worlds": ["library", "barn_test"]}, "mem", Settings)
+    assert settings.worlds == (*WORLD_NAMES, *(f"barn:{number}" for number in range(0, 300, 6)))
+
+
 @pytest.mark.parametrize(
     ("data", "message"),
     [

@@ -73,7 +73,7 @@ def test_every_robot_stops_before_a_wall_and_says_that_it_is_blocked(name, plann
     follower = PLANNERS[planner](robot, PERIOD)
     follower.set_path(resample(np.array([[0.0, 0.0], [6.0, 0.0]]), 0.05))
     wall = np.column_stack([np.full(3001, 3.0), np.linspace(-3.0, 3.0, 3001)])
-    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), round(10.0 / robot.max_v / PERIOD), walls=wall)
+    poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), round((10.0 / robot.max_v + 5.0) / PERIOD), walls=wall)
     gap = min(np.hypot(*(wall - pose[:2]).T).min() for pose in poses) - robot.radius
     assert 0.0 < gap < STOPS[planner]
     assert math.hypot(poses[-1].x - poses[-30].x, poses[-1].y - poses[-30].y) < 0.05

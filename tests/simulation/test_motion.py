@@ -119,7 +119,7 @@ def test_the_control_period_changes_the_time_of_a_step_alone(physics):
 
 @pytest.mark.parametrize("name", ROBOT_NAMES)
 def test_random_commands_lead_to_the_same_pose_under_both_physics(bullet, name):
-    """Within 2.5 cm and 0.03 rad, over 20 s, 2 to 6 m of path and 5 to 20 rad of turning."""
+    """Within 2.5 cm, or 30 ms at full speed, and 0.03 rad, over 20 s, with up to 40 rad of turning."""
     robot = load_robot(name)
     metres_per_tick = 2 * math.pi * robot.drive.wheel_radius / robot.odometry.ticks_per_rev
     for seed in range(3):
@@ -130,7 +130,7 @@ def test_random_commands_lead_to_the_same_pose_under_both_physics(bullet, name):
                 command = Twist(*rng.uniform([-robot.max_v, -robot.max_w], [robot.max_v, robot.max_w]))
             readings = [simulator.step([command])[0] for simulator in simulators]
             a, b = (simulator.states[0].pose for simulator in simulators)
-            assert math.dist(a[:2], b[:2]) < 0.025
+            assert math.dist(a[:2], b[:2]) < max(0.025, 0.03 * robot.max_v)
             assert abs(wrap_angle(a.theta - b.theta)) < 0.03
             lag = np.abs(np.subtract(readings[0].ticks, readings[1].ticks)).max() * metres_per_tick
             assert lag < 0.01 + metres_per_tick

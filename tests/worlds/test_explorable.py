@@ -9,7 +9,8 @@ from envs.core import LidarEnv
 from envs.geometry import Pose2D
 from envs.robots import load_robot
 from envs.tasks.explore import Explore
-from envs.worlds import World, explorable_area
+from envs.tasks.navigate import Navigate
+from envs.worlds import World, explorable_area, rasterize
 
 
 def squares(*sides, angle=0.0, spawn):
@@ -36,6 +37,24 @@ def ring(width, length, angle=0.0):
 def test_corridors_are_as_long_however_they_are_turned(width, angle):
     area = explorable_area(ring(width, 24.0, angle), load_robot("turtlebot3_burger"), 0.05)
     assert area.corridor_length == pytest.approx(24.0, rel=0.07)
+
+
+def test_a_task_with_a_goal_on_a_given_map_does_not_ask_what_can_be_seen(monkeypatch):
+    world, asked = squares(6.0, spawn=1.0), []
+
+    def visible_from(free, goals, *_):
+        asked.append(1)
+        return goals
+
+    monkeypatch.setattr("envs.worlds.explorable.visible_from", visible_from)
+    grid = rasterize(world, 0.05)
+    options = {"world": world, "physics": "kinematic", "localizer": "odometry"}
+    LidarEnv(Navigate, map=grid, map_pose=(*grid.origin, 0.0), **options).reset(seed=0)
+    assert not asked
+    LidarEnv(Navigate, **options).prepare()
+    assert len(asked) == 1
+    assert LidarEnv(Navigate, **options).reset(seed=0)
+    assert len(asked) == 1
 
 
 def test_rooms_have_time_by_their_area_and_rings_of_narrow_corridors_by_their_length():

@@ -11,6 +11,7 @@ source: here
 licence: CC0-1.0
 height: 5e-1
 spawns: [[0.5, 0.5, 1.57]]
+goals: [[3.5, 0.5, 0.0]]
 polylines: [[[0, 0], [4, 0], [4, 3]]]
 segments: [[4, 3, 0, 3], [2.0, 0.0, 2.0, 1.0, 0.2]]
 boxes: [[3, 2, 1.0, 0.4, 0.785398163]]
@@ -35,6 +36,8 @@ def test_every_kind_of_body(tmp_path):
     assert world.segments.dtype == np.float64
     assert world.bounds == pytest.approx((0.0, -0.1, 4.0, 3.0))
     assert tuple(world.spawns[0]) == (0.5, 0.5, 1.57)
+    assert tuple(world.goals[0]) == (3.5, 0.5, 0.0)
+    assert tuple(world.scaled(2.0).goals[0]) == (7.0, 1.0, 0.0)
     box = world.segments[:4, :2]
     assert np.hypot(*(box - (3, 2)).T) == pytest.approx([math.hypot(0.5, 0.2)] * 4)
     assert np.abs((box - (3, 2)) @ (math.sqrt(0.5), math.sqrt(0.5))) == pytest.approx([0.5] * 4)
@@ -53,6 +56,9 @@ def test_every_kind_of_body(tmp_path):
         ("1.0, 0.4, 0.785398163", "1.0, -0.4", r"boxes: row 0: width must be positive, got -0\.4"),
         ("3.0, 1.0, 0.25", "3.0, 1.0", r"cylinders: row 0 must be \[x, y, radius\]"),
         ("[[1, 2], [1.5, 2], [1, 2.5]]", "[[1, 2], [1.5, 2]]", "polygons: item 0 must be .* at least 3"),
+        ("[[3.5, 0.5, 0.0]]", "[[3.5, 0.5, 0.0], [3.0, 0.5, 0.0]]", "2 goals and 1 spawns; give one for each or none"),
+        ("[[3.5, 0.5, 0.0]]", "[[3.0, 2.0, 0.0]]", r"goal \(3\.0, 2\.0\) lies inside a solid body"),
+        ("[[3.5, 0.5, 0.0]]", "[[9.0, 0.5, 0.0]]", r"goal \(9\.0, 0\.5, 0\.0\) lies outside its bounds"),
         ("speed: 0.5", "speeed: 0.5", "unknown key 'people.0.speeed'"),
         ("[[0.5, 1.5], [1.5, 1.5]]", "[[0.5, 1.5]]", r"people\.0\.waypoints"),
         ("[[0.5, 0.5, 1.57]]", "[]", "spawns"),

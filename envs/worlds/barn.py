@@ -1,0 +1,53 @@
+"""BARN: 300 worlds for local navigation, fields of cylinders between three walls."""
+
+import math
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from envs.files import open_archive
+from envs.geometry import Pose2D
+
+from .world import World
+
+BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
+"""Names of BARN's worlds."""
+SOURCE = (
+    "Daffan/the-barn-challenge (2022); D. Perille, A. Truong, X. Xiao and P. Stone, Benchmarking Metric Ground "
+    "Navigation, SSRR 2020"
+)
+LICENCE = "MIT"
+NOTES = "The source is open beyond the goal: a rectangle 5 m from cylinders, start and goal closes it."
+PERIOD = 0.5
+"""Optimal times of the benchmark are path lengths at 2 m/s [s/m]."""
+_MARGIN = 5.0
+
+
+@lru_cache(maxsize=len(BARN_NAMES))
+def barn_world(name: str) -> World:
+    """Return one of BARN's worlds, the same object each time; ValueError if `name` is none of `BARN_NAMES`."""
+    if name not in BARN_NAMES:
+        raise ValueError(f"unknown world {name!r}; BARN's are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
+    number = BARN_NAMES.index(name)
+    with open_archive(Path(__file__).with_suffix(".npz")) as archive:
+        # Numbers are float32 on a grid of 0.15 m.
+        first, last = archive["offsets"][number : number + 2]
+        centres, radius = archive["centres"][first:last].astype(np.float64).round(3), round(float(archive["radius"]), 3)
+        start, goal = archive["start"][:2].tolist(), archive["goal"].tolist()
+        length = float(archive["optimal_time"][number]) / PERIOD
+    points = np.vstack([centres, start, goal])
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
+    return World(
+        name=name,
+        segments=np.hstack([corners, np.roll(corners, -1, axis=0)]),
+        circles=np.column_stack([centres, np.full(len(centres), radius)]),
+        spawns=(Pose2D(*start, math.pi / 2),),
+        bounds=(float(x_min), float(y_min), float(x_max), float(y_max)),
+        goals=(Pose2D(*goal, math.pi / 2),),
+        optimal_length=length,
+        source=SOURCE,
+        licence=LICENCE,
+        notes=NOTES,
+    )
