@@ -15,6 +15,7 @@ from envs.core import lidar_env_of
 from envs.files import explain_unknown
 from envs.measures import Course, CourseRecorder, measures_of
 from envs.navigation import HomeNavigator
+from envs.rendering.scene import people_in
 
 from .explorer import Omniscient, Policy, to_action
 
@@ -196,6 +197,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
         inner.plans[:] = [policy.plan]
+        if len(tracks := getattr(policy, "tracks", ())):
+            inner.tracks = people_in(tracks, inner.belief.pose)
         return action
 
     return act

@@ -29,6 +29,8 @@ from envs.task import Task
 from envs.transition import pose_errors, update_robots
 from envs.worlds import World
 
+NO_TRACKS = np.empty((0, 5))
+"""Nobody is tracked."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
 """What a vector environment does for many environments at once, if none of them does it in its own way."""
 
@@ -113,6 +115,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plans: list[np.ndarray | None] = [None] * num_robots
         """Planned path of each robot for drawing, shape (n, 2), map frame [m]; set them from outside, `reset` clears
         them."""
+        self.tracks = NO_TRACKS
+        """People whom the first robot tracks, for drawing, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
+        it from outside, `reset` clears it."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
         """Called after a reset with None, and after each control period with the commands, to record the episode."""
         self._time_limit = time_limit
@@ -187,7 +192,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 for robot in self.robots:
                     part.reset(robot)
         self._set_time_limit(usual)
-        self.plans = [None] * num_robots
+        self.plans, self.tracks = [None] * num_robots, NO_TRACKS
         self._has_begun = True
         if self.on_period is not None:
             self.on_period(None)

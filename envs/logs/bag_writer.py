@@ -2,7 +2,6 @@
 
 import os
 import shutil
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -35,8 +34,8 @@ _LATCHED_TOPICS = ("/map", "/tf_static")
 class BagWriter:
     """Writes a bag under a temporary name, which `close` replaces by its own: there is a whole bag, or none."""
 
-    def __init__(self, path: Path, further: Mapping[str, str] = {}) -> None:
-        """Start a bag `NAME.mcap`, in place of one that is there; `further` are types by topic, beside `TOPICS`.
+    def __init__(self, path: Path) -> None:
+        """Start a bag `NAME.mcap`, in place of one that is there, with `TOPICS`; further ones begin when written to.
 
         Raises:
             ValueError: for another suffix.
@@ -52,17 +51,17 @@ class BagWriter:
         self._writer = Writer(self._folder / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._writer.open()
-        self._topics = {**TOPICS, **further}
-        self._connections = {}
-        for topic, kind in self._topics.items():
-            qos = [_LATCHED] if topic in _LATCHED_TOPICS else []
-            self._connections[topic] = self._writer.add_connection(
-                topic, kind, typestore=typestore(), offered_qos_profiles=qos
-            )
+        self._connections = {topic: self._connect(topic, kind) for topic, kind in TOPICS.items()}
+
+    def _connect(self, topic: str, kind: str) -> Any:
+        qos = [_LATCHED] if topic in _LATCHED_TOPICS else []
+        return self._writer.add_connection(topic, kind, typestore=typestore(), offered_qos_profiles=qos)
 
     def write(self, topic: str, time: float, message: Any) -> None:
         """Write a message at a time [s]."""
-        data = typestore().serialize_cdr(message, self._topics[topic])
+        if topic not in self._connections:
+            self._connections[topic] = self._connect(topic, message.__msgtype__)
+        data = typestore().serialize_cdr(message, message.__msgtype__)
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:

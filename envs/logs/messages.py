@@ -82,6 +82,55 @@ def command(time: float, twist: Twist) -> Any:
     return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
 
 
+def people(time: float, states: np.ndarray, num_before: int = 0) -> Any:
+    """Return a `visualization_msgs/MarkerArray` of people, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s].
+
+    Each is a cylinder, and an arrow to where it will be in a second. Of `num_before` markers of either kind in the
+    message before, those that are no longer there are deleted.
+    """
+    kinds = typestore().types["visualization_msgs/msg/Marker"]
+    markers = []
+    for k in range(max(len(states), num_before)):
+        is_there = k < len(states)
+        x, y, vx, vy, radius = states[k].tolist() if is_there else (0.0,) * 5
+        arrow = [_make("geometry_msgs/msg/Point", *point, 0.1) for point in ((x, y), (x + vx, y + vy))]
+        for name, kind, sizes, points in (
+            ("people", kinds.CYLINDER, (2.0 * radius, 2.0 * radius, 0.2), []),
+            ("velocities", kinds.ARROW, (0.05, 0.1, 0.1), arrow),
+        ):
+            pose = _pose(Pose2D(0.0, 0.0, 0.0) if points else Pose2D(x, y, 0.0))
+            size, colour = (
+                _make("geometry_msgs/msg/Vector3", *sizes),
+                _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8),
+            )
+            action = kinds.ADD if is_there else kinds.DELETE
+            first = (_header(time, MAP), name, k, kind, action, pose, size, colour)
+            nothing = np.array([], dtype=np.uint8)
+            texture = _make("sensor_msgs/msg/CompressedImage", _header(time, MAP), "", nothing)
+            forever, mesh = (
+                _make("builtin_interfaces/msg/Duration", 0, 0),
+                _make("visualization_msgs/msg/MeshFile", "", nothing),
+            )
+            markers.append(
+                _make(
+                    "visualization_msgs/msg/Marker",
+                    *first,
+                    forever,
+                    False,
+                    points,
+                    [],
+                    "",
+                    texture,
+                    [],
+                    "",
+                    "",
+                    mesh,
+                    False,
+                )
+            )
+    return _make("visualization_msgs/msg/MarkerArray", markers)
+
+
 def numbers(values: np.ndarray) -> Any:
     """Return a `std_msgs/Float64MultiArray` of an array of numbers."""
     sizes = [

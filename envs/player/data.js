@@ -94,6 +94,17 @@ class Episode {
     return points;
   }
 
+  /** Return the people that the robot tracks at a sample: where they are and will be in a second, world frame. */
+  tracksAt(i) {
+    const found = [];
+    for (let k = i ? this.track_ends[i - 1] : 0; k < this.track_ends[i]; k++) {
+      const [x, y, vx, vy, radius] = this.tracks.subarray(5 * k, 5 * k + 5);
+      const at = compose(this.about.start, x, y).slice(0, 2);
+      found.push({ at, ahead: compose(this.about.start, x + vx, y + vy).slice(0, 2), radius });
+    }
+    return found;
+  }
+
   /** Return the candidates of a decision, in the world frame, the greatest score first where there are scores. */
   candidatesOf(decision) {
     const found = [];

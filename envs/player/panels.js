@@ -70,8 +70,10 @@ class Panels {
     context.drawImage(this.world, 0, 0, this.width, this.height);
     if (showsScan) this.drawScan(context, sample);
     for (let k = 0; k < episode.people_radii.length; k++) {
-      const x = 2 * (sample * episode.people_radii.length + k);
-      view.disc(context, episode.people[x], episode.people[x + 1], episode.people_radii[k], colors.person, 3);
+      const first = 4 * (sample * episode.people_radii.length + k);
+      const [x, y, vx, vy] = episode.people.subarray(first, first + 4);
+      view.disc(context, x, y, episode.people_radii[k], colors.person, 3);
+      view.line(context, [[x, y], [x + vx, y + vy]], colors.person, 2);
     }
     this.drawTask(context, sample);
     view.path(context, episode.true_poses, sample, pose, colors.true, 2);
@@ -119,6 +121,10 @@ class Panels {
     this.drawTask(context, sample);
     view.path(context, episode.worldPoses, sample, pose, colors.estimated, 2);
     view.line(context, episode.plan(sample), colors.plan, 2.5, [6, 4]);
+    for (const { at, ahead, radius: size } of episode.tracksAt(sample)) {
+      view.ring(context, ...at, size, colors.person);
+      view.line(context, [at, ahead], colors.person, 2);
+    }
     this.drawCandidates(context);
     view.robot(context, pose, radius, colors.estimated, colors.paper);
     view.robot(context, truePose, radius, colors.true, colors.paper, true);

@@ -70,6 +70,7 @@ class EpisodeRecorder:
     def _begin(self) -> None:
         self._samples: list[dict[str, Any]] = []
         self._plans: list[np.ndarray] = []
+        self._tracks: list[np.ndarray] = []
         self._map = MapHistory(self._env.belief.grid)
         self._decisions: list[tuple[float, int, np.ndarray]] = []
         # Those of an episode before are not told from new ones otherwise.
@@ -99,8 +100,9 @@ class EpisodeRecorder:
         env, robot = self._env, self._env.robots[0]
         truth, pose = env.truths[0], robot.belief.pose
         ranges = robot.reading.ranges[self._beams] * (RANGE_STEPS / robot.params.lidar.range_max)
-        positions = env.simulator.people[:, :2].tolist()
-        positions += [peer.state.pose[:2] for peer in env.truths[1:]]
+        people = env.simulator.people[:, [0, 1, 3, 4]].ravel().tolist()
+        for x, y, theta, v, _ in (np.concatenate(peer.state).tolist() for peer in env.truths[1:]):
+            people += [x, y, v * math.cos(theta), v * math.sin(theta)]
         self._samples.append(
             {
                 "time": env.time,
@@ -111,10 +113,11 @@ class EpisodeRecorder:
                 "path_length": truth.path_length,
                 "contacts": robot.collisions,
                 "scans": np.rint(np.nan_to_num(ranges, nan=0.0, posinf=NO_RETURN).clip(0, NO_RETURN)),
-                "people": [x for position in positions for x in position],
+                "people": people,
             }
         )
         self._plans.append(np.empty((0, 2)) if env.plan is None else corners(env.plan, PLAN_TOLERANCE))
+        self._tracks.append(env.tracks)
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
@@ -156,6 +159,8 @@ class EpisodeRecorder:
             map_ends=map_ends,
             plans=np.concatenate(self._plans),
             plan_ends=ends_of(self._plans),
+            tracks=np.concatenate(self._tracks),
+            track_ends=ends_of(self._tracks),
             decision_times=times,
             decision_chosen=chosen,
             candidates=np.concatenate([np.empty((0, len(CANDIDATE_COLUMNS))), *rows]),

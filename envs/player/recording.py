@@ -11,7 +11,7 @@ import numpy as np
 
 from envs.files import open_archive
 
-FORMAT = 2
+FORMAT = 3
 """Number of this layout."""
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
 """Kinds of map cells."""
@@ -22,7 +22,7 @@ NO_RETURN, NO_MEASUREMENT = 255, 0
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Of a candidate: its frontier in the map frame [m], cost of the path [m], unknown area in view [m2], attempts that
 failed, and the score by which the explorer chose, NaN where it has none."""
-_ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "candidate_ends": "candidates"}
+_ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
 """Ends of what belongs to each sample, or decision, and the array that they count in."""
 
 
@@ -87,7 +87,11 @@ class Recording:
     people_radii: Annotated[np.ndarray, np.float32, "people"]
     """Of people, and after them of the other robots of a team [m]."""
     people: Annotated[np.ndarray, np.float32, "n", "coordinates"]
-    """Their positions x, y one after the other, world frame [m]."""
+    """Their x, y, vx, vy one after the other, world frame [m, m/s]."""
+    tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
+    """People whom the robot tracks: x, y, vx, vy, radius, map frame [m, m/s]."""
+    track_ends: Annotated[np.ndarray, np.int32, "n"]
+    """End of each sample's tracks."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """1 where a robot can get to or see; a single 0 where the task does not tell."""
 

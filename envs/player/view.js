@@ -73,6 +73,14 @@ class View {
     context.fill();
   }
 
+  ring(context, x, y, radius, color) {
+    context.beginPath();
+    context.arc(...this.at(x, y), Math.max(radius * this.scale, 3), 0, 2 * Math.PI);
+    context.strokeStyle = color;
+    context.lineWidth = 2;
+    context.stroke();
+  }
+
   line(context, points, color, width, dashes = []) {
     if (points.length < 2) return;
     context.beginPath();

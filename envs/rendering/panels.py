@@ -14,7 +14,7 @@ from envs.worlds import World
 
 from . import style
 from .glyphs import draw_dashes, draw_path, draw_robot
-from .scene import Scene
+from .scene import Scene, people_in
 from .view import View
 
 SUPERSAMPLING = 2
@@ -46,9 +46,7 @@ def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     """Draw the ground truth: walls and bodies, robots at their true poses, their beams, and their true paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
     for x, y, radius, vx, vy in scene.people.tolist():
-        centre, ahead = view.pixels(np.array([(x, y), (x + vx, y + vy)]))
-        pygame.draw.circle(surface, style.PERSON, centre, max(radius * view.scale, 6.0))
-        pygame.draw.line(surface, style.PERSON, centre, ahead, 2)
+        _draw_person(surface, view, (x, y), (vx, vy), radius, width=0)
     if scene.goal is not None:
         _draw_goal(surface, view, scene.start.compose(scene.goal))
     for one in (scene, *scene.peers):
@@ -56,6 +54,20 @@ def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     for one in (scene, *scene.peers):
         draw_path(surface, view.pixels(np.vstack([one.trail, one.pose[:2]])), style.TRUE, 4)
         draw_robot(surface, view, one.robot, one.pose, style.TRUE)
+
+
+def _draw_person(
+    surface: pygame.Surface,
+    view: View,
+    position: tuple[float, float],
+    velocity: tuple[float, float],
+    radius: float,
+    width: int,
+) -> None:
+    """Draw a person, filled for a width of 0, else as an outline [px], with where it will be in a second."""
+    centre, ahead = view.pixels(np.array([position, np.add(position, velocity)]))
+    pygame.draw.circle(surface, style.PERSON, centre, max(radius * view.scale, 6.0), width)
+    pygame.draw.line(surface, style.PERSON, centre, ahead, 3)
 
 
 def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
@@ -124,6 +136,9 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if scene.particles is not None:
         step = max(1, len(scene.particles) // MAX_PARTICLES)
         draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
+    if scene.tracks is not None:
+        for x, y, vx, vy, radius in people_in(scene.tracks, start).tolist():
+            _draw_person(surface, view, (x, y), (vx, vy), radius, width=3)
     if scene.goal is not None:
         _draw_goal(surface, view, start.compose(scene.goal))
     if scene.pose_graph is not None:

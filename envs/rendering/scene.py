@@ -51,6 +51,8 @@ class Scene:
     """Whether the robot was given the map."""
     pose_graph: PoseGraphView | None = None
     """Nodes and loop closures of a SLAM that has any."""
+    tracks: np.ndarray | None = None
+    """People whom the robot tracks, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; None without any."""
     peers: tuple["Scene", ...] = ()
     """The other robots of the team, which share world and map."""
 
@@ -66,6 +68,12 @@ class Scene:
         return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
 
 
+def people_in(tracks: np.ndarray, frame: Pose2D) -> np.ndarray:
+    """Carry people, shape (n, 5), x, y, vx, vy, radius [m, m/s], out of a frame into the one in which it is given."""
+    velocities = Pose2D(0.0, 0.0, frame.theta).transform(tracks[:, 2:4])
+    return np.column_stack([frame.transform(tracks[:, :2]), velocities, tracks[:, 4]])
+
+
 def scene_of(env: Any, k: int) -> Scene:
     """Return the moment of a `LidarEnv` as one of its robots takes part in it."""
     robot, truth, task = env.robots[k], env.truths[k], env.task
@@ -78,6 +86,7 @@ def scene_of(env: Any, k: int) -> Scene:
         pose=truth.state.pose,
         start=env.map_pose,
         people=env.simulator.people,
+        tracks=env.tracks if k == 0 and len(env.tracks) else None,
         belief=robot.belief,
         ranges=robot.reading.ranges,
         trail=truth.trail.positions,

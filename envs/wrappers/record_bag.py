@@ -13,13 +13,14 @@ from envs.estimation.motion import make_motion_source
 from envs.logs import messages
 from envs.logs.bag_writer import BagWriter
 from envs.navigation import crop_to_known
+from envs.rendering.scene import people_in
 from envs.sensor import Sensor
 from envs.simulation import Twist
 
 MAP_PERIOD = 1.0
 """Least time between two maps in a bag [s]."""
-NUMBERS = "std_msgs/msg/Float64MultiArray"
-"""Type of what sensors of the user's own measured, on `/sensors/NAME`."""
+TRACKS, PEOPLE = "/tracks", "/ground_truth/people"
+"""Topics of people, as `visualization_msgs/MarkerArray`, where there are any."""
 _NO_PATH = np.empty((0, 2))
 
 
@@ -28,9 +29,10 @@ class BagRecorder:
 
     Each control period, also within a decision, it writes `/clock`, `/scan`, `/odom` and `/tf`, and before them what
     drove the robot, `/cmd_vel` and `/plan`; once a second and at the end `/map`; once `/tf_static`. Times are since the
-    reset; what sensors of the user's own measured is on `/sensors/NAME`. It records what the robot reads, estimates
-    and does, and no ground truth: `/odom` is its own odometry, also
-    where the estimator uses true poses. Frames are `map`, `odom`, `base_footprint`, `base_link` and `laser`.
+    reset; what sensors of the user's own measured is on `/sensors/NAME`, people whom the robot tracks on `/tracks`. It
+    records what the robot reads, estimates and does, and no ground truth but `/ground_truth/people`: `/odom` is its own
+    odometry, also where the estimator uses true poses. Frames are `map`, `odom`, `base_footprint`, `base_link` and
+    `laser`.
 
     As a context manager it finishes the bag at the end, and removes it after an exception.
     """
@@ -56,8 +58,9 @@ class BagRecorder:
         self._robot = inner.robots[0]
         self._motion = make_motion_source(inner.robot, inner.control_period)
         self._is_open, self._is_started = True, False
+        self._num_markers: dict[str, int] = {}
         self._odometry, self._time, self._map_time = ORIGIN, 0.0, 0.0
-        self._writer = BagWriter(Path(path), dict.fromkeys(map(_topic, inner.sensors), NUMBERS))
+        self._writer = BagWriter(Path(path))
         inner.on_period = self._record
 
     def close(self) -> None:
@@ -108,6 +111,11 @@ class BagRecorder:
         write("/scan", time, scan)
         for sensor in self._env.sensors:
             write(_topic(sensor), time, messages.numbers(np.asarray(reading.extra[sensor.name])))
+        people = self._env.simulator.people[:, [0, 1, 3, 4, 2]]
+        for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people_in(people, self._env.map_pose.inverse()))):
+            if len(found) or self._num_markers.get(topic):
+                write(topic, time, messages.people(time, found, self._num_markers.get(topic, 0)))
+            self._num_markers[topic] = len(found)
         write("/odom", time, messages.odometry(time, self._odometry, twist))
         write("/tf", time, messages.transforms(time, map_odom, self._odometry))
         if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:

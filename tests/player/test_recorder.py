@@ -130,6 +130,20 @@ def test_every_task_is_recorded_with_its_goal_route_and_teammates(id, arguments,
     assert "<title>" in build_page([recording])
 
 
+def test_people_are_recorded_with_their_velocity_and_tracks_in_the_map_frame():
+    env = gymnasium.make("lidarnaut/Explore-v0", world="turtlebot3_stage_4", physics="kinematic", slam="truth")
+    with EpisodeRecorder(env) as recorder:
+        env.reset(seed=0)
+        env.unwrapped.tracks = np.array([[1.0, 2.0, 0.5, 0.0, 0.3]])
+        for _ in range(5):
+            env.step(np.zeros(2, dtype=np.float32))
+    recording, people = recorder.recording(), env.unwrapped.simulator.people
+    np.testing.assert_allclose(recording.people[-1].reshape(-1, 4), people[:, [0, 1, 3, 4]], rtol=1e-5)
+    assert np.hypot(*people[:, 3:].T).min() > 0.05
+    np.testing.assert_allclose(recording.tracks, [[1.0, 2.0, 0.5, 0.0, 0.3]], rtol=1e-6)
+    assert recording.track_ends.tolist() == [0, 1]
+
+
 def test_a_map_that_grows_and_is_redrawn_is_replayed():
     history = MapHistory(OccupancyGrid(np.full((2, 2), -1, np.int8), 0.5, (0.0, 0.0)))
     history.append(OccupancyGrid(np.array([[-1, 0], [-1, 100]], np.int8), 0.5, (0.0, 0.0)))
@@ -162,7 +176,7 @@ def test_a_recording_is_read_as_it_was_written_and_has_the_same_bytes_each_time(
     path = tmp_path / "episode.npz"
     path.write_bytes(recording.to_bytes())
     loaded = Recording.load(path)
-    assert loaded.about == recording.about | {"format": 2}
+    assert loaded.about == recording.about | {"format": 3}
     for name, array in recording.arrays.items():
         np.testing.assert_array_equal(getattr(loaded, name), array)
     assert loaded.to_bytes() == recording.to_bytes() == synthetic(20.0).to_bytes()

@@ -221,3 +221,23 @@ def test_sensors_of_the_users_own_have_topics(drive_recorded):
     messages = [message for _, message in read(bag)["/sensors/level"]]
     assert [message.data.tolist() for message in messages] == [[1.0, 2.5]] * len(readings)
     assert messages[0].layout.dim[0].size == 2
+
+
+def test_people_and_tracks_are_markers_that_are_deleted_with_them(tmp_path):
+    env = make(world="turtlebot3_stage_4")
+    with BagRecorder(env, tmp_path / "people.mcap"):
+        env.reset(seed=0)
+        for tracks in (np.array([[1.0, 0.5, 0.3, 0.4, 0.25]]), np.empty((0, 5))):
+            env.unwrapped.tracks = tracks
+            env.step(np.zeros(2, dtype=np.float32))
+        inner = env.unwrapped
+        truth = inner.map_pose.inverse().transform(inner.simulator.people[:, :2])
+    messages = read(tmp_path / "people.mcap")
+    people = messages["/ground_truth/people"][-1][1].markers
+    at = [(marker.pose.position.x, marker.pose.position.y) for marker in people if marker.type == marker.CYLINDER]
+    np.testing.assert_allclose(at, truth)
+    (_, first), (_, last) = messages["/tracks"]
+    cylinder, arrow = first.markers
+    assert (cylinder.pose.position.x, cylinder.pose.position.y, cylinder.scale.x) == (1.0, 0.5, 0.5)
+    assert (arrow.points[1].x, arrow.points[1].y) == pytest.approx((1.3, 0.9))
+    assert [marker.action for marker in last.markers] == [cylinder.DELETE] * 2
