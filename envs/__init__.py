@@ -8,6 +8,7 @@ from typing import Any
 import gymnasium
 
 LIDAR_ENV = "envs.core:LidarEnv"
+_REACH = "envs.tasks.reach_goal:ReachGoal"
 _EXPLORE = "envs.tasks.explore:Explore"
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/Explore-v0": (LIDAR_ENV, {"task": _EXPLORE}),
@@ -22,6 +23,8 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreFrontiers-v0": ("envs.explore_frontiers:ExploreFrontiersEnv", {}),
     "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "envs.tasks.navigate:Navigate"}),
+    "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
+    "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house"}),
     "lidarnaut/Track-v0": (
         LIDAR_ENV,
         {"task": "envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -196,6 +196,32 @@ GOAL = (
     Measure("way_left", "distance left", "m", False, partial(final, name="geodesic_distance"), 2),
 )
 """Whether a goal was reached, how directly and when; `info` needs `geodesic_distance` to it [m]."""
+
+
+def time_efficiency(course: Course) -> float:
+    """Return success weighted by time: 0 without it, else the time of the shortest path at full speed over the time."""
+    ideal = float(course.samples["geodesic_distance"][0]) / course.max_speed
+    return float(course.final["is_success"]) * ideal / max(final(course, "time"), ideal, 1e-9)
+
+
+def barn_metric(is_success: bool, time: float, ideal: float) -> float:
+    """Return the metric of the BARN challenge: success x OT / clip(AT, 2 OT, 8 OT), at most 0.5.
+
+    AT is the time since the robot has moved [s], OT the ideal one [s]. Daffan/the-barn-challenge (README), after Xiao
+    et al., "Autonomous Ground Navigation in Highly Constrained Spaces: Lessons Learned From the BARN Challenge at
+    ICRA 2022" (2022), whose metric ends at 4 OT.
+    """
+    return is_success * ideal / min(max(time, 2.0 * ideal), 8.0 * ideal) if ideal > 0.0 else 0.0
+
+
+REACH = (
+    Measure("time_spl", "success by time", "%", True, time_efficiency, 1, 100.0, is_headline=True),
+    replace(GOAL[0], is_headline=False),
+    *GOAL[1:],
+    Measure("barn_metric", "BARN metric", "", True, digits=4),
+    Measure("jerk", "jerk", "m/s³", False),
+)
+"""Whether a goal was reached, how directly, how soon and how smoothly."""
 
 
 def route_driven(course: Course) -> float:

@@ -1,11 +1,13 @@
 """One robot: its readings, its estimates of pose and map, the path that it took, and beside it the true one."""
 
+import math
 from collections.abc import Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
+from envs.estimation import NO_UPDATE, ORIGIN, Belief, DeadReckoning, Estimator
 from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import update_bias
@@ -23,6 +25,10 @@ from envs.slam.key_scans import KeyScanSlam
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """What is left to do for a robot: process its scan, which corrects the pose; remember its estimated position; remember
 its true position."""
+
+
+KEEPS_NO_SCANS = SimpleNamespace(min_travel_distance=math.inf, min_travel_angle=math.inf)
+"""When the next key scan of dead reckoning is due."""
 
 
 class Setup(NamedTuple):
@@ -52,8 +58,10 @@ class Prior(NamedTuple):
 
 
 def _follows_odometry(slam: Any) -> bool:
-    """Tell whether a SLAM's poses follow odometry between key scans; see `KeyScanSlam`."""
+    """Tell whether poses follow odometry, those of a SLAM between key scans; see `KeyScanSlam`."""
     kind = type(slam)
+    if kind is DeadReckoning:
+        return True
     if not isinstance(slam, KeyScanSlam) or kind.update is not KeyScanSlam.update:
         return False
     if kind.is_key_pose is not KeyScanSlam.is_key_pose or (slam.params.match_every_scan and kind is not KnownPoses):
@@ -83,8 +91,8 @@ class Robot:
         """The other robots of a team, which tell this one their poses."""
         self._peer_filter = PeerFilter(params)
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the estimator looks at key scans alone, and its pose follows odometry in between."""
-        slam: Any = estimator.params if self.follows_odometry else None  # type: ignore[attr-defined]
+        """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
+        slam: Any = getattr(estimator, "params", KEEPS_NO_SCANS) if self.follows_odometry else None
         self._reading: Reading
         self._setup = Setup(
             metres_per_tick=params.odometry.metres_per_tick,
@@ -176,6 +184,8 @@ class Robot:
         """The map at the scales of observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
         row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self._setup, self.belief.pose, np.inf
+        if self._setup.min_travel_distance == math.inf:
+            row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]

@@ -23,6 +23,7 @@ TASKS = {
     "ExploreTeam": {**ROOMS, "control_hz": 5.0, "num_robots": 3},
     "ExploreFrontiers": {**ROOMS, "world_size": (10.0, 10.0)},
     "Navigate": {"world": "turtlebot3_world", "physics": "kinematic"},
+    "ReachGoal": {"world": "turtlebot3_world", "physics": "kinematic", "contact": "costs"},
     "Track": {
         **{"world": "turtlebot3_world", "robot": "turtlebot3_burger", "physics": "kinematic", "control_hz": 5.0},
         **{"path": [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]], "map_resolution": 0.1},
@@ -135,6 +136,7 @@ INFO_KEYS = {
     "ExploreTeam": EXPLORED,
     "ExploreFrontiers": EXPLORED | DECISION,
     "Navigate": MOTION | {"distance_to_goal", "geodesic_distance", "progress", "is_lost"},
+    "ReachGoal": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
     "Track": MOTION | {"deviation", "progress", "is_lost"},
 }
 
@@ -151,13 +153,18 @@ def test_info_has_every_key_rewards_sum_up_and_time_runs_out(task):
     assert out[-1][2:4] == (False, True)
     assert (info["end_reason"], info["time"]) == ("time_limit", pytest.approx(4.0))
     further = {"map_iou", "area_left"} if "Explore" in task else set()
+    further |= {"jerk", "barn_metric"} if "Reach" in task else set()
     assert set(info) == INFO_KEYS[task] | {"end_reason"} | further
     assert 0.0 < info.get("map_iou", 1.0) <= 1.0
 
 
 @pytest.mark.parametrize(
     ("task", "term", "quantity", "sign"),
-    [("Explore", "explored", "explored_area", 1), ("Navigate", "progress", "geodesic_distance", -1)],
+    [
+        ("Explore", "explored", "explored_area", 1),
+        ("Navigate", "progress", "geodesic_distance", -1),
+        ("ReachGoal", "progress", "geodesic_distance", -1),
+    ],
 )
 def test_rewards_add_up_to_what_has_changed(task, term, quantity, sign):
     out = rollout(make(task, reward={term: 2.0}), 3, 60)
@@ -176,6 +183,7 @@ NEAR = {"localizer": "truth", "start": (-2.0, -0.5, 0.0), "goal": (-1.4, -0.5, 0
         ("Explore", {"target_coverage": 0.05}, STILL, "covered", "completed"),
         ("ExploreFrontiers", {"target_coverage": 0.5}, 0, "covered", "completed"),
         ("Navigate", NEAR, AHEAD, "reached", "reached"),
+        ("ReachGoal", {"start": (-2.0, -0.5, 0.0), "goal": (0.6, 0.0, 0.0)}, AHEAD, "reached", "reached"),
     ],
 )
 def test_success_terminates_and_pays(task, arguments, action, reason, term):
@@ -248,6 +256,14 @@ BAD_ARGUMENTS = [
     ("Navigate", {"goal": np.zeros((3, 3))}, "goal must be"),
     ("Navigate", {"map_pose": (0.0, 0.0)}, "map_pose"),
     ("Navigate", {"map": "nowhere.yaml"}, "nowhere.yaml"),
+    ("ReachGoal", {"goal": "home"}, "goal must be 'random', 'world' or"),
+    ("ReachGoal", {"goal_given": "distance"}, "goal_given must be 'pose' or 'bearing'"),
+    ("ReachGoal", {"contact": "hurts"}, "contact must be 'ends' or 'costs'"),
+    ("ReachGoal", {"min_distance": 0.0}, "min_distance"),
+    ("ReachGoal", {"slam": "gps"}, "gps"),
+    ("ReachGoal", {"observations": {"scan_history": {"lags": (0.2, 0.1)}}}, "increasing lags"),
+    ("ReachGoal", {"observations": {"scan_history": {"num_sectors": 0}}}, "positive number of sectors"),
+    ("ReachGoal", {"observations": {"scan_history": {"num_sectors": 500}}}, "500 sectors of the 360 beams"),
     ("Track", {"fusion": "gps"}, "fusion 'gps'.*encoder_compass"),
     ("Track", {"fusion": "encoder_compass"}, "needs a compass"),
     ("Track", {"path": [[0.0, 0.0], [0.0, math.nan]]}, "path"),

@@ -16,7 +16,7 @@ from tests.agents.test_every_algorithm import tiny
 from tests.test_contract import TASKS
 
 CLASSIC = {"Navigate": "pursuit", "Track": "route_follower", "ExploreTeam": "rrt_team"}
-"""A classic policy for an id; explorations have `nearest`."""
+"""A classic policy for an id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
 
 
 class Killed(BaseException):
@@ -41,7 +41,8 @@ def test_an_id_goes_through_every_door(id, tmp_path, monkeypatch):
     assert [float(row["steps"]) for row in rows] == [0.0, 0.0, 24.0]
     assert np.isfinite([float(row["progress"]) for row in rows]).all()
 
-    policies, out = [CLASSIC.get(name, "nearest"), "random", f"LEARNED=learned:{run}"], tmp_path / "out"
+    usual = "pursuit" if "Reach" in name else "nearest"
+    policies, out = [CLASSIC.get(name, usual), "random", f"LEARNED=learned:{run}"], tmp_path / "out"
     command = ["--id", id, "--policies", *policies, "--episodes", "1", "--physics", "kinematic", "--record"]
     command += ["--time-limit", "2", "--no-world-sections", "--out", str(out)]
     options = {"path": "--arguments.path", "map_resolution": "--arguments.map_resolution", "world": "--worlds"}

@@ -79,6 +79,7 @@ WAREHOUSE = {"world": "tugbot_warehouse", "robot": "tugbot", "slam": "odometry",
 LIDAR = {"lidar.noise_std": (0.005, 0.03), "lidar.dropout": (0.0, 0.1), "lidar.mount.yaw": (-0.05, 0.05)}
 RANGES = {**LIDAR, "drive.wheel_radius": (0.031, 0.035), "drive.slip_std": (0.0, 0.01), "max_v": (0.15, 0.22)}
 FRICTION = {**RANGES, "drive.friction": (0.4, 1.0)}
+REACH_PARTS = ("scan", "scan_history", "goal", "map_near")
 CASES = {
     "rooms": ("Explore", QUICK),
     "movers": ("Explore", {"world": "turtlebot3_stage_4", "slam": "truth", "time_limit": 3.0}),
@@ -91,6 +92,8 @@ CASES = {
     "abstract": ("ExploreFrontiersAbstract", {**QUICK, "time_limit": 12.0, "randomize": LIDAR}),
     "team": ("ExploreTeam", {**QUICK, "num_robots": 2}),
     "navigate": ("Navigate", QUICK),
+    "reach": ("ReachGoal", QUICK),
+    "reach with a map": ("ReachGoal", {**QUICK, "slam": "hector", "contact": "costs", "observations": REACH_PARTS}),
     "track": ("Track", {"time_limit": 1.5, "map_resolution": 0.1}),
     "randomized": ("Explore", {**QUICK, "slam": "hector", "randomize": RANGES}),
     "randomized team": ("ExploreTeam", {**QUICK, "time_limit": 1.0, "randomize": RANGES}),

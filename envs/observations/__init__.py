@@ -9,8 +9,9 @@ from envs.task import ObservationPart
 
 from .maps import MapCrop
 from .plan import Plan
-from .positions import Goal, Home, Peers, PoseUncertainty, RouteAhead
+from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead
 from .scan import Motion, Scan
+from .scan_history import ScanHistory
 
 NEAR_PIXEL = 0.2
 """Side of a pixel of `map_near` [m]."""
@@ -18,6 +19,7 @@ FAR_PIXEL = 0.8
 """Side of a pixel of `map_far` [m]."""
 PARTS: dict[str, Callable[..., ObservationPart]] = {
     "scan": Scan,
+    "scan_history": ScanHistory,
     "map_near": partial(MapCrop, resolution=NEAR_PIXEL),
     "map_far": partial(MapCrop, resolution=FAR_PIXEL),
     "motion": Motion,
@@ -66,11 +68,13 @@ __all__ = [
     "Home",
     "MapCrop",
     "Motion",
+    "NearGoal",
     "Observations",
     "Peers",
     "Plan",
     "PoseUncertainty",
     "RouteAhead",
     "Scan",
+    "ScanHistory",
     "make_parts",
 ]

@@ -5,13 +5,22 @@ from typing import Any
 
 import numpy as np
 from gymnasium import spaces
+from numba import njit
 
 from envs.geometry import Pose2D
+from envs.geometry.pose import distance
 from envs.robot import Robot
 from envs.robots import RobotParams
+from envs.simulation import records as at
+
+from .scan import ONE
 
 GOAL_RANGE = 32.0
 """Distance to the goal, or to the start, that is shown as 1 [m]."""
+NEAR_RANGE = 10.0
+"""Distance to the goal that `NearGoal` shows as 1 [m]."""
+GOAL_MEMORY = "goal"
+"""Memory of rows that begins with the goal, map frame [m]; see `Rows.memory`."""
 PEERS_RANGE = 16.0
 """Distance along either axis at which the position of a teammate saturates [m]: half of what `map_far` shows."""
 ROUTE_RANGE = 5.0
@@ -39,6 +48,40 @@ class Goal:
         ahead = robot.belief.pose.between(self._task.goal)
         _write_point(ahead, out[:3])
         out[3], out[4] = math.cos(ahead.theta), math.sin(ahead.theta)
+
+
+@njit(cache=True, error_model="numpy")
+def write_goals(rows, goals, tells_distance, active, out):
+    """Write what `NearGoal` shows of active rows to `out`, shape (n, 4) or (n, 2), float32."""
+    for k in range(rows.shape[0]):
+        if active[k]:
+            row = rows[k]
+            dx, dy = goals[k, 0] - row[at.POSE], goals[k, 1] - row[at.POSE + 1]
+            away, bearing = distance(dx, dy), math.atan2(dy, dx) - row[at.POSE + 2]
+            if tells_distance:
+                out[k, 0], out[k, 3] = min(away / NEAR_RANGE, 1.0), 1.0 / (1.0 + away)
+            out[k, tells_distance], out[k, tells_distance + 1] = math.cos(bearing), math.sin(bearing)
+
+
+class NearGoal:
+    """Where a goal is, near ones finely: distance over 10 m, cosine and sine of the bearing, 1 m / (1 m + distance)."""
+
+    def __init__(self, tells_distance: bool = True) -> None:
+        """Choose whether the distance is told, or cosine and sine of the bearing alone."""
+        self._tells_distance = int(tells_distance)
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (4,), float32)`, or of shape (2,)."""
+        return spaces.Box(-1.0, 1.0, (2 + 2 * self._tells_distance,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the goal to `out`."""
+        goals = robot.rows.memory[GOAL_MEMORY][robot.index, None]
+        write_goals(robot.row[None], goals, self._tells_distance, ONE, out[None])
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the goals of many robots; see `ObservationPart`."""
+        write_goals(batch.numbers, batch.memory[GOAL_MEMORY], self._tells_distance, batch.active, out)
 
 
 class Home:

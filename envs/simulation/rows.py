@@ -1,8 +1,8 @@
 """Robots as rows of arrays: what kernels write, and what records of readings and states are made of when asked for."""
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Hashable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -75,8 +75,16 @@ class Rows:
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
         """Noise, shape (num_robots, BLOCK, n): for a control period standard normal draws, see `SLIP_LEFT`, and one for
         each beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
+        self.memory: dict[Hashable, np.ndarray] = {}
+        """What tasks and observation parts keep of an episode, by name: shape (num_robots, n) each; see `remember`."""
         self.set_robot(robot, control_period)
         self.reset()
+
+    def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
+        """Return the memory of this name, shape (num_robots, size), zeros at first; kernels get all of them at once."""
+        if name not in self.memory:
+            self.memory[name] = np.zeros((len(self.numbers), size), dtype)
+        return self.memory[name]
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
         """Change the robots' parameters; the number of beams stays as it was."""
@@ -134,8 +142,13 @@ class Rows:
         left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
         return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
 
-    def share(self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray) -> None:
+    def share(
+        self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
+    ) -> None:
         """Move to rows of larger arrays, which kernels step together."""
+        for key, kept in memory.items():
+            kept[...] = self.memory[key]
+        self.memory = {**self.memory, **memory}
         for name, rows in (("numbers", numbers), ("ranges", ranges), ("draws", draws)):
             rows[...] = getattr(self, name)
             setattr(self, name, rows)

@@ -1,17 +1,25 @@
-"""The known map, the localizer, goals and the true distance to them."""
+"""Goals: which one, the true distance to it, the known map, the localizer."""
 
 import math
-from typing import Any
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief, Estimator
+from envs.arguments import check_positive, is_pose
+from envs.estimation import DeadReckoning, Estimator
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.localization import Amcl, AmclParams, load_preset
+from envs.measures import GOAL, Measure
 from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
-from envs.robots import LidarParams
-from envs.simulation import Reading
-from envs.worlds import ExplorableArea
+from envs.robot import Robot
+from envs.robots import LidarParams, RobotParams
+from envs.simulation import Simulator
+from envs.worlds import ExplorableArea, World
+
+from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
 """Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
@@ -19,25 +27,81 @@ MIN_DISTANCE = 1.0
 """Least distance from the start to a random goal [m]."""
 
 
-class DeadReckoning:
-    """An `Estimator` on a known map that adds up motions and looks at no scan."""
+@dataclass(kw_only=True, eq=False)
+class GoalTask(WorldTask):
+    """A task with a goal: chosen for an episode, and set anew from where the robot is."""
 
-    uses_first_scan = False
-    belief: Belief
+    measures: ClassVar[Sequence[Measure]] = GOAL
+    progress = "progress"
+    reset_options = ("goal",)
+
+    goal: Any = "random"
+    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; once an episode has begun, that of the
+    episode."""
+    goal_tolerance: float = 0.3
+    """Distance from the goal that counts as reached [m]."""
+    min_distance: float = MIN_DISTANCE
+    """Least distance from the start to a random goal [m]."""
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
+        self._goal = read_goal(self.goal)
+        super().attach(robot, control_period, physics)
+
+    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
+        """Return where the robot starts; see `Task`."""
+        self._world = world
+        return super().choose_starts(world, start, rng)
 
     def reset(
-        self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
-    ) -> Belief:
-        """Start at a pose, ValueError without one; see `Estimator`."""
-        if pose is None:
-            raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
-        self.belief = Belief(pose, map)
-        return self.belief
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        """Start an episode; see `Task`."""
+        (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
+        goal = read_goal(options.get("goal", self._goal))
+        if goal == "random":
+            goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng, self.min_distance))
+        elif goal == "world":
+            goal = self.map_pose.between(self._own_goal())
+        return self.set_goal(goal)  # type: ignore[arg-type]
 
-    def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Follow a motion; see `Estimator`."""
-        self.belief.pose = self.belief.pose.compose(motion)
-        return self.belief
+    def set_goal(self, goal: tuple[float, float, float]) -> float:
+        """Set a goal (x, y, theta), map frame, and return how long it usually takes to get there [s].
+
+        Raises:
+            ValueError: if the goal is not finite, or no pose that the robot can reach.
+        """
+        if not is_pose(goal):
+            raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
+        self.goal = Pose2D(*map(float, goal))
+        self._true_goal = self.map_pose.compose(self.goal)
+        self._measure_path()
+        return 10.0 * round(0.1 * self._usual_time())
+
+    @abstractmethod
+    def _measure_path(self) -> None:
+        """Measure the path from where the robot is to a new goal, `_path_length` [m]."""
+
+    def _usual_time(self) -> float:
+        """Return four times what the path takes at full speed, and half a minute [s]."""
+        return 30.0 + 4.0 * self._path_length / self.robot.max_v
+
+    def _own_goal(self) -> Pose2D:
+        """Return the world's goal of the spawn nearest to the start."""
+        goals, spawns = self._world.goals, self._world.spawns
+        if not goals:
+            raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
+        return goals[min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))]
+
+
+def read_goal(goal: Any) -> str | Pose2D:
+    """Return the argument `goal` of environments; ValueError if it is none of what is allowed."""
+    if isinstance(goal, str) and goal in ("random", "world"):
+        return goal
+    if not is_pose(goal):
+        raise ValueError(f"goal must be 'random', 'world' or (x, y, theta), got {goal!r}")
+    return Pose2D(*map(float, goal))
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
@@ -58,21 +122,38 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 class GeodesicDistance:
     """True distance to a goal around everything that does not move."""
 
-    def __init__(self, area: ExplorableArea, goal: Pose2D) -> None:
-        """Measure distances from free space to a goal, world frame; ValueError if the robot does not fit there."""
+    def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
+        """Measure distances from free space to a goal, world frame; ValueError if the robot does not fit there.
+
+        Of blocks of `pooled` x `pooled` cells of the area, one in which the robot fits is enough.
+        """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
-        costs = np.where(area.traversable, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
-        resolution = area.walls.resolution
-        costmap = Costmap(costs, area.walls, CostmapParams(resolution, resolution))
+        free, walls = area.traversable, area.walls
+        if pooled > 1:
+            free = np.pad(free, [(0, -size % pooled) for size in free.shape])
+            free = free.reshape(len(free) // pooled, pooled, -1, pooled).any(axis=(1, 3))
+            walls = OccupancyGrid(free.astype(np.int8), pooled * walls.resolution, walls.origin)
+        costs = np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
+        costmap = Costmap(costs, walls, CostmapParams(walls.resolution, walls.resolution))
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
         self._last = math.inf
 
+    @property
+    def grid(self) -> OccupancyGrid:
+        """The raster on which distances are known."""
+        return self._field.costmap.grid
+
+    @property
+    def lengths(self) -> np.ndarray:
+        """Distances of all cells, shape of the raster, float32 [m]; inf where the robot does not fit."""
+        return self._field.cost(np.moveaxis(np.indices(self.grid.data.shape), 0, -1)).astype(np.float32)
+
     def length(self, pose: Pose2D) -> float:
         """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""
-        walls = self._field.costmap.grid
+        walls = self.grid
         cell = walls.cells(np.array(pose[:2]))
         if walls.contains(cell):
             length = float(self._field.cost(cell))
@@ -80,14 +161,16 @@ class GeodesicDistance:
         return self._last
 
 
-def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator) -> Pose2D:
-    """Draw a collision-free goal (world frame), at least `MIN_DISTANCE` from the start in a straight line.
+def draw_goal(
+    area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = MIN_DISTANCE
+) -> Pose2D:
+    """Draw a collision-free goal (world frame), at least `min_distance` [m] from the start in a straight line.
 
     In a world too small for that, the farthest of a hundred.
     """
     drawn: list[Pose2D] = []
     away = [0.0]
-    while away[-1] < MIN_DISTANCE and len(drawn) < 100:
+    while away[-1] < min_distance and len(drawn) < 100:
         drawn.append(area.draw_pose(rng))
         away.append(math.dist(drawn[-1][:2], start[:2]))
     return drawn[max(int(np.argmax(away)) - 1, 0)]

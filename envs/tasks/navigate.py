@@ -9,12 +9,11 @@ from typing import Any, Literal
 
 import numpy as np
 
-from envs.arguments import check_positive, is_pose
+from envs.arguments import is_pose
 from envs.estimation import Estimator
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.localization import AmclParams
-from envs.measures import GOAL
 from envs.observations import Goal, PoseUncertainty
 from envs.robot import Prior, Robot
 from envs.robots import RobotParams
@@ -22,15 +21,14 @@ from envs.simulation import Simulator
 from envs.task import ObservationPart
 from envs.worlds import load_map
 
-from .goals import GeodesicDistance, draw_goal, known_map, make_localizer
-from .starts import WorldTask
+from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
 """Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
 
 
 @dataclass(kw_only=True, eq=False)
-class Navigate(WorldTask):
+class Navigate(GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
@@ -63,7 +61,7 @@ class Navigate(WorldTask):
 
     ## Starting State
     The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
-    world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least 1 m away,
+    world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least `min_distance` away,
     in the map's frame if given. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
     degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,
     theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a further goal without a reset.
@@ -91,7 +89,8 @@ class Navigate(WorldTask):
     | `initial_pose` | `"known"` | whether the localizer is given where the robot starts: `"known"` or `"unknown"` |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` takes the map that a perfect exploration would give |
     | `map_pose` | `(0, 0, 0)` | pose of the map's frame in the world |
-    | `goal` | `"random"` | see Starting State |
+    | `goal` | `"random"` | see Starting State; `"world"` takes the world's own, of the spawn nearest to the start |
+    | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
     | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default |
     | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
@@ -100,19 +99,13 @@ class Navigate(WorldTask):
     * v0: first version
     """
 
-    measures = GOAL
-    progress = "progress"
     weights = {"progress": 1.0, "time": -0.02, "collision": -0.5, "reached": 10.0}
-    reset_options = ("goal",)
 
     localizer: str = "amcl"
     amcl: str | AmclParams = "default"
     initial_pose: Literal["known", "unknown"] = "known"
     map: str | Path | OccupancyGrid | None = None
     map_pose: Any = (0.0, 0.0, 0.0)
-    goal: Any = "random"
-    """Once an episode has begun, that of the episode, map frame."""
-    goal_tolerance: float = 0.3
     heading_tolerance: float = math.pi
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
@@ -121,12 +114,8 @@ class Navigate(WorldTask):
             raise ValueError(f"initial_pose must be 'known' or 'unknown', got {self.initial_pose!r}")
         if self.initial_pose == "unknown" and self.localizer != "amcl":
             raise ValueError(f"initial_pose='unknown' needs localizer='amcl', got {self.localizer!r}")
-        check_positive(goal_tolerance=self.goal_tolerance)
         if not 0 < self.heading_tolerance <= math.pi:
             raise ValueError(f"heading_tolerance must lie in (0, pi], got {self.heading_tolerance!r}")
-        self._goal = self.goal
-        if not (is_pose(self._goal) or (isinstance(self._goal, str) and self._goal == "random")):
-            raise ValueError(f"goal must be 'random' or (x, y, theta), got {self._goal!r}")
         if not is_pose(self.map_pose):
             raise ValueError(f"map_pose must be (x, y, theta), got {self.map_pose!r}")
         self.map_pose = Pose2D(*map(float, self.map_pose))
@@ -156,34 +145,14 @@ class Navigate(WorldTask):
             given = pose
         return Prior(given, grid, np.diag(std**2))
 
-    def reset(
-        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
-    ) -> float:
-        """Start an episode; see `Task`."""
-        (self._one,) = robots
-        self._true_pose = self.starts[0]
-        self.end_reason = None
-        goal = options.get("goal", self._goal)
-        if isinstance(goal, str) and goal == "random":
-            goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng))
-        return self.set_goal(goal)
-
-    def set_goal(self, goal: tuple[float, float, float]) -> float:
-        """Set a goal (x, y, theta), map frame, and return how long it usually takes to get there [s].
-
-        Raises:
-            ValueError: if the goal is not finite, or no pose that the robot can reach.
-        """
-        if not is_pose(goal):
-            raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
-        self.goal = Pose2D(*map(float, goal))
-        self._true_goal = self.map_pose.compose(self.goal)
+    def _measure_path(self) -> None:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
         self._path_left = self._path_length = self._geodesic.length(self._true_pose)
         self.end_reason = None
-        # Four times what the path takes at full speed, and as long again to find out where the robot is.
-        usual = 30.0 + 4.0 * self._path_left / self.robot.max_v + 60.0 * (self.initial_pose == "unknown")
-        return 10.0 * round(0.1 * usual)
+
+    def _usual_time(self) -> float:
+        """Return as long again where the robot is to find out where it is [s]."""
+        return super()._usual_time() + 60.0 * (self.initial_pose == "unknown")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""

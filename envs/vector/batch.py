@@ -32,6 +32,8 @@ class Batch:
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
+        self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
+        """See `Rows.memory`."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
         """Which robots have driven in this period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
@@ -51,7 +53,8 @@ class Batch:
             self._worlds = tuple(numba.typed.List(arrays) for arrays in zip(*every, strict=True))
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
-            env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots])
+            memory = {name: kept[robots] for name, kept in self.memory.items()}
+            env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
             for arrays, array in zip(self._worlds, self._surroundings(env), strict=True):
                 arrays[i] = array
             self._is_new[robots] = True

@@ -17,6 +17,7 @@ from envs.ids import arguments_of, find_spec
 from envs.tasks.explore import Explore
 from envs.tasks.follow_route import FollowRoute
 from envs.tasks.navigate import Navigate
+from envs.tasks.reach_goal import ReachGoal
 from evaluate import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
@@ -29,6 +30,7 @@ CASES = {
     "Explore": (Explore, ["nearest", "random"], WORLDS),
     "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
+    "ReachGoal": (ReachGoal, ["pursuit", "random"], [*WORLDS, "--slam", "odometry"]),
     "Track": (FollowRoute, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
 }
 

@@ -1,0 +1,38 @@
+"""Poses by adding up motions."""
+
+from typing import Any
+
+import numpy as np
+
+from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from envs.simulation import Reading
+
+from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate, Window
+
+
+class DeadReckoning:
+    """An `Estimator` that adds up motions and looks at no scan, on a known map or without one."""
+
+    uses_first_scan = False
+    belief: Belief
+
+    def reset(
+        self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
+    ) -> Belief:
+        """Start at a pose, ValueError without one; see `Estimator`.
+
+        Without a map the belief has one of one unknown cell, told as new: planners are free to leave it.
+        """
+        if pose is None:
+            raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
+        if map is None:
+            blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
+            self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 0, 0)))
+        else:
+            self.belief = Belief(pose, map)
+        return self.belief
+
+    def update(self, reading: Reading, motion: Pose2D) -> Belief:
+        """Follow a motion; see `Estimator`."""
+        self.belief.pose = self.belief.pose.compose(motion)
+        return self.belief

@@ -1,0 +1,219 @@
+"""The last scans, pooled to sectors, as seen from where the robot is now."""
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+
+from envs.arguments import is_number, is_whole
+from envs.geometry.pose import between, compose
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import records as at
+
+from .scan import ONE
+
+NEARNESS = 0.5
+"""Gap between footprint and obstacle that is shown as a half [m]."""
+MAX_LAG = 1000
+"""Most control periods between the oldest scan that is shown and the last one."""
+SURFACE = 0.5
+"""Neighbouring sectors whose ranges differ by less are taken to show one surface [m]."""
+WIDEST = 8
+"""Most sectors over which such a surface is drawn as seen from elsewhere."""
+MOTION = 3
+"""Entries of a remembered scan before its sectors: motion of the base by odometry since the scan before."""
+
+
+class Sectors(NamedTuple):
+    """Where the sectors of a lidar are."""
+
+    x: float
+    y: float
+    yaw: float
+    """Pose of the lidar, base frame [m, rad]."""
+    first: float
+    """Beginning of the first sector, lidar frame [rad]."""
+    per_radian: float
+    """Sectors in a radian."""
+    radius: float
+    """Radius of the footprint [m]."""
+    directions: np.ndarray
+    """Shape (2, num_sectors), float32: cosines and sines of the middles, lidar frame."""
+
+    @classmethod
+    def of(cls, robot: RobotParams, num_sectors: int) -> "Sectors":
+        """Divide the beams of a robot's lidar among sectors."""
+        lidar = robot.lidar
+        beams = lidar.num_beams / num_sectors
+        first = lidar.angle_min - 0.5 * lidar.angle_increment
+        middles = first + (np.arange(num_sectors) + 0.5) * beams * lidar.angle_increment
+        directions = np.array([np.cos(middles), np.sin(middles)], dtype=np.float32)
+        per_radian = 1.0 / (beams * lidar.angle_increment)
+        return cls(lidar.mount.x, lidar.mount.y, lidar.mount.yaw, first, per_radian, robot.radius, directions)
+
+
+@njit(cache=True, error_model="numpy")
+def pool_scan(ranges, sectors):
+    """Write the least ranges of equal sectors to `sectors`, inf without a return, 0 where no beam was measured."""
+    num_beams, num_sectors = ranges.shape[0], sectors.shape[0]
+    for k in range(num_sectors):
+        nearest, is_known = np.float32(np.inf), False
+        for i in range(k * num_beams // num_sectors, (k + 1) * num_beams // num_sectors):
+            is_known |= ranges[i] <= nearest
+            nearest = min(nearest, ranges[i]) if ranges[i] == ranges[i] else nearest
+        sectors[k] = nearest if is_known else np.float32(0.0)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _angle(x, y):
+    """Return the angle of (x, y) in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
+    a, b = abs(x), abs(y)
+    t = min(a, b) / max(a, b, np.float32(1e-9))
+    t2 = t * t
+    u = np.float32(-0.0851330) + t2 * np.float32(0.0208351)
+    u = np.float32(0.9998660) + t2 * (np.float32(-0.3302995) + t2 * (np.float32(0.1801410) + t2 * u))
+    angle = t * u
+    angle = np.float32(0.5 * math.pi) - angle if b > a else angle
+    angle = np.float32(math.pi) - angle if x < 0 else angle
+    return np.float32(2.0 * math.pi) - angle if y < 0 else angle
+
+
+@njit(cache=True, error_model="numpy")
+def shift_sectors(ranges, motion, sectors, seen, polar):
+    """Write to `seen`, inf at first, the least ranges as seen from a base that has moved.
+
+    What a sector shows lies in its middle, and between sectors of one surface is a straight line. `motion`: pose
+    (x, y, theta) of the base now, as seen from where it measured `ranges`; `polar`: shape (2, n), float32, workspace.
+    """
+    lidar = (sectors.x, sectors.y, sectors.yaw)
+    there = compose(motion[0], motion[1], motion[2], lidar[0], lidar[1], lidar[2])
+    x, y, theta = between(lidar[0], lidar[1], lidar[2], there[0], there[1], there[2])
+    x, y, turn = np.float32(x), np.float32(y), np.float32((theta + sectors.first) % (2.0 * math.pi))
+    count, scale = ranges.shape[0], np.float32(sectors.per_radian)
+    whole = np.float32(2.0 * math.pi) * scale
+    for k in range(count):
+        r = ranges[k] if ranges[k] < np.inf else np.float32(1e6)
+        dx, dy = r * sectors.directions[0, k] - x, r * sectors.directions[1, k] - y
+        along = (_angle(dx, dy) - turn) * scale
+        polar[0, k], polar[1, k] = math.sqrt(dx * dx + dy * dy), along if along >= 0 else along + whole
+    last = count - 1
+    for k in range(count):
+        if ranges[k] == np.inf:
+            last = k
+            continue
+        r, along = polar[0, k], polar[1, k]
+        steps, change_r, change = 1, np.float32(0.0), np.float32(0.0)
+        if ranges[last] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE:
+            change = polar[1, last] - along
+            change -= whole * np.float32(round(change / whole))
+            if abs(change) < WIDEST:
+                steps = max(1, int(abs(change) + 0.9))
+                change_r, change = (polar[0, last] - r) / steps, change / steps
+        for step in range(steps):
+            sector = int(along + step * change)
+            sector -= count * (sector >= count and whole <= count + 0.5)
+            if 0 <= sector < count:
+                seen[sector] = min(seen[sector], r + step * change_r)
+        last = k
+
+
+@njit(cache=True, error_model="numpy")
+def write_history(rows, ranges, memory, lags, sectors, compensates, active, out):
+    """Remember the scans of active rows, and write past ones to `out`, shape (n, number of lags * sectors), float32.
+
+    `memory`: shape (n, slots * (MOTION + number of sectors)), float32: a ring of scans; `lags`: shape (k,), int64, ages
+    of those to show [control periods], increasing.
+    """
+    count = sectors.directions.shape[1]
+    seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
+    near, radius = np.float32(NEARNESS), np.float32(sectors.radius)
+    for i in range(active.shape[0]):
+        if not active[i]:
+            continue
+        ring = memory[i].reshape(-1, MOTION + count)
+        steps, num_slots = int(rows[i, at.STEPS]), ring.shape[0]
+        newest = ring[steps % num_slots]
+        newest[:MOTION] = rows[i, at.ODOMETRY : at.ODOMETRY + 3]
+        pool_scan(ranges[i], newest[MOTION:])
+        motion, age = (0.0, 0.0, 0.0), 0
+        for j in range(lags.shape[0]):
+            while compensates and age < lags[j]:
+                step = ring[(steps - age) % num_slots]
+                motion = compose(step[0], step[1], step[2], motion[0], motion[1], motion[2])
+                age += 1
+            past = ring[(steps - lags[j]) % num_slots, MOTION:]
+            if age > 0:
+                seen[:] = np.inf
+                shift_sectors(past, motion, sectors, seen, polar)
+            else:
+                seen[:] = past
+            for k in range(count):
+                out[i, j * count + k] = near / (max(seen[k] - radius, np.float32(0.0)) + near)
+
+
+class ScanHistory:
+    """The last scans, each pooled to the least ranges of equal sectors, newest first, beside each other.
+
+    A range r is shown as 0.5 m / (max(r - radius of the footprint, 0) + 0.5 m): 1 at the footprint, 0 without a return,
+    and fine where obstacles are near. A sector whose beams are all lost, or ended too near to be measured, shows 1.
+    Past scans are shifted by the robot's own odometry to where it is now, so that what has changed has moved. To be
+    written after each control period.
+    """
+
+    def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
+        """Choose what to show.
+
+        Args:
+            lags: ages of the scans, increasing [s]; the nearest control period counts.
+            num_sectors: sectors of each.
+            compensate: whether past scans are shifted, or shown as they were.
+
+        Raises:
+            ValueError: lags are not increasing or negative, or the number of sectors is not positive.
+        """
+        ages = list(lags) if isinstance(lags, Sequence) else []
+        if not ages or not all(map(is_number, ages)) or ages[0] < 0 or ages != sorted(set(ages)):
+            raise ValueError(f"scan_history needs increasing lags from 0 s on, got {lags!r}")
+        if not (is_whole(num_sectors) and num_sectors >= 1):
+            raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
+        self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
+        self._memory = "scan_history", self._ages, self._num_sectors
+        self._sectors: Sectors
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
+        if self._num_sectors > robot.lidar.num_beams:
+            raise ValueError(
+                f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "
+                f"{robot.name!r}"
+            )
+        return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
+
+    def reset(self, robot: Robot) -> None:
+        """Begin an episode, before which all scans were as the first one."""
+        self._lags = np.array([round(age / robot.control_period) for age in self._ages])
+        if self._lags[-1] > MAX_LAG:
+            raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
+        self._sectors = Sectors.of(robot.params, self._num_sectors)
+        size = (self._lags[-1] + 1) * (MOTION + self._num_sectors)
+        memory = robot.rows.remember(self._memory, size, np.float32)[robot.index]
+        ring = memory.reshape(-1, MOTION + self._num_sectors)
+        ring[:, :MOTION] = 0.0
+        pool_scan(robot.ranges, ring[0, MOTION:])
+        ring[:, MOTION:] = ring[0, MOTION:]
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the scans to `out`."""
+        memory = robot.rows.memory[self._memory][robot.index, None]
+        self._write(robot.row[None], robot.ranges[None], memory, ONE, out[None])
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the scans of many robots; see `ObservationPart`."""
+        self._write(batch.numbers, batch.ranges, batch.memory[self._memory], batch.active, out)
+
+    def _write(self, rows: Any, ranges: Any, memory: Any, active: Any, out: Any) -> None:
+        write_history(rows, ranges, memory, self._lags, self._sectors, self._compensates, active, out)

@@ -1,0 +1,194 @@
+"""Reaching a goal in an unknown world."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from envs.estimation import DeadReckoning, Estimator
+from envs.measures import REACH, Measure, barn_metric
+from envs.observations import NearGoal
+from envs.observations.positions import GOAL_MEMORY
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import Simulator
+from envs.simulation import records as at
+from envs.task import ObservationPart
+
+from . import reach_kernels as own_at
+from .goals import GeodesicDistance, GoalTask
+from .reach_kernels import END_REASONS, measure_goal, update_goal
+from .starts import UnknownWorldTask
+
+CELL = 0.1
+"""Side of the cells of the geodesic distance, or of those of the traversable area where these are larger [m]."""
+BENCHMARK_LIMIT = 100.0
+"""Time limit in worlds that belong to a benchmark, BARN's [s]."""
+BARN_SPEED = 2.0
+"""Speed at which the ideal time of a benchmark's world is counted [m/s]."""
+QUANTITIES = {
+    name: getattr(own_at, name.upper()) for name in ("progress", "time", "collision", "reached", "clearance", "people")
+}
+"""Entries of the task's row by reward term."""
+
+
+@dataclass(kw_only=True, eq=False)
+class ReachGoal(GoalTask, UnknownWorldTask):
+    """Drive to a goal in an unknown world.
+
+    ## Description
+    A differential-drive robot with a 2D lidar and wheel encoders is to get to a goal in a world of which it has no map, in
+    the frame in which it starts, past walls and people. Each step drives it for one control period. Its pose follows
+    odometry; with `slam` a SLAM finds it, and map crops and plan can be observed. The policy sees what the robot senses and
+    estimates, never ground truth.
+
+    ## Action Space
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. The robot
+    approaches them with its greatest accelerations, `max_acc_v` and `max_acc_w` of its parameters.
+
+    ## Observation Space
+    `Dict`, everything seen from the robot (fresh arrays each step); `observations` chooses the parts:
+
+    | key | space | meaning |
+    |---|---|---|
+    | `scan_history` | `Box(0, 1, (270,), float32)` | least distances in 90 sectors around, 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `envs.observations.ScanHistory` |
+    | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+
+    ## Rewards
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
+    all that does not move, became shorter), `time` (-0.2 per s), `collision` (-20 for the contact that ends the episode;
+    with `contact="costs"` per s in contact), `reached` (10, once), `clearance` (-0.4 per s, times the share by which the gap
+    between footprint and obstacles is below 0.15 m), `people` (-0.6 per s, times the share by which the gap to the nearest
+    person is below 0.5 m). `reward` changes the weights.
+
+    ## Starting State
+    The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the world's
+    first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is. `goal="random"` likewise, at least
+    `min_distance` away; `goal="world"` is the world's own, of the spawn nearest to the start; a tuple is in the frame of the
+    start. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a
+    further goal without a reset.
+
+    ## Episode End
+    1. Termination: the robot's true base is within `goal_tolerance` of the goal.
+    2. Termination: the robot touches anything, unless `contact="costs"`.
+    3. Truncation: `time_limit` seconds have passed.
+
+    ## Information
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of that
+    path that is driven), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
+    `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
+    `"time_limit"`), `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`). With `randomize` each step
+    also `randomized`: what the episode has drawn, by name.
+
+    ## Arguments
+    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `map_resolution` and `reward` of
+    `Explore`, and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `slam` | `"odometry"` | where the pose comes from: `"odometry"` or `"truth"`, neither of which keeps a map, or a SLAM, see `envs.slam.make_slam` |
+    | `goal` | `"random"` | see Starting State |
+    | `goal_given` | `"pose"` | what is told of the goal: `"pose"`, or `"bearing"` without the distance |
+    | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
+    | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
+    | `contact` | `"ends"` | whether contact `"ends"` the episode or `"costs"` |
+
+    ## Version History
+    * v0: first version
+    """
+
+    measures: ClassVar[Sequence[Measure]] = REACH
+    weights = {
+        **{"progress": 1.0, "time": -0.2, "collision": -20.0, "reached": 10.0},
+        **{"clearance": -0.4, "people": -0.6},
+    }
+
+    needs_explorable = False
+    slam: Any = "odometry"
+    goal_given: Literal["pose", "bearing"] = "pose"
+    contact: Literal["ends", "costs"] = "ends"
+
+    def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
+        """Check the arguments; see `Task`."""
+        if self.goal_given not in ("pose", "bearing"):
+            raise ValueError(f"goal_given must be 'pose' or 'bearing', got {self.goal_given!r}")
+        if self.contact not in ("ends", "costs"):
+            raise ValueError(f"contact must be 'ends' or 'costs', got {self.contact!r}")
+        super().attach(robot, control_period, physics)
+
+    def make_estimator(self) -> Estimator:
+        """Return dead reckoning, or a SLAM; see `Task`."""
+        is_reckoned = isinstance(self.slam, str) and self.slam in ("odometry", "truth")
+        return DeadReckoning() if is_reckoned else super().make_estimator()
+
+    def default_observations(self) -> Sequence[str]:
+        """Return past scans, goal and motion; see `Task`."""
+        return ("scan_history", "goal", "motion")
+
+    def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
+        """Return the goal; see `Task`."""
+        return {"goal": partial(NearGoal, self.goal_given == "pose")}
+
+    @property
+    def _own(self) -> np.ndarray:
+        """The task's row; see `reach_kernels`."""
+        return self._rows.memory[GOAL_MEMORY][0]
+
+    @property
+    def end_reason(self) -> str | None:  # type: ignore[override]
+        """Why the task has ended the episode; None while it has not."""
+        return END_REASONS[int(self._own[own_at.END])]
+
+    def reset(
+        self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
+    ) -> float:
+        """Start an episode; see `Task`."""
+        simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
+        return super().reset(simulator, robots, rng, options)
+
+    def _measure_path(self) -> None:
+        own, row = self._own, self._rows.numbers[0]
+        geodesic = GeodesicDistance(self.area, self._true_goal, max(1, round(CELL / self.area.walls.resolution)))
+        self.lengths = geodesic.lengths
+        """Geodesic distances to the goal, shape (height, width), float32 [m]."""
+        own[own_at.GOAL_X : own_at.TRUE_Y + 1] = *self.goal[:2], *self._true_goal[:2]
+        own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
+        own[own_at.FIELD_X : own_at.FIELD_SIDE + 1] = *geodesic.grid.origin, geodesic.grid.resolution
+        measure_goal(row, own, self.lengths)
+        own[own_at.LENGTH] = self._path_length = float(own[own_at.LEFT])
+        own[own_at.END], own[own_at.SHARE] = 0.0, own[own_at.SUCCESS]
+
+    def _usual_time(self) -> float:
+        is_benchmark = self._world.optimal_length is not None
+        return BENCHMARK_LIMIT if is_benchmark else super()._usual_time()
+
+    def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
+        """Measure how far the robot came; see `Task`."""
+        update_goal(self._rows.numbers[0], self._own, self.lengths, self._world.segments, self._world.circles)
+
+    def quantities(self) -> dict[str, float]:
+        """Return progress [m], time [s], contact, whether the goal is reached, and nearness times time [s]."""
+        row = self._own.tolist()
+        return {name: row[k] for name, k in QUANTITIES.items()}
+
+    def metrics(self) -> dict[str, Any]:
+        """Return how far it is to the goal; see `Task`."""
+        _, away, left, share, is_success = self._own[own_at.END : own_at.SUCCESS + 1].tolist()
+        return {
+            **{"distance_to_goal": away, "geodesic_distance": left, "progress": share},
+            "is_success": is_success > 0.0,
+        }
+
+    def final_metrics(self) -> dict[str, Any]:
+        """Return how smoothly the robot drove, and BARN's metric; see `Task`."""
+        own, row = self._own, self._rows.numbers[0]
+        length = self._world.optimal_length
+        ideal = own[own_at.LENGTH] / self.robot.max_v if length is None else length / BARN_SPEED
+        time = row[at.TIME] - own[own_at.MOVED_AT]
+        return {
+            "jerk": float(own[own_at.JERK] / max(row[at.STEPS], 1.0)),
+            "barn_metric": float(barn_metric(own[own_at.SUCCESS] > 0.0, time, ideal)),
+        }
