@@ -175,11 +175,13 @@ def _keys(kind: Any, parents: list[int | str]) -> list[str]:
     record = _record_in(kind)
     if dataclasses.is_dataclass(record):
         return [field.name for field in dataclasses.fields(record)]
-    return list(record.model_fields) if record else []
+    return list(getattr(record, "_fields", None) or record.model_fields) if record else []
 
 
 def _record_in(kind: Any) -> Any:
-    """Return the model or dataclass that an annotation such as `list[Record] | None` holds; None without one."""
-    if dataclasses.is_dataclass(kind) or (isinstance(kind, type) and issubclass(kind, BaseModel)):
+    """Return the model, dataclass or named tuple that an annotation like `list[Record] | None` holds; None without."""
+    if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
+        return kind
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
         return kind
     return next(filter(None, map(_record_in, typing.get_args(kind))), None)

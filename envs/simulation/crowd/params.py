@@ -11,6 +11,9 @@ from pydantic.dataclasses import dataclass
 
 from envs.files import parse_record, resolve
 
+from .orca import Orca
+from .social_force import SocialForce
+
 Number = Annotated[int, Field(ge=0, le=1000)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 Radius = Annotated[float, Field(ge=0.1, le=1.0)]
@@ -37,8 +40,10 @@ class Crowd:
     """What lidars see of a person: a disc of its radius, or two legs that swing."""
     flow: Literal["anywhere", "along", "across"] = "anywhere"
     """Where people walk: between points all over the world, between its two ends, or between its four sides."""
-    strength: Annotated[float, Field(ge=0.0, le=100.0)] = 7.0
-    """Social force model: acceleration by which people keep apart who touch [m/s2]; at 2.1 many collide."""
+    forces: SocialForce = SocialForce()
+    """Parameters of the social force model."""
+    orca: Orca = Orca()
+    """Parameters of ORCA."""
 
     def __post_init__(self) -> None:
         for name in ("number", "radius", "speed"):

@@ -1,7 +1,6 @@
 """The people of an episode, as arrays that kernels step."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -10,17 +9,8 @@ from envs.worlds import World
 
 from . import records as at
 from .params import Crowd
-
-
-class CrowdSetup(NamedTuple):
-    """What kernels read of a crowd, all of it float."""
-
-    orca: float = 0.0
-    """1 for ORCA, 0 for the social force model."""
-    legs: float = 0.0
-    """1 where lidars see legs, 0 where they see discs."""
-    strength: float = 7.0
-    """See `Crowd.strength` [m/s2]."""
+from .placement import draw_people
+from .routes import plan_routes
 
 
 class People:
@@ -36,8 +26,8 @@ class People:
         route."""
         self.fields = np.empty((0, 0, 0), dtype=np.float32)
         """Shape (k, height, width), float32: cost-to-go to the points that a crowd walks to [m]."""
-        self.setup = np.zeros(len(CrowdSetup._fields))
-        """`CrowdSetup` as an array."""
+        self.setup = np.zeros(at.WALLS)
+        """Shape (k,), float64: numbers of the model and of the walls; see `records`."""
 
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
         """Begin an episode.
@@ -65,6 +55,23 @@ class People:
             points.append(np.column_stack([route.waypoints, following]))
             first += count
         self.points = np.vstack(points)
+        if self.crowd is not None and rng is not None:
+            self._draw(self.crowd, world, poses, radius, rng)
+
+    def _draw(
+        self, crowd: Crowd, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator
+    ) -> None:
+        """Add a crowd to the people on fixed routes."""
+        routes, first = plan_routes(world, crowd.radius[1], crowd.flow), len(self.points)
+        people = draw_people(crowd, routes, poses, radius, self.rows, rng, world)
+        people[:, at.GOAL] += first
+        points = routes.points.copy()
+        points[points[:, 2] >= 0.0, 2] += first
+        self.rows, self.points = np.vstack([self.rows, people]), np.vstack([self.points, points])
+        self.fields, walls = routes.fields, routes.walls
+        numbers = [crowd.model == "orca", crowd.body == "legs", walls.origin_x, walls.origin_y, walls.rows, walls.cols]
+        model: tuple[float, ...] = crowd.orca if crowd.model == "orca" else crowd.forces
+        self.setup = np.concatenate([np.resize([*numbers, *model], at.WALLS), walls.near])
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

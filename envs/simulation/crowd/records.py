@@ -12,3 +12,6 @@ PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
 """Kinds of people: who sees robots and gives way, who does not see them, who stands still, and who walks along a fixed
 line and gives way to nobody. All of them stop where they would walk into a robot."""
+ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
+"""Entries of `People.setup`: 1 for ORCA, 0 for the social force model; 1 where lidars see legs, 0 where discs; numbers
+of `Walls`; and where the model's parameters and `Walls.near` begin."""

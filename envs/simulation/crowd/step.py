@@ -4,13 +4,19 @@ import math
 
 import numpy as np
 from numba import njit
+from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from envs.simulation import records as robots_at
 
 from . import records as at
+from .orca import NUM_ORCA, Orca, walk_by_orca
+from .routes import choose_directions
+from .settling import settle
+from .social_force import NUM_FORCES, SocialForce, walk_by_forces
+from .walls import Walls
 
-SUBSTEP = 0.05
-"""Longest time in which people walk straight on [s]."""
+SUBSTEP, ORCA_SUBSTEP = 0.05, 0.1
+"""Longest time in which people walk straight on, by forces and by ORCA [s]."""
 LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 """Radius of a leg, its distance from the middle, and how far it swings ahead and back [m], at the height of a lidar."""
 
@@ -23,27 +29,53 @@ def step_people(people, points, fields, setup, robots, segments, circles):
     `envs.simulation.records`, of which those in contact with a person that walked into them are marked as touched;
     `segments`, `circles`: of the world, shapes (n, 4) and (m, 3), float64 [m].
     """
-    period, radius = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT]
-    num_steps = max(1, math.ceil(period / SUBSTEP - 1e-9))
+    period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
+    num_steps = max(1, math.ceil(period / (ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP) - 1e-9))
     dt = period / num_steps
-    for i in range(people.shape[0]):
+    discs = np.empty((robots.shape[0], 5))
+    for k in range(robots.shape[0]):
+        robot, v = robots[k], robots[k, robots_at.V]
+        discs[k, 0], discs[k, 1], discs[k, 2] = robot[robots_at.X], robot[robots_at.Y], radius
+        discs[k, 3], discs[k, 4] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
+    corner = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
+    walls = Walls(segments, circles, setup[at.WALLS :], *corner)
+    starts, directions = np.empty((count, 2)), np.empty((count, 2))
+    for i in range(count):
         person = people[i]
         person[at.BEFORE_X], person[at.BEFORE_Y], person[at.BLOCKED] = person[at.X], person[at.Y], 0.0
     for _ in range(num_steps):
-        for i in range(people.shape[0]):
-            person = people[i]
-            x, y = person[at.X], person[at.Y]
-            if person[at.KIND] == at.FIXED_ROUTE:
-                _follow_route(person, points, dt)
-            _stop_at_robots(person, x, y, robots, radius, dt)
-    for i in range(people.shape[0]):
+        starts[:, 0], starts[:, 1] = people[:, at.X], people[:, at.Y]
+        for i in range(count):
+            if people[i, at.KIND] == at.FIXED_ROUTE:
+                _follow_route(people[i], points, dt)
+        if fields.shape[0] > 0:
+            choose_directions(people, points, fields, walls, dt, directions)
+            _walk(people, directions, discs, walls, setup, dt)
+        stopped_by = settle(people, starts, discs, walls, dt)
+        for i in range(count):
+            people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
+            people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt
+            if stopped_by[i] >= 0:
+                robots[stopped_by[i], robots_at.TOUCHED] = 1.0
+    for i in range(count):
         person = people[i]
         dx, dy = person[at.X] - person[at.BEFORE_X], person[at.Y] - person[at.BEFORE_Y]
-        person[at.VX], person[at.VY] = dx / period, dy / period
         walked = math.hypot(dx, dy)
+        if person[at.KIND] == at.FIXED_ROUTE:
+            person[at.VX], person[at.VY] = dx / period, dy / period
         if walked > 0.0:
             person[at.HEADING] = math.atan2(dy, dx)
             person[at.PHASE] += math.pi * walked / STRIDE
+
+
+@njit(cache=True, error_model="numpy")
+def _walk(people, directions, discs, walls, setup, dt):
+    """Take attentive and blind people on by the crowd's model."""
+    if setup[at.ORCA] > 0.0:
+        walk_by_orca(people, directions, discs, walls, Orca(*to_fixed_tuple(setup[at.MODEL :], NUM_ORCA)), dt)
+    else:
+        forces = SocialForce(*to_fixed_tuple(setup[at.MODEL :], NUM_FORCES))
+        walk_by_forces(people, directions, discs, walls, forces, dt)
 
 
 @njit(cache=True, error_model="numpy")
@@ -60,26 +92,6 @@ def _follow_route(person, points, dt):
             return
         person[at.X], person[at.Y], person[at.GOAL] = points[goal, 0], points[goal, 1], points[goal, 2]
         left -= distance
-
-
-@njit(cache=True, error_model="numpy")
-def _stop_at_robots(person, x, y, robots, radius, dt):
-    """Put a person that has come from (x, y) into a robot back there, unless it walks away from the robot."""
-    reach = radius + person[at.RADIUS]
-    for k in range(robots.shape[0]):
-        dx, dy = robots[k, robots_at.X] - person[at.X], robots[k, robots_at.Y] - person[at.Y]
-        gap = dx * dx + dy * dy
-        if gap >= reach * reach:
-            continue
-        from_x, from_y = robots[k, robots_at.X] - x, robots[k, robots_at.Y] - y
-        distance = math.hypot(from_x, from_y)
-        if gap >= distance * distance:
-            continue
-        closing = (distance - math.sqrt(gap)) / dt
-        person[at.BLOCKED] = max(person[at.BLOCKED], closing)
-        person[at.X], person[at.Y] = x, y
-        robots[k, robots_at.TOUCHED] = 1.0
-        return
 
 
 @njit(cache=True, error_model="numpy")
@@ -100,7 +112,7 @@ def with_bodies(circles, people, setup):
 
     Legs swing by turns, and rest beside each other at the end of a step.
     """
-    if setup[1] == 0.0:
+    if setup[at.LEGS] == 0.0:
         return with_people(circles, people, at.X)
     count = circles.shape[0]
     joined = np.empty((count + 2 * people.shape[0], 3))

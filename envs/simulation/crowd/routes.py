@@ -1,0 +1,234 @@
+"""Routes of a crowd: the places between which people walk, and which way it is to each of them from everywhere."""
+
+import math
+from functools import lru_cache
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from scipy import ndimage
+
+from envs.worlds import World
+from envs.worlds.raster import rasterize
+
+from . import records as at
+from .walls import Walls, clearance, list_walls
+
+RESOLUTION = 0.1
+"""Side of the cells of cost-to-go fields [m]."""
+NUM_DESTINATIONS = 8
+"""How many places people walk between who go anywhere."""
+STRIP = 0.5
+"""Width of the strips at the ends or sides of a world between which people walk [m]."""
+ARRIVAL = 0.5
+"""A person that is so near to its destination takes the next one [m]."""
+PATIENCE = 3.0
+"""A person that has been slow for so long takes another destination [s]; by its own draw half as long to half as long
+again, so that one of two who are in each other's way turns first."""
+SLOW = 0.2
+"""Share of the desired speed below which progress is slow."""
+NEXT_BY_DRAW = -1.0
+"""Stands in `points` for the next destination where a person draws it."""
+_ROOMY = 0.8
+"""Clearance of a destination from obstacles, where there is so much [m]."""
+_GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
+"""Multiples of it, modulo 1, are evenly spread."""
+_HUGGING, _COMFORT = 3.0, 0.25
+"""How much longer a metre seems beside a wall, and the gap between body and wall at which it does not [m]."""
+_SQUEEZING = 50.0
+"""How much longer a metre seems where a person does not fit."""
+
+
+class Routes(NamedTuple):
+    """Where the people of a world can be and walk to. Equal for all episodes in it."""
+
+    points: np.ndarray
+    """Shape (k, 3), float64: destinations (x, y), world frame [m], and the row of the next one or `NEXT_BY_DRAW`."""
+    fields: np.ndarray
+    """Shape (k, height, width), float32: cost-to-go to each from the centre of each cell [m]; inf in obstacles."""
+    room: np.ndarray
+    """Shape (n, 2), float64: centres of the cells where a person fits, and from where it gets everywhere [m]."""
+    walls: Walls
+    """Obstacles, whose grid begins where that of the fields does."""
+
+
+@lru_cache(maxsize=16)
+def plan_routes(world: World, radius: float, flow: str) -> Routes:
+    """Return the routes of people of a radius [m] who walk `anywhere`, `along` or `across` a world.
+
+    Raises:
+        ValueError: nobody of this radius fits anywhere that can be reached from the world's first spawn.
+    """
+    grid = rasterize(world, RESOLUTION)
+    walls = list_walls(world.segments, world.circles, grid.bounds)
+    free = grid.data == 0
+    gaps = _clearances(free, walls)
+    labels, _ = ndimage.label(gaps > radius)
+    spawn = np.array(world.spawns[0][:2])
+    cells = np.argwhere(labels > 0)
+    if not len(cells):
+        raise ValueError(f"world {world.name!r} has no room for people of a radius of {radius:g} m")
+    nearest = cells[np.argmin(np.hypot(*(grid.centers(cells) - spawn).T))]
+    fits = labels == labels[tuple(nearest)]
+    slowness = np.where(gaps > radius, 1.0 + _HUGGING * np.clip(1.0 - (gaps - radius) / _COMFORT, 0.0, 1.0), _SQUEEZING)
+    slowness = np.where(free, slowness, np.inf).astype(np.float32)
+    slowness[[0, -1]] = slowness[:, [0, -1]] = np.inf
+    if flow == "anywhere":
+        where, fields = _spread(fits, gaps, slowness, nearest)
+        following = np.full(len(where), NEXT_BY_DRAW)
+    else:
+        where, fields = _strips(fits, slowness, flow)
+        following = np.arange(len(where)) ^ 1
+    points = np.column_stack([grid.centers(where), following])
+    return Routes(points, fields, grid.centers(np.argwhere(fits)), walls)
+
+
+def _spread(fits: np.ndarray, gaps: np.ndarray, slowness: np.ndarray, first: np.ndarray) -> tuple[np.ndarray, ...]:
+    """Choose destinations all over the cells that fit, the first near a cell; return cells and fields.
+
+    They are as far apart as people walk, not as far as can be: those would all lie in corners.
+    """
+    roomy = np.argwhere(fits & (gaps >= min(_ROOMY, np.quantile(gaps[fits], 0.6))))
+    k = int(np.argmin(np.hypot(*(roomy - first).T)))
+    chosen: list[np.ndarray] = []
+    fields: list[np.ndarray] = []
+    nearest = np.full(len(roomy), np.inf)
+    apart = 0.7 * RESOLUTION * math.sqrt(np.count_nonzero(fits) / NUM_DESTINATIONS)
+    rows, cols = np.ogrid[: fits.shape[0], : fits.shape[1]]
+    while len(chosen) < min(NUM_DESTINATIONS, len(roomy)):
+        row, col = roomy[k]
+        around = RESOLUTION * np.hypot(rows - row, cols - col)
+        fields.append(_travel(slowness, np.where(around <= gaps[row, col], around, np.inf)))
+        chosen.append(roomy[k])
+        nearest = np.minimum(nearest, fields[-1][roomy[:, 0], roomy[:, 1]])
+        far = np.flatnonzero(nearest >= min(apart, nearest.max()))
+        k = int(far[int(len(chosen) * _GOLDEN % 1.0 * len(far))])
+    return np.array(chosen), np.array(fields)
+
+
+def _strips(fits: np.ndarray, slowness: np.ndarray, flow: str) -> tuple[np.ndarray, ...]:
+    """Return the middles of strips at both ends of the longer axis, or at all four sides, and fields to the strips."""
+    cells = np.argwhere(fits)
+    extents = np.ptp(cells, axis=0)
+    chosen, fields = [], []
+    for axis in (0, 1) if flow == "across" else (int(np.argmax(extents)),):
+        width = min(STRIP / RESOLUTION, 0.25 * extents[axis])
+        for distances in (cells[:, axis] - cells[:, axis].min(), cells[:, axis].max() - cells[:, axis]):
+            strip = cells[distances <= width]
+            chosen.append(strip[np.argmin(np.hypot(*(strip - strip.mean(axis=0)).T))])
+            field = np.full(fits.shape, np.inf)
+            field[strip[:, 0], strip[:, 1]] = 0.0
+            fields.append(_travel(slowness, field))
+    return np.array(chosen), np.array(fields)
+
+
+def _travel(slowness: np.ndarray, field: np.ndarray) -> np.ndarray:
+    """Return the cost-to-go to where a field is finite, shape (height, width), float32 [m]."""
+    field = field.astype(np.float32)
+    spread_costs(slowness, field)
+    return field
+
+
+@njit(cache=True, error_model="numpy")
+def spread_costs(slowness, field):
+    """Solve |grad field| = slowness on cells of `RESOLUTION` from where `field` is finite.
+
+    `slowness`, shape (height, width), float32: cost per metre; inf in obstacles, and in the outermost cells. `field`,
+    the same shape and type [m], is written. By fast sweeping (Zhao, 2005). Unlike path lengths on a
+    grid, the solution has a gradient that points straight to a goal.
+    """
+    height, width = field.shape
+    largest = np.float32(1.0)
+    while largest > 1e-3:
+        largest = np.float32(0.0)
+        for sweep in range(4):
+            for step_row in range(1, height - 1):
+                row = step_row if sweep < 2 else height - 1 - step_row
+                for step_col in range(1, width - 1):
+                    col = step_col if sweep % 2 == 0 else width - 1 - step_col
+                    cost = np.float32(RESOLUTION) * slowness[row, col]
+                    a = min(field[row - 1, col], field[row + 1, col])
+                    b = min(field[row, col - 1], field[row, col + 1])
+                    low, high = min(a, b), max(a, b)
+                    if not low + cost < field[row, col]:
+                        continue
+                    value = low + cost
+                    if high < value:
+                        apart = high - low
+                        value = np.float32(0.5) * (
+                            low + high + math.sqrt(np.float32(2.0) * cost * cost - apart * apart)
+                        )
+                    if value < field[row, col]:
+                        largest = max(largest, field[row, col] - value)
+                        field[row, col] = value
+
+
+@njit(cache=True, error_model="numpy")
+def _clearances(free, walls):
+    """Return the distance from the centre of each cell to the nearest obstacle, up to `REACH` [m]; 0 if not free."""
+    gaps = np.zeros(free.shape)
+    for row in range(free.shape[0]):
+        for col in range(free.shape[1]):
+            if free[row, col]:
+                x, y = walls.origin_x + (col + 0.5) * RESOLUTION, walls.origin_y + (row + 0.5) * RESOLUTION
+                gaps[row, col] = clearance(walls, x, y)
+    return gaps
+
+
+@njit(cache=True, error_model="numpy")
+def descent(field, walls, x, y):
+    """Return the unit vector of the steepest descent of a field at (x, y), and the field's value there [m].
+
+    Bilinear between cells. Obstacles are as steep as they can be; where nothing is known, the vector is (0, 0).
+    """
+    across, up = (x - walls.origin_x) / RESOLUTION - 0.5, (y - walls.origin_y) / RESOLUTION - 0.5
+    row, col = min(max(int(up), 0), field.shape[0] - 2), min(max(int(across), 0), field.shape[1] - 2)
+    across, up = across - col, up - row
+    a, b, c, d = field[row, col], field[row, col + 1], field[row + 1, col], field[row + 1, col + 1]
+    if not max(max(a, b), max(c, d)) < np.inf:
+        top = -np.inf
+        for value in (a, b, c, d):
+            top = max(top, value if value < np.inf else -np.inf)
+        if top == -np.inf:
+            return 0.0, 0.0, np.inf
+        a, b, c, d = min(a, top + 1.0), min(b, top + 1.0), min(c, top + 1.0), min(d, top + 1.0)
+    gx, gy = (1.0 - up) * (b - a) + up * (d - c), (1.0 - across) * (c - a) + across * (d - b)
+    slope = math.sqrt(gx * gx + gy * gy)
+    value = (1.0 - up) * ((1.0 - across) * a + across * b) + up * ((1.0 - across) * c + across * d)
+    return (-gx / slope, -gy / slope, value) if slope > 0.0 else (0.0, 0.0, value)
+
+
+@njit(cache=True, error_model="numpy")
+def choose_directions(people, points, fields, walls, dt, directions):
+    """Write where attentive and blind people walk next to `directions`, shape (n, 2), float64, unit vectors.
+
+    Who has arrived, or has made little progress for `PATIENCE`, takes the next destination. `people`: rows, of which
+    `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `walls`: `Walls`; `dt`: time that passes
+    [s].
+    """
+    first = points.shape[0] - fields.shape[0]
+    for i in range(people.shape[0]):
+        person = people[i]
+        directions[i] = 0.0
+        if person[at.KIND] > at.BLIND:
+            continue
+        for _ in range(2):
+            field = fields[int(person[at.GOAL]) - first]
+            directions[i, 0], directions[i, 1], cost = descent(field, walls, person[at.X], person[at.Y])
+            draw = person[at.DRAWS + int(person[at.TRIP]) % at.NUM_DRAWS]
+            if cost > ARRIVAL and person[at.SLOW] < PATIENCE * (0.5 + draw):
+                break
+            person[at.GOAL] = _next_goal(int(person[at.GOAL]), draw, points, first)
+            person[at.TRIP] += 1.0
+            person[at.SLOW] = 0.0
+        progress = person[at.VX] * directions[i, 0] + person[at.VY] * directions[i, 1]
+        person[at.SLOW] = person[at.SLOW] + dt if progress < SLOW * person[at.SPEED] else 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _next_goal(goal, draw, points, first):
+    """Return the row of `points` to walk to after `goal`: the one that stands there, or another one by a draw."""
+    count = points.shape[0] - first
+    if points[goal, 2] != NEXT_BY_DRAW:
+        return int(points[goal, 2])
+    return first + (goal - first + 1 + int(draw * (count - 1))) % count

@@ -1,0 +1,69 @@
+"""Worlds and walks of people for tests."""
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.geometry.clearance import clearance
+from envs.simulation import records as robots_at
+from envs.simulation.crowd import Crowd, People
+from envs.simulation.crowd import records as at
+from envs.simulation.crowd.step import step_people
+from tests.rooms import make_room
+
+PERIOD = 0.1
+HALL = make_room(-6, -6, 6, 6)
+CORRIDOR = make_room(-10, -1.75, 10, 1.75)
+DOORWAY = make_room(-6, -4, 6, 4, [(0, -4, 0, -0.5), (0, 0.5, 0, 4)], spawn=Pose2D(-3.0, 0.0, 0.0))
+CYLINDERS = make_room(
+    -6, -6, 6, 6, circles=[(x + 0.3 * (y % 2), y, 0.075) for x in np.arange(-5, 6, 1.5) for y in np.arange(-5, 6, 1.3)]
+)
+SCENES = {
+    "hall": (HALL, Crowd(number=20)),
+    "corridor": (CORRIDOR, Crowd(number=20, flow="along")),
+    "doorway": (DOORWAY, Crowd(number=10, flow="along")),
+    "cylinders": (CYLINDERS, Crowd(number=20)),
+}
+
+
+def robots_at_poses(*poses, radius=0.3):
+    """Rows of robots, poses (x, y, heading, speed)."""
+    rows = np.zeros((len(poses), robots_at.ROW_SIZE))
+    rows[:, [robots_at.X, robots_at.Y, robots_at.THETA, robots_at.V]] = poses
+    rows[:, robots_at.PERIOD], rows[:, robots_at.ROBOT] = PERIOD, radius
+    return rows
+
+
+FAR_AWAY = (1000.0, 1000.0, 0.0, 0.0)
+
+
+def begin(world, crowd, seed=0, poses=(), radius=0.3):
+    people = People(crowd)
+    people.reset(world, [Pose2D(*pose) for pose in poses], radius, np.random.default_rng(seed))
+    return people
+
+
+def walk(world, people, periods, robots=None):
+    """Let people walk; return their rows after each period, shape (periods, n, PERSON_SIZE)."""
+    robots = robots_at_poses(FAR_AWAY) if robots is None else robots
+    rows = []
+    for _ in range(periods):
+        step_people(*people.arrays, robots, world.segments, world.circles)
+        rows.append(people.rows.copy())
+    return np.array(rows)
+
+
+@njit
+def watch(people, points, fields, setup, robots, segments, circles, periods):
+    """Let people walk; return the deepest overlap of two, the deepest in a wall [m], and the longest slow time [s]."""
+    overlap, in_wall, slow = -np.inf, -np.inf, 0.0
+    for _ in range(periods):
+        step_people(people, points, fields, setup, robots, segments, circles)
+        for i in range(people.shape[0]):
+            x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
+            in_wall = max(in_wall, radius - clearance(x, y, segments, circles))
+            slow = max(slow, people[i, at.SLOW])
+            for j in range(i):
+                apart = np.hypot(x - people[j, at.X], y - people[j, at.Y])
+                overlap = max(overlap, radius + people[j, at.RADIUS] - apart)
+    return overlap, in_wall, slow
