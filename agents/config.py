@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
+from agents.frontiers.tasks import SIDES
 from envs.files import explain_unknown, parse_record
-from envs.worlds import FAMILIES
 
 ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
@@ -152,8 +152,8 @@ class EvolutionConfig(Section):
     @field_validator("families")
     @classmethod
     def _know_families(cls, families: tuple[str, ...]) -> tuple[str, ...]:
-        if unknown := [name for name in families if name not in FAMILIES]:
-            raise ValueError(f"unknown family {explain_unknown(unknown[0], FAMILIES)}")
+        if unknown := [name for name in families if name not in SIDES]:
+            raise ValueError(f"unknown family {explain_unknown(unknown[0], SIDES)}")
         return families
 
 

@@ -12,7 +12,7 @@ from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 from envs.files import read_record
 from envs.rendering import style
 from envs.robots import ROBOT_NAMES, RobotParams, load_robot
-from envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable
+from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable
 from envs.worlds.library import LIBRARY
 from envs.worlds.world_file import WorldFile
 
@@ -21,10 +21,11 @@ PAGES = {
     "worlds": """\
 # Worlds
 
-White is what can be reached from the spawns (triangles; the filled one is the usual one), grey is solid or not reached,
-people on fixed routes are orange with the lines that they walk along. Pass the name as `world=`. Free area is what a
-point reaches from the first spawn, and the centre of a disc of 0.22 m radius. Worlds 0, 1 and 2 of each procedural
-family come last; environments draw a new one at each reset.
+White is what can be reached from the spawns (triangles; the filled one is the usual one; squares are their goals), grey
+is solid or not reached, people on fixed routes are orange with the lines that they walk along. Pass the name as
+`world=`. Free area is what a point reaches from the first spawn, and the centre of a disc of 0.22 m radius. Three of
+the 300 worlds of BARN come after the library, worlds 0, 1 and 2 of each procedural family last: environments draw a new
+one at each reset.
 
 """,
     "robots": """\
@@ -47,7 +48,8 @@ def pages(folder: Path) -> dict[str, str]:
     """Draw the pictures into a folder, and return the pages that show them, by file name."""
     folder.mkdir(exist_ok=True)
     families = {f"{family}_{seed}": FAMILIES[family](seed, None) for family in FAMILIES for seed in range(3)}
-    worlds = {name: load_world(name) for name in WORLD_NAMES} | families
+    barn = {name.replace(":", "_"): load_world(name) for name in BARN_NAMES[::149]}
+    worlds = {name: load_world(name) for name in WORLD_NAMES} | barn | families
     robots = {name: load_robot(name) for name in ROBOT_NAMES}
     figures = {name: draw_world(world) for name, world in worlds.items()}
     figures |= {name: draw_robot(robot) for name, robot in robots.items()}
@@ -60,12 +62,13 @@ def pages(folder: Path) -> dict[str, str]:
     found = {f"{page}.md": text for page, text in PAGES.items()}
     for page, texts in cards.items():
         found[f"{page}.md"] += GRID.format(cards="\n\n".join(texts))
-    found["worlds.md"] += "\n## Sources\n\n" + "\n".join(_source(name) for name in WORLD_NAMES) + "\n"
+    sources = [*map(_source, WORLD_NAMES), *(f"- `{w.name}`: {w.source}. {w.notes}" for w in barn.values())]
+    found["worlds.md"] += "\n## Sources\n\n" + "\n".join(sources) + "\n"
     return found
 
 
 def draw_world(world: World) -> Figure:
-    """Draw a world: what a point can reach in white, spawns as triangles, people with their paths, a scale bar."""
+    """Draw a world: what a point can reach in white, spawns as triangles, goals as squares, people, a scale bar."""
     figure, ax = _new_figure(world.bounds)
     cell = max(0.02, max(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1]) / 400.0)
     grid, mask = reachable(world, resolution=cell)
@@ -82,6 +85,9 @@ def draw_world(world: World) -> Figure:
         marker = (3, 0, np.degrees(spawn.theta) - 90.0)
         face = "none" if k else _SPAWN
         ax.plot(spawn.x, spawn.y, marker=marker, markersize=8, markerfacecolor=face, markeredgecolor=_SPAWN)
+    for k, goal in enumerate(world.goals):
+        face = "none" if k else _GOAL
+        ax.plot(goal.x, goal.y, marker="s", markersize=6, markerfacecolor=face, markeredgecolor=_GOAL)
     return figure
 
 
@@ -115,7 +121,8 @@ def _colour(colour: style.Colour) -> tuple[float, ...]:
     return tuple(value / 255.0 for value in colour)
 
 
-_INK, _BODY, _PERSON, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.MOVER, style.ESTIMATED))
+_INK, _BODY, _PERSON, _SPAWN = (_colour(c) for c in (style.INK, style.RULE, style.PERSON, style.ESTIMATED))
+_GOAL = _colour(style.FRONTIER)
 
 
 def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes]:
@@ -140,7 +147,7 @@ def _of_world(world: World) -> str:
     """Return size and free areas; of a world of the library also its licence."""
     x_min, y_min, x_max, y_max = world.bounds
     areas = " and ".join(f"{free_area(world, radius=radius):.1f} m²" for radius in (0.0, 0.22))
-    licence = f"; licence: {world.licence}" if world.name in WORLD_NAMES else ""
+    licence = "" if world.source == "generated" else f"; licence: {world.licence}"
     return f"{x_max - x_min:.1f} m x {y_max - y_min:.1f} m; free area {areas}{licence}"
 
 

@@ -37,6 +37,8 @@ class WorldTask(Task):
     """Which seeds of a procedural family."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None leaves it to the family."""
+    difficulty: float | None = None
+    """Difficulty of the worlds of `clutter`, from 0 to 1; None draws it for each."""
     start: Any = "random"
     """`"random"`, `"spawn"`, a pose (x, y, theta), or one for each robot of a team; world frame."""
     map_resolution: float = 0.05
@@ -49,7 +51,9 @@ class WorldTask(Task):
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
-        self._sample = world_sampler(self.world, split=self.split, size=self.world_size, radius=robot.radius)
+        self._sample = world_sampler(
+            self.world, split=self.split, size=self.world_size, radius=robot.radius, difficulty=self.difficulty
+        )
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
@@ -57,7 +61,8 @@ class WorldTask(Task):
         if world is not None:
             is_family = isinstance(world, str) and world in FAMILIES
             size = self.world_size if is_family else None
-            sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius)
+            difficulty = self.difficulty if world == "clutter" else None
+            sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius, difficulty=difficulty)
         drawn = sample(rng)
         area = explorable_area(drawn, self.robot, self.map_resolution)
         if self.needs_explorable:

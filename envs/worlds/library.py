@@ -78,6 +78,7 @@ def world_sampler(
     split: Split = "train",
     size: tuple[float, float] | None = None,
     radius: float = 0.0,
+    difficulty: float | None = None,
 ) -> WorldSampler:
     """Return a function that gives the world of the next episode.
 
@@ -88,20 +89,24 @@ def world_sampler(
         split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
         size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
         radius: of the robot that a family's worlds are to fit [m].
+        difficulty: of the worlds of `clutter`, from 0 to 1; `None` draws it for each.
 
     Raises:
-        ValueError: for an unknown world, split or size, or a world that leaks; names the allowed values.
+        ValueError: for an unknown world, split, size or difficulty, or a world that leaks; names the allowed values.
         FileNotFoundError: if there is no such file.
         TypeError: `world` is none of these.
     """
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
     if isinstance(world, str) and world in FAMILIES:
-        FAMILIES[world](0, size, radius)  # a size that the family refuses should fail here, not at the first reset
-        return partial(_draw, world, split == "test", size, radius)
+        # What the family refuses should fail here, not at the first reset.
+        FAMILIES[world](0, size, radius, difficulty)
+        return partial(_draw, world, split == "test", size, radius, difficulty)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
+    if difficulty is not None:
+        raise ValueError(f"difficulty is for the family 'clutter'; {world!r} has its own")
     if callable(found):
         return partial(_sample, found)
     return partial(_same, load_world(world if isinstance(world, str) else found))
@@ -109,9 +114,14 @@ def world_sampler(
 
 # Functions of the module and not closures, so that environments can be pickled.
 def _draw(
-    family: str, is_test: bool, size: tuple[float, float] | None, radius: float, rng: np.random.Generator
+    family: str,
+    is_test: bool,
+    size: tuple[float, float] | None,
+    radius: float,
+    difficulty: float | None,
+    rng: np.random.Generator,
 ) -> World:
-    return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size, radius)
+    return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size, radius, difficulty)
 
 
 def _sample(sample: WorldSampler, rng: np.random.Generator) -> World:

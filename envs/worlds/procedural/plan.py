@@ -1,7 +1,8 @@
 """A floor plan in whole units, into which bodies are put so that a robot still gets everywhere."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -25,6 +26,8 @@ _DOOR_ROOM = 16
 
 Size = tuple[float, float]
 """Width and height [m]."""
+Point = tuple[float, float]
+"""Position (x, y) [m]."""
 Rect = tuple[int, int, int, int]
 """Half-open rectangle of unit squares (x0, y0, x1, y1)."""
 Disc = tuple[float, float, float]
@@ -184,6 +187,13 @@ def world_within(
         licence="MIT",
         notes=notes,
     )
+
+
+def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
+    """Return a world whose spawns are at the first points of trips, headed for the second ones, which are the goals."""
+    headings = [math.atan2(goal[1] - start[1], goal[0] - start[0]) for start, goal in trips]
+    spawns = tuple(Pose2D(*start, theta) for (start, _), theta in zip(trips, headings))
+    return replace(world, spawns=spawns, goals=tuple(Pose2D(*goal, theta) for (_, goal), theta in zip(trips, headings)))
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:

@@ -16,7 +16,7 @@ from agents.frontiers import evolution
 from agents.frontiers.evolution import evolve
 from agents.frontiers.features import NAMES, PRIOR
 from agents.frontiers.rollout import compare
-from agents.frontiers.tasks import HELD_OUT, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
+from agents.frontiers.tasks import HELD_OUT, SIDES, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
 from agents.learned import find_policy, load_policy
 from agents.run_folder import GENERATIONS, CheckpointError
 from envs.files import Lock, dump_record
@@ -39,7 +39,7 @@ def test_tasks_hold_nothing_that_is_held_out_and_fit_their_robots():
     rng = np.random.default_rng(0)
     tasks = [draw_task(rng) for _ in range(300)]
     names = {task.world for task in tasks}
-    assert {*FAMILIES} < names <= {*FAMILIES, *TRAINING_WORLDS}
+    assert {*SIDES} < names <= {*SIDES, *TRAINING_WORLDS}
     assert all(task.world_seed % 2 == 0 for task in tasks)
     assert {task.robot.name for task in tasks} <= {*TRAINING_ROBOTS, "drawn"}
     assert min(task.robot.lidar.range_max for task in tasks) < 4.0 < 15.0 < max(t.robot.lidar.range_max for t in tasks)

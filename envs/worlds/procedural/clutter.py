@@ -1,0 +1,93 @@
+"""Clutter: fields of cylinders, drawn as the worlds of the BARN benchmark are."""
+
+import numpy as np
+from scipy import ndimage
+
+from ..world import World
+from .plan import UNIT, Size, units, with_goals, world_within
+
+_RADIUS = 0.075
+"""Of the cylinders, which fill the cells of the automaton [m]."""
+_CELL = 3
+"""Side of a cell [units]."""
+_MARGIN = 5.0
+"""How far the outer wall is from cylinders and goal [m]."""
+_START = 3.0
+"""How far robots start from the row of cylinders behind them [m]."""
+_RUN_IN = 33
+"""Number of rows between that one and the field."""
+_BEYOND = 3.4
+"""How far the goal lies beyond the field [m]."""
+_REACH = 0.36
+"""Radius of a circle that gets through [m]: what the Jackal's of 0.333 m needs, and the error of rasters."""
+_FILL = 0.15, 0.28
+"""Initial share of filled cells at difficulties 0 and 1."""
+_SMOOTHINGS = 2, 4
+"""Least and greatest number of smoothing iterations."""
+_AROUND = 8
+"""Number of rows that are looked at before and beyond a field."""
+
+
+def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | None = None) -> World:
+    """Return a field of cylinders between walls left, right and behind, 5 m from the outer wall.
+
+    The goal lies ahead of the start, beyond the field; of the usual outer size of 14.5 m x 23 m [m], by 10 m.
+    `difficulty`, from 0 to 1, is that of the first draw, by default drawn evenly; fields without a way through are
+    drawn again, each with a hundredth less of filled cells. After Perille, Truong, Xiao and Stone, Benchmarking Metric
+    Ground Navigation (2020).
+    """
+    width, height = size
+    rows = int((height - 2.0 * _MARGIN - _BEYOND) / (UNIT * _CELL) + 1e-6) - 1 - _RUN_IN
+    cols = int((width - 2.0 * _MARGIN) / (UNIT * _CELL) + 1e-6)
+    hardness = float(rng.random()) if difficulty is None else difficulty
+    fill, smoothings = (
+        _FILL[0] + hardness * (_FILL[1] - _FILL[0]),
+        int(rng.integers(_SMOOTHINGS[0], _SMOOTHINGS[1] + 1)),
+    )
+    field = _grow(rng, (rows, cols), fill, smoothings)
+    while not _has_a_way_through(field):
+        fill *= 0.99
+        field = _grow(rng, (rows, cols), fill, smoothings)
+    filled = np.zeros((1 + _RUN_IN + rows, cols), dtype=bool)
+    filled[1 + _RUN_IN :] = field
+    filled[0] = filled[:, [0, -1]] = True
+    filled &= _neighbors(np.pad(filled, 1)) < 8  # nobody meets the others
+    left = UNIT * ((units(width) - _CELL * cols) // 2)
+    centres = (left, _MARGIN) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
+    circles = np.column_stack([centres, np.full(len(centres), _RADIUS)])
+    middle = left + 0.5 * UNIT * _CELL * cols
+    start, goal = (middle, _MARGIN + _START), (middle, height - _MARGIN)
+    return with_goals(world_within(name, size, rng, start, np.empty((0, 4)), circles), [(start, goal)])
+
+
+def _neighbors(padded: np.ndarray) -> np.ndarray:
+    """Count the filled ones among the eight cells around each but those of the edge: shape (rows - 2, cols - 2)."""
+    sums = padded[:-2].astype(np.int8) + padded[1:-1] + padded[2:]
+    return sums[:, :-2] + sums[:, 1:-1] + sums[:, 2:] - padded[1:-1, 1:-1]
+
+
+def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
+    """Return which cells of a field are filled, bool; the first and the last column are walls.
+
+    A cell with more than four filled neighbours becomes filled, one with fewer than two empty.
+    """
+    cells = np.zeros((shape[0] + 2, shape[1] + 2), dtype=bool)
+    cells[1:-1, 1:-1] = rng.random(shape) < fill
+    cells[:, [0, 1, -2, -1]] = True
+    for _ in range(smoothings):
+        number = _neighbors(cells)
+        cells[1:-1, 1:-1] = (number > 4) | (cells[1:-1, 1:-1] & (number >= 2))
+    return cells[1:-1, 1:-1]
+
+
+def _has_a_way_through(field: np.ndarray) -> bool:
+    """Tell whether a circle of radius `_REACH` gets from before the middle of a field to beyond it."""
+    rows, cols = field.shape
+    filled = np.zeros((rows + 2 * _AROUND, cols), dtype=bool)
+    filled[_AROUND:-_AROUND] = field
+    filled[:_AROUND, [0, -1]] = True
+    is_empty = np.ones((_CELL * filled.shape[0], _CELL * cols), dtype=bool)
+    is_empty[1::_CELL, 1::_CELL] = ~filled
+    labels, _ = ndimage.label(ndimage.distance_transform_edt(is_empty) * UNIT > _RADIUS + _REACH)
+    before, beyond = labels[_CELL * _AROUND // 2, _CELL * cols // 2], labels[-1, _CELL * cols // 2]
+    return bool(before == beyond > 0)

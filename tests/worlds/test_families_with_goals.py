@@ -1,0 +1,114 @@
+import math
+from itertools import pairwise
+
+import gymnasium
+import numpy as np
+import pytest
+from scipy import ndimage
+from scipy.spatial import cKDTree
+
+from envs.robots import load_robot
+from envs.tasks.goals import GeodesicDistance
+from envs.worlds import BARN_NAMES, FAMILIES, explorable_area, load_world, world_sampler
+
+JACKAL = load_robot("jackal")
+STEP = 0.05
+
+
+@pytest.mark.parametrize("family", ["clutter", "hall", "corridor", "doorway", "crossing"])
+def test_the_robot_can_go_from_each_spawn_to_its_goal_on_the_other_side(family):
+    for seed in range(30):
+        world = FAMILIES[family](seed, None, JACKAL.radius)
+        area = explorable_area(world, JACKAL, STEP)
+        assert len(world.spawns) == len(world.goals) == {"clutter": 1, "crossing": 4}.get(family, 2)
+        for spawn, goal in zip(world.spawns, world.goals):
+            assert area.is_traversable(spawn)
+            straight = math.dist(spawn[:2], goal[:2])
+            assert straight <= GeodesicDistance(area, goal).length(spawn) + STEP < 2.0 * straight + 5.0
+            ahead = spawn.between(goal)
+            assert abs(math.atan2(ahead.y, ahead.x)) < 1e-9
+            sides = np.abs(np.subtract(goal[:2], spawn[:2])) / np.subtract(world.bounds[2:], world.bounds[:2])
+            assert sides.max() > (0.4 if family == "clutter" else 0.7)
+
+
+def test_passages_are_as_wide_as_they_say():
+    for seed in range(20):
+        world = FAMILIES["doorway"](seed)
+        upright = world.segments[(world.segments[:, 0] == world.segments[:, 2])]
+        middle = upright[np.abs(upright[:, 0] / world.bounds[2] - 0.5) < 0.12]
+        ends = np.sort(np.unique(middle[:, [1, 3]]))
+        assert any(0.95 <= b - a <= 1.65 for a, b in pairwise(ends))
+        for family, least in (("corridor", 2.9), ("crossing", 2.9)):
+            world = FAMILIES[family](seed)
+            for spawn in world.spawns:
+                assert least <= width_across(world, spawn) <= 6.1  # a niche on either side
+
+
+def width_across(world, spawn):
+    """Return how far it is from wall to wall, to the left and right of a spawn that faces along one of the axes."""
+    axis = 0 if abs(math.cos(spawn.theta)) > 0.7 else 1
+    along, across = spawn[axis], spawn[1 - axis]
+    walls = world.segments[world.segments[:, 1 - axis] == world.segments[:, 3 - axis]]
+    walls = walls[(walls[:, [axis, axis + 2]].min(axis=1) <= along) & (along <= walls[:, [axis, axis + 2]].max(axis=1))]
+    positions = walls[:, 1 - axis]
+    return positions[positions > across].min() - positions[positions < across].max()
+
+
+def clearances(world):
+    """Return how far points on a grid between start and goal are from the nearest cylinder [m]."""
+    (x, y, _), (_, top, _) = world.spawns[0], world.goals[0]
+    nodes = np.stack(np.meshgrid(np.arange(y, top, STEP), np.arange(x - 2.2, x + 2.2, STEP), indexing="ij"), axis=-1)
+    return cKDTree(world.circles[:, 1::-1]).query(nodes)[0] - world.circles[0, 2]
+
+
+def bottleneck(world):
+    """Return the radius of the largest circle that gets from the start to the goal [m]."""
+    clearance, low, high = clearances(world), 0.0, 2.0
+    middle = clearance.shape[1] // 2
+    while high - low > 0.005:
+        radius = 0.5 * (low + high)
+        labels, _ = ndimage.label(clearance > radius)
+        low, high = (radius, high) if labels[0, middle] == labels[-1, middle] > 0 else (low, radius)
+    return low
+
+
+def detour(world):
+    """Return the length of the shortest path to the goal over that of the straight line."""
+    area = explorable_area(world, JACKAL, STEP)
+    return GeodesicDistance(area, world.goals[0]).length(world.spawns[0]) / (world.goals[0].y - world.spawns[0].y)
+
+
+def test_clutter_resembles_the_worlds_of_barn():
+    barn = [load_world(name) for name in BARN_NAMES[::4]]
+    drawn = [FAMILIES["clutter"](seed) for seed in range(75)]
+    quartiles = [25, 50, 75]
+    gaps, ours = (np.percentile([bottleneck(world) for world in worlds], quartiles) for worlds in (barn, drawn))
+    assert np.abs(ours - gaps).max() < 0.06, (ours, gaps)
+    lengths, ours = (np.percentile([detour(world) for world in worlds], quartiles) for worlds in (barn, drawn))
+    assert np.abs(ours - lengths).max() < 0.03, (ours, lengths)
+    counts, ours = (np.median([len(world.circles) for world in worlds]) for worlds in (barn, drawn))
+    assert ours == pytest.approx(counts, rel=0.1)
+
+
+def test_difficult_clutter_is_narrower():
+    easy, hard = ([bottleneck(FAMILIES["clutter"](s, None, 0.0, d)) for s in range(20)] for d in (0.0, 1.0))
+    assert min(easy + hard) > 0.34
+    assert np.mean(easy) > np.mean(hard) + 0.1
+
+
+def test_environments_take_the_difficulty():
+    env = gymnasium.make("lidarnaut/ReachGoal-v0", world="clutter", difficulty=1.0, robot="jackal")
+    drawn = []
+    for _ in range(2):
+        env.reset(seed=3)
+        world = env.unwrapped.world
+        drawn.append(world.circles)
+        again = FAMILIES["clutter"](int(world.name.partition("-")[2]), None, JACKAL.radius, 1.0)
+        np.testing.assert_array_equal(world.circles, again.circles)
+    np.testing.assert_array_equal(*drawn)
+    env.reset(options={"world": "hall"})
+    assert env.unwrapped.world.name.startswith("hall-")
+    same = world_sampler("clutter", difficulty=0.2)(np.random.default_rng(5))
+    assert (
+        same.circles.tobytes() != world_sampler("clutter", difficulty=0.8)(np.random.default_rng(5)).circles.tobytes()
+    )
