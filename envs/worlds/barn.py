@@ -34,18 +34,19 @@ def barn_world(name: str) -> World:
         # Numbers are float32 on a grid of 0.15 m.
         first, last = archive["offsets"][number : number + 2]
         centres, radius = archive["centres"][first:last].astype(np.float64).round(3), round(float(archive["radius"]), 3)
-        start, goal = archive["start"][:2].tolist(), archive["goal"].tolist()
+        ends = np.array([archive["start"][:2], archive["goal"]], dtype=np.float64)
         length = float(archive["optimal_time"][number]) / PERIOD
-    points = np.vstack([centres, start, goal])
+    points = np.vstack([centres, ends])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    start, goal = (Pose2D(x, y, math.pi / 2) for x, y in ends.tolist())
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     return World(
         name=name,
         segments=np.hstack([corners, np.roll(corners, -1, axis=0)]),
         circles=np.column_stack([centres, np.full(len(centres), radius)]),
-        spawns=(Pose2D(*start, math.pi / 2),),
+        spawns=(start,),
         bounds=(float(x_min), float(y_min), float(x_max), float(y_max)),
-        goals=(Pose2D(*goal, math.pi / 2),),
+        goals=(goal,),
         optimal_length=length,
         source=SOURCE,
         licence=LICENCE,
