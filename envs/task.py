@@ -81,6 +81,10 @@ class Task(ABC):
     The parameters of a task's constructor are arguments of its environments, beside those that all of them share
     (`envs.core.LidarEnv`); dataclasses need no constructor of their own. A task sees ground truth. Policies see of it
     only its observation parts and what it tells robots at the start (`prior`).
+
+    A task that keeps what it knows of an episode in `Rows.memory` may have `update_rows(batch)`: it does what `update`
+    does for the environments of `batch.active` at once, and returns `quantities`, `metrics`, and whether the task has
+    ended the episode, as columns with an entry for each environment; see `envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
@@ -97,6 +101,9 @@ class Task(ABC):
     """Whether periods in which no robot integrates a scan change nothing but time and contact: `quantities` has the
     seconds that all passed as "time", those in contact as "collision", and zeros; `metrics` stays. Kernels pass over
     such periods of many environments, or of a decision, without `update`."""
+    arrays: tuple[np.ndarray, ...] = ()
+    """What a task with `update_rows` needs of its episode, besides rows of memory; of a `Batch` they are
+    `task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
     weights: Mapping[str, float]

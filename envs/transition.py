@@ -78,13 +78,13 @@ def update_robots(rows):
 
 
 @njit(cache=True, error_model="numpy")
-def step_rows(rows, draws, ranges, worlds, active, num_robots):
+def step_rows(rows, draws, ranges, active, num_robots, segments, circles, people, points, fields, setups):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `worlds`: lists with an array for each
-    environment: segments, circles, and those of `People.arrays`; `active`: shape (num_envs,), bool.
+    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `active`: shape (num_envs,), bool; the
+    others are lists with an array for each environment, the last four with those of `People.arrays`. In one tuple they
+    would take eight times as long to hand over.
     """
-    segments, circles, people, points, fields, setups = worlds
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
@@ -92,6 +92,31 @@ def step_rows(rows, draws, ranges, worlds, active, num_robots):
             crowd = (people[i], points[i], fields[i], setups[i])
             step_robots(own, draws[first:last], ranges[first:last], segments[i], circles[i], crowd)
             update_robots(own)
+
+
+@njit(cache=True, error_model="numpy")
+def note_positions(rows, active, positions, counts):
+    """Note the positions that active rows are to remember, as their `FLAGS` say, which no longer ask for it then.
+
+    `positions`: shape (n, k, 4), float64: estimated and true ones [m]; `counts`: shape (n, 2), int64: how many of each.
+    Both are written. Returns whether one of them is full.
+    """
+    is_full = False
+    for k in range(rows.shape[0]):
+        row, flags = rows[k], int(rows[k, at.FLAGS])
+        if not active[k]:
+            continue
+        for kind, (flag, place, trail) in enumerate(
+            ((REMEMBER, at.POSE, at.TRAIL), (REMEMBER_TRUE, at.X, at.TRUE_TRAIL))
+        ):
+            if flags & flag:
+                row[trail], row[trail + 1] = row[place], row[place + 1]
+                positions[k, counts[k, kind], 2 * kind] = row[place]
+                positions[k, counts[k, kind], 2 * kind + 1] = row[place + 1]
+                counts[k, kind] += 1
+                is_full |= counts[k, kind] == positions.shape[1]
+                row[at.FLAGS] -= flag
+    return is_full
 
 
 @njit(cache=True, error_model="numpy")

@@ -18,6 +18,7 @@ from envs.core import LidarEnv
 from envs.explore_frontiers import ExploreFrontiersEnv
 from envs.observations import Motion
 from envs.tasks.explore import Explore
+from envs.tasks.reach_goal import ReachGoal
 from envs.vector import LidarEnvs, LidarVectorEnv, make_vec
 from tests.rollouts import assert_same, step_both
 from tests.test_core import Beacon, Nailed
@@ -68,6 +69,14 @@ class Counting(Explore):
         return super().metrics() | {"count": self.count} | fifth
 
 
+@dataclass(kw_only=True, eq=False)
+class Halved(ReachGoal):
+    """Rewards less, without columns of its own."""
+
+    def quantities(self):
+        return {name: 0.5 * value for name, value in super().quantities().items()}
+
+
 class Braked(LidarEnv):
     """Has twists of its own."""
 
@@ -93,6 +102,10 @@ CASES = {
     "team": ("ExploreTeam", {**QUICK, "num_robots": 2}),
     "navigate": ("Navigate", QUICK),
     "reach": ("ReachGoal", QUICK),
+    "reach, costs": ("ReachGoal", {**QUICK, "contact": "costs", "robot": "jackal", "reward": {"progress": 2.0}}),
+    "reach, own task": ("ReachGoal", {**QUICK, "task": Halved}),
+    "reach, own parts": ("ReachGoal", {**QUICK, "observations": {"goal": None, "mine": Travelled}}),
+    "reach, sensor": ("ReachGoal", {**QUICK, "sensors": [Beacon()], "observations": ("scan_history", "beacon")}),
     "reach with a map": ("ReachGoal", {**QUICK, "slam": "hector", "contact": "costs", "observations": REACH_PARTS}),
     "track": ("Track", {"time_limit": 1.5, "map_resolution": 0.1}),
     "randomized": ("Explore", {**QUICK, "slam": "hector", "randomize": RANGES}),
@@ -144,8 +157,10 @@ def test_sub_environments_equal_single_ones_bit_for_bit(case, mode):
     ours.close()
 
 
-def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for():
-    ours, theirs = explore_envs(1, **QUICK), LidarEnv(Explore, physics="kinematic", **QUICK)
+@pytest.mark.parametrize(("task", "settings"), [(Explore, {}), (ReachGoal, {"robot": "jackal", "contact": "costs"})])
+def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(task, settings):
+    settings = {**QUICK, **settings}
+    ours, theirs = LidarEnvs(1, task=task, **settings), LidarEnv(task, physics="kinematic", **settings)
     ours.reset(seed=3)
     theirs.reset(seed=3)
     for action in actions_of(ours, 9):
@@ -160,6 +175,25 @@ def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(
         assert (truth.state, truth.path_length) == (theirs.truths[0].state, theirs.truths[0].path_length)
         np.testing.assert_array_equal(robot.reading.ranges, other.reading.ranges)
         np.testing.assert_array_equal(robot.trail.positions, other.trail.positions)
+    ours.close()
+
+
+def test_trails_of_robots_without_a_map_are_noted_by_kernels(monkeypatch):
+    monkeypatch.setattr("envs.vector.batch.MOST_POSITIONS", 5)
+    settings = {**QUICK, "robot": "jackal", "contact": "costs", "time_limit": 20.0}
+    ours, theirs = (
+        LidarEnvs(2, task=ReachGoal, **settings, num_workers=0),
+        LidarEnv(ReachGoal, **settings, physics="kinematic"),
+    )
+    ours.reset(seed=4)
+    theirs.reset(seed=4)
+    for action in actions_of(ours, 40):
+        ours.step(action)
+        theirs.step(action[0])
+    (robot, *_), (truth, *_) = ours.get_attr("robots")[0], ours.get_attr("truths")[0]
+    assert len(truth.trail.positions) > 10
+    np.testing.assert_array_equal(robot.trail.positions, theirs.robots[0].trail.positions)
+    np.testing.assert_array_equal(truth.trail.positions, theirs.truths[0].trail.positions)
     ours.close()
 
 

@@ -42,6 +42,16 @@ class Trail:
         self._length += 1
         return True
 
+    def extend(self, positions: np.ndarray) -> None:
+        """Remember positions that are known to be far enough apart, shape (n, 2), float64 [m]."""
+        count = self._length + len(positions)
+        while count > len(self._buffer):
+            self._buffer = np.concatenate([self._buffer, np.empty_like(self._buffer)])
+        self._buffer[self._length : count] = positions
+        self._length = count
+        if len(positions):
+            self.last = (float(positions[-1, 0]), float(positions[-1, 1]))
+
     def replace(self, positions: np.ndarray) -> None:
         """Remember other positions instead, shape (n, 2), float64 [m]: the path was corrected."""
         self._length = 0

@@ -19,7 +19,7 @@ from envs.task import ObservationPart
 
 from . import reach_kernels as own_at
 from .goals import GeodesicDistance, GoalTask
-from .reach_kernels import END_REASONS, measure_goal, update_goal
+from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
 from .starts import UnknownWorldTask
 
 CELL = 0.1
@@ -32,6 +32,8 @@ QUANTITIES = {
     name: getattr(own_at, name.upper()) for name in ("progress", "time", "collision", "reached", "clearance", "people")
 }
 """Entries of the task's row by reward term."""
+METRICS = {"distance_to_goal": own_at.DISTANCE, "geodesic_distance": own_at.LEFT, "progress": own_at.SHARE}
+"""Entries of the task's row by what `info` tells."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -152,12 +154,11 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     def _measure_path(self) -> None:
         own, row = self._own, self._rows.numbers[0]
         geodesic = GeodesicDistance(self.area, self._true_goal, max(1, round(CELL / self.area.walls.resolution)))
-        self.lengths = geodesic.lengths
-        """Geodesic distances to the goal, shape (height, width), float32 [m]."""
+        self.arrays = (geodesic.lengths,)
         own[own_at.GOAL_X : own_at.TRUE_Y + 1] = *self.goal[:2], *self._true_goal[:2]
         own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
         own[own_at.FIELD_X : own_at.FIELD_SIDE + 1] = *geodesic.grid.origin, geodesic.grid.resolution
-        measure_goal(row, own, self.lengths)
+        measure_goal(row, own, *self.arrays)
         own[own_at.LENGTH] = self._path_length = float(own[own_at.LEFT])
         own[own_at.END], own[own_at.SHARE] = 0.0, own[own_at.SUCCESS]
 
@@ -167,20 +168,21 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
-        update_goal(self._rows.numbers[0], self._own, self.lengths, self._world.segments, self._world.circles)
+        update_goal(self._rows.numbers[0], self._own, *self.arrays, self._world.segments, self._world.circles)
+
+    def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
+        """Measure how far many robots came; see `Task`."""
+        owns, (segments, circles, *_) = batch.memory[GOAL_MEMORY], batch.around
+        update_goals(batch.numbers, owns, *batch.task_arrays, segments, circles, batch.active)
+        return _quantities(owns), _metrics(owns), owns[:, own_at.END] > 0.0
 
     def quantities(self) -> dict[str, float]:
         """Return progress [m], time [s], contact, whether the goal is reached, and nearness times time [s]."""
-        row = self._own.tolist()
-        return {name: row[k] for name, k in QUANTITIES.items()}
+        return {name: float(value) for name, value in _quantities(self._own).items()}
 
     def metrics(self) -> dict[str, Any]:
         """Return how far it is to the goal; see `Task`."""
-        _, away, left, share, is_success = self._own[own_at.END : own_at.SUCCESS + 1].tolist()
-        return {
-            **{"distance_to_goal": away, "geodesic_distance": left, "progress": share},
-            "is_success": is_success > 0.0,
-        }
+        return {name: value.item() for name, value in _metrics(self._own).items()}
 
     def final_metrics(self) -> dict[str, Any]:
         """Return how smoothly the robot drove, and BARN's metric; see `Task`."""
@@ -192,3 +194,14 @@ class ReachGoal(GoalTask, UnknownWorldTask):
             "jerk": float(own[own_at.JERK] / max(row[at.STEPS], 1.0)),
             "barn_metric": float(barn_metric(own[own_at.SUCCESS] > 0.0, time, ideal)),
         }
+
+
+def _quantities(own: np.ndarray) -> dict[str, Any]:
+    """Return the quantities in a task's row, or those in each of many rows."""
+    return {name: own[..., k] for name, k in QUANTITIES.items()}
+
+
+def _metrics(own: np.ndarray) -> dict[str, Any]:
+    """Return the metrics in a task's row, or those in each of many rows."""
+    metrics = {name: own[..., k] for name, k in METRICS.items()}
+    return metrics | {"is_success": own[..., own_at.SUCCESS] > 0.0}

@@ -9,13 +9,17 @@ from typing import Any
 import numba
 import numpy as np
 
+from envs.estimation import DeadReckoning
 from envs.robot import SCAN
 from envs.simulation import records as at
 from envs.simulation.rows import BLOCK
 from envs.task import Rewards
-from envs.transition import pose_errors, step_rows
+from envs.transition import note_positions, pose_errors, step_rows
 
 from .memory import Arrays, Extras
+
+MOST_POSITIONS = 256
+"""Positions of robots without a map that are kept for their trails before their objects get them."""
 
 
 class Batch:
@@ -40,7 +44,11 @@ class Batch:
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
         self._time_limits, self._period = np.zeros(len(envs)), env.control_period
-        self._has_own_parts = not all(map(_writes_rows, env.parts.values()))
+        self._part_writes_rows = {name: _has_own(part, "write_rows", "write") for name, part in env.parts.items()}
+        self._has_own_parts = not all(self._part_writes_rows.values())
+        self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
+        self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
+        self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
         self._names: tuple[str, ...] = ()
         self._levels: dict[float, Any] = {}
         self._worlds: Any = None
@@ -51,25 +59,31 @@ class Batch:
         if self._worlds is None:
             every = [self._surroundings(env) for env in envs]
             self._worlds = tuple(numba.typed.List(arrays) for arrays in zip(*every, strict=True))
+            self.around, self.task_arrays = self._worlds[:6], self._worlds[6:]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
             for arrays, array in zip(self._worlds, self._surroundings(env), strict=True):
                 arrays[i] = array
-            self._is_new[robots] = True
+            self._is_new[robots], self._counts[robots] = True, 0
+            rewards, weights = env.task.rewards, envs[0].task.rewards.weights
+            self._are_alike[i] = (
+                type(rewards).terms is Rewards.terms and rewards.weights == weights,
+                _updates_rows(env),
+                all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
+            )
             self._time_limits[i] = env.time_limit
             follows = all(robot.follows_odometry for robot in env.robots)
-            self._rests[i] = env.task.rests_between_scans and follows and not env.sensors and env.on_period is None
-        tasks = [env.task for env in envs]
-        self._has_columns = all(type(task.rewards).terms is Rewards.terms for task in tasks) and all(
-            task.rewards.weights == tasks[0].rewards.weights for task in tasks
-        )
+            rests = env.task.rests_between_scans and not env.sensors and env.on_period is None
+            self._rests[i] = follows and (rests or self._are_alike[i, 1])
+        self._has_columns, self._updates_rows, self._has_no_maps = self._are_alike.all(axis=0).tolist()
 
     @staticmethod
     def _surroundings(env: Any) -> tuple[np.ndarray, ...]:
-        """Return what `step_rows` needs of an environment's world: its own copy, and the arrays of its people."""
-        return np.array(env.world.segments), np.array(env.world.circles), *env.simulator.crowd.arrays
+        """Return what kernels need of an environment: own copies of its world, arrays of its people, and the task's."""
+        around = np.array(env.world.segments), np.array(env.world.circles), *env.simulator.crowd.arrays
+        return *around, *env.task.arrays
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
@@ -80,28 +94,53 @@ class Batch:
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
+        if self._has_no_maps and note_positions(self.numbers, self.active, self._positions, self._counts):
+            self._extend_trails(range(len(active)))
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)
         is_over = active & (is_last | (self._times >= self._time_limits - 1e-6))
+        columns: Any = None
+        if self._updates_rows:
+            *columns, has_ended = self._envs[0].task.update_rows(self)
+            is_over |= active & has_ended
         busy = active & (~self._rests | self._has_scanned | self._is_new[:: self._num_robots] | is_over)
         idle = active & ~busy
         for i in np.flatnonzero(idle if self._has_own_parts else idle & flags.any(axis=1)).tolist():
             self._envs[i].locate()
         chosen = np.flatnonzero(busy).tolist()
-        for i in chosen:
-            self._envs[i].finish()
+        self._finish(chosen)
         self._is_behind = (self._is_behind | idle) & ~busy
         self._observe(np.flatnonzero(active).tolist())
-        self._judge(active, chosen, records, extras)
-        for i in chosen:
-            is_over[i] |= self._envs[i].task.end_reason is not None
+        self._judge(active, columns or self._columns(chosen, len(active)), records)
+        if not self._updates_rows:
+            self._note_metrics(chosen, records, extras)
+            for i in chosen:
+                is_over[i] |= self._envs[i].task.end_reason is not None
         return is_over
 
     def catch_up(self) -> None:
         """Bring the objects of environments up to date whose tasks have been at rest."""
-        for i in np.flatnonzero(self._is_behind).tolist():
-            self._envs[i].finish()
+        self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
+
+    def _finish(self, indices: Sequence[int]) -> None:
+        """Do what the kernels of a control period leave, for the objects of environments."""
+        if self._has_no_maps:
+            self._extend_trails(indices)
+        for i in indices:
+            if self._updates_rows:
+                self._envs[i].locate()
+            else:
+                self._envs[i].finish()
+
+    def _extend_trails(self, indices: Sequence[int]) -> None:
+        """Let the robots of environments remember the positions that kernels have noted."""
+        for i in indices:
+            robots = range(i * self._num_robots, (i + 1) * self._num_robots)
+            for k, robot, truth in zip(robots, self._envs[i].robots, self._envs[i].truths, strict=True):
+                robot.trail.extend(self._positions[k, : self._counts[k, 0], :2])
+                truth.trail.extend(self._positions[k, : self._counts[k, 1], 2:])
+                self._counts[k] = 0
 
     def _drive(self, active: np.ndarray) -> None:
         """Drive and sense, up to what the `FLAGS` of the rows ask for."""
@@ -111,7 +150,7 @@ class Batch:
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        step_rows(numbers, self._draws, self.ranges, self._worlds, active, self._num_robots)
+        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, *self.around)
 
     @property
     def _times(self) -> np.ndarray:
@@ -122,7 +161,7 @@ class Batch:
         """Write the observations of environments."""
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
-            if _writes_rows(part):
+            if self._part_writes_rows[name]:
                 part.write_rows(self, out.reshape(len(self.robots), *out.shape[1 + self._envs[0].task.is_team :]))
             else:
                 for i in indices:
@@ -153,26 +192,33 @@ class Batch:
                 sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
         return words, sizes, origins, side
 
-    def _judge(self, active: np.ndarray, chosen: list[int], records: np.ndarray, extras: Extras) -> None:
-        """Write rewards, records and extras of active environments; the tasks of those chosen have been updated."""
-        num_envs, numbers, tasks = len(active), self.numbers, [self._envs[i].task for i in chosen]
-        touching = (numbers[:, at.TOUCHED] > 0.0).reshape(num_envs, -1).sum(axis=1)
-        columns = {"time": np.full(num_envs, self._period), "collision": self._period * touching}
-        rows = [task.quantities() for task in tasks]
-        self._names = tuple(rows[0]) if rows else self._names
-        quantities = {name: columns.get(name, np.zeros(num_envs)) for name in self._names}
-        for name, column in quantities.items():
-            column[chosen] = [row[name] for row in rows]
+    def _judge(self, active: np.ndarray, columns: Sequence[dict[str, np.ndarray]], records: np.ndarray) -> None:
+        """Write rewards and records of active environments, by the quantities and metrics of their tasks."""
+        num_envs, numbers, (quantities, metrics) = len(active), self.numbers, columns
         terms, where = self._terms(quantities), slice(None) if active.all() else active
         self._arrays.rewards[where] = sum(terms.values())[where]  # type: ignore[index]
         rewards = records["rewards"]
         for name, term in terms.items():
             rewards[name][where] = term[where]
-        columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]}
+        columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
         columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
         for name, column in columns.items():
             records[name][where] = column.reshape(num_envs, *records.dtype[name].shape)[where]
-        metrics = [task.metrics() for task in tasks]
+
+    def _columns(self, chosen: list[int], num_envs: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Return the quantities of tasks, those chosen by their objects and others at rest, and no metrics."""
+        touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(num_envs, -1).sum(axis=1)
+        columns = {"time": np.full(num_envs, self._period), "collision": self._period * touching}
+        rows = [self._envs[i].task.quantities() for i in chosen]
+        self._names = tuple(rows[0]) if rows else self._names
+        quantities = {name: columns.get(name, np.zeros(num_envs)) for name in self._names}
+        for name, column in quantities.items():
+            column[chosen] = [row[name] for row in rows]
+        return quantities, {}
+
+    def _note_metrics(self, chosen: list[int], records: np.ndarray, extras: Extras) -> None:
+        """Write to records and extras the metrics of the tasks of environments."""
+        metrics = [self._envs[i].task.metrics() for i in chosen]
         names = [name for name in metrics[0] if name in (records.dtype.names or ())] if metrics else []
         for name in names:
             records[name][chosen] = [row[name] for row in metrics]
@@ -190,7 +236,14 @@ class Batch:
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 
-def _writes_rows(part: Any) -> bool:
-    """Tell whether an observation part writes many rows at once, and does not overwrite how it writes one."""
-    kind = next((kind for kind in type(part).__mro__ if {"write", "write_rows"} & vars(kind).keys()), object)
-    return "write_rows" in vars(kind)
+def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
+    """Tell whether something does its work for many rows at once, and does not overwrite how it does it for one."""
+    names = {by_rows, *one_by_one}
+    kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
+    return by_rows in vars(kind)
+
+
+def _updates_rows(env: Any) -> bool:
+    """Tell whether the task of an environment updates many rows at once, and nothing needs its objects meanwhile."""
+    names = ("update", "quantities", "metrics", "end_reason")
+    return _has_own(env.task, "update_rows", *names) and not env.sensors and env.on_period is None

@@ -161,7 +161,8 @@ class Shard:
         """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
         if self._records is None:
             return
-        if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in self.envs):
+        changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
+        if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
             self._batch = None
             return
         if self._batch is None:
