@@ -1,0 +1,125 @@
+"""Scans cut into clusters as large as people, and what scans before saw where they are. Kernels of `tracking`.
+
+`p` is a `envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m], as in `Reading`.
+"""
+
+import math
+
+import numpy as np
+from numba import njit
+
+CLUSTER_SIZE = 5
+"""Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, and the kind."""
+BODY, LEG, SLOPE = 0.0, 1.0, 2.0
+"""Kinds: as large as a body; as a leg; cut from a surface that goes on nearer to the lidar, which begins no track."""
+PASSED, HIDDEN, HIT = 1, 0, -1
+"""What a scan says of a disc: all its beams end behind it; it cannot tell; a beam ends there."""
+ARC_DEPTH = 0.785
+"""How far the mean of a disc's visible points lies before its centre, in radii: pi / 4 for beams evenly over it."""
+
+
+@njit(cache=True, error_model="numpy")
+def _is_slope(edge, neighbour, p):
+    """Tell whether the next beam ends a little nearer, as on a surface seen at grazing incidence."""
+    return edge - p.slope < neighbour < edge
+
+
+@njit(cache=True, error_model="numpy")
+def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
+    """Add the beams from a first to a last point (x, y), base frame, if they are no larger than a person."""
+    width = math.hypot(last[0] - first[0], last[1] - first[1])
+    x, y = total[0] / beams, total[1] / beams
+    ahead, left = x - p.mount_x, y - p.mount_y
+    distance = math.hypot(ahead, left)
+    width += distance * p.increment
+    if width > p.max_size or distance > p.max_range or count == clusters.shape[0]:
+        return count
+    radius = 0.5 * width
+    depth = ARC_DEPTH * radius / max(distance, 1e-6)
+    kind = SLOPE if is_slope else (LEG if width < p.leg_size else BODY)
+    clusters[count] = x + depth * ahead, y + depth * left, radius, float(beams), kind
+    return count + 1
+
+
+@njit(cache=True, error_model="numpy")
+def find_clusters(ranges, directions, p, clusters):
+    """Cut a scan where neighbours lie apart, write what is no larger than a person, and return how many there are.
+
+    The distance that cuts is that of Borges and Aldon ("Line extraction in 2D range images for mobile robotics", 2004,
+    equation 3). `clusters`: shape (n, CLUSTER_SIZE), float64, written.
+    """
+    num_beams, count, beams, start = ranges.shape[0], 0, 0, 0
+    if p.is_full_turn > 0.0:  # what lies across the first beam is one cluster
+        while start < num_beams and abs(ranges[start] - ranges[start - 1]) < 0.5:
+            start += 1
+    first = last = total = (0.0, 0.0)
+    at, previous, is_slope = 0, np.inf, False
+    for i in range(num_beams + 1):
+        k = (start + i) % num_beams
+        r = float(ranges[k]) if i < num_beams else np.inf
+        if not r > 0.0:
+            continue
+        point = (p.mount_x + r * directions[0, k], p.mount_y + r * directions[1, k]) if r < np.inf else last
+        reach = p.jump + (i - at) * p.jump_gain * min(r, previous)
+        if beams > 0 and (r == np.inf or math.hypot(point[0] - last[0], point[1] - last[1]) > reach):
+            is_slope |= _is_slope(previous, r, p)
+            count = _add_cluster(clusters, count, first, last, total, beams, is_slope, p)
+            beams = 0
+        if r < np.inf:
+            if beams == 0:
+                first, total, is_slope = point, (0.0, 0.0), _is_slope(r, previous, p)
+            last, total, beams = point, (total[0] + point[0], total[1] + point[1]), beams + 1
+        at, previous = i, r
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def join_legs(clusters, count, p):
+    """Join each leg with the nearest other one within a step; returns how many clusters are left."""
+    i = 0
+    while i < count:
+        nearest, best = -1, p.step
+        if clusters[i, 4] == LEG:
+            for j in range(i + 1, count):
+                gap = math.hypot(clusters[i, 0] - clusters[j, 0], clusters[i, 1] - clusters[j, 1])
+                if clusters[j, 4] == LEG and gap < best:
+                    nearest, best = j, gap
+        if nearest >= 0:
+            one, other = clusters[i], clusters[nearest]
+            one[2] = 0.5 * best + max(one[2], other[2])
+            one[0], one[1], one[4] = 0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1]), BODY
+            one[3] += other[3]
+            count -= 1
+            clusters[nearest] = clusters[count]
+        i += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
+def look_at_disc(scan, pose, x, y, radius, margin, p):
+    """Return whether the beams of a scan `PASSED` a disc, `HIT` it, or are `HIDDEN` from it.
+
+    `pose`: of the lidar (x, y, theta), in the frame of the disc.
+    """
+    dx, dy = x - pose[0], y - pose[1]
+    distance = math.hypot(dx, dy)
+    if distance <= radius:  # the robot itself was there
+        return PASSED
+    half = math.asin(radius / distance) + 0.5 * p.increment
+    middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)
+    low, high = math.ceil((middle - half) / p.increment), math.floor((middle + half) / p.increment)
+    num_beams, passed, hidden = scan.shape[0], 0, 0
+    near, far = distance - radius - margin, distance + radius + margin
+    for k in range(low, high + 1):
+        if p.is_full_turn > 0.0:
+            k %= num_beams
+        elif k < 0 or k >= num_beams:
+            return HIDDEN
+        r = float(scan[k])
+        if r > far and (r < np.inf or p.range_max > far):
+            passed += 1
+        elif near <= r < np.inf:
+            return HIT
+        elif not math.isnan(r):
+            hidden += 1
+    return PASSED if passed > hidden else HIDDEN

@@ -1,0 +1,312 @@
+"""People in scans: clusters matched to tracks with constant velocity; what has stood there before is no person.
+
+A cluster begins a track only where scans of the last seconds looked past its place, which no wall and no chair can
+say of itself, also where it comes into view behind a corner. A track is a person once it has moved away from where it
+began, with a speed that stands out from its uncertainty. All of this happens in the frame of odometry.
+"""
+
+import math
+from collections import namedtuple
+from dataclasses import dataclass, fields
+from operator import attrgetter
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D
+from envs.geometry.pose import compose
+from envs.robots import LidarParams
+
+from .scan_clusters import CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
+
+MAX_CLUSTERS, MAX_TRACKS = 256, 128
+X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID = range(15)
+"""Entries of a track: position and velocity in the frame of odometry [m, m/s]; their covariance, which is the same
+along both axes; radius [m]; scans that have shown it, and that looked past it since the last of those; time of that
+[s]; where it began; whether it is a person; a number of its own."""
+TRACK_SIZE = 15
+POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN = 0, 3, 4, 5, 6
+"""Entries of the state: pose by odometry (3) [m, m, rad], time [s], and how many tracks, scans kept, and tracks ever
+there have been."""
+
+
+@dataclass(frozen=True, slots=True)
+class TrackerParams:
+    """How people are told from walls. Defaults without a source are tuned on simulated halls and houses."""
+
+    max_range: float = 8.0
+    """Clusters farther away are ignored [m]."""
+    jump: float = 0.08
+    """Neighbouring points this far apart, and what `jump_angle` adds, belong to different clusters [m]."""
+    jump_angle: float = 0.35
+    """Least angle between surface and beam at which a surface is not cut (lambda of Borges and Aldon, 2004) [rad]."""
+    max_size: float = 0.8
+    """Greatest extent of a person [m]."""
+    leg_size: float = 0.25
+    """Greatest extent of a leg [m]."""
+    step: float = 0.65
+    """Greatest distance between the legs of a person [m]."""
+    min_beams: int = 3
+    """Least number of beams of a cluster that begins a track."""
+    margin: float = 0.1
+    """A beam that ends this much behind a person's place has passed it [m]."""
+    drift: float = 0.01
+    """By how much more for each second since [m/s]: odometry is off."""
+    slope: float = 0.4
+    """A neighbouring beam that ends nearer, by less than this, goes on along the same surface [m]."""
+    memory: float = 6.0
+    """Time for which scans are kept [s]."""
+    interval: float = 1.0
+    """Time between two scans that are kept [s]."""
+    position_std: float = 0.08
+    """Uncertainty of a cluster's position along an axis [m]."""
+    speed_std: float = 0.8
+    """Spread of people's velocities along an axis [m/s]."""
+    acceleration: float = 0.6
+    """Spectral density of the white noise that accelerates people [m2/s3] (Bar-Shalom et al., "Estimation with
+    Applications to Tracking and Navigation", 2001, section 6.2.2)."""
+    gate: float = 3.0
+    """Mahalanobis distance up to which a cluster may belong to a track."""
+    max_gap: float = 0.8
+    """Greatest distance between both [m]."""
+    min_hits: int = 4
+    """Scans that have to show a person."""
+    min_travel: float = 0.3
+    """How far a person has to come [m]."""
+    min_speed: float = 0.2
+    """How fast it has to be then [m/s]."""
+    significance: float = 2.0
+    """By how many standard deviations that speed has to differ from 0."""
+    max_std: float = 0.35
+    """Uncertainty of the position along an axis up to which a hidden person is shown [m]."""
+    max_misses: int = 4
+    """Scans that look past a track after which it is dropped."""
+    lost_time: float = 3.0
+    """Time for which a person is kept that is hidden [s]; a track that is none, a sixth of it."""
+
+
+_OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
+_OWN = tuple(field.name for field in fields(TrackerParams))
+TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
+"""Lidar and `TrackerParams` as kernels take them, all of it float; see there."""
+
+
+def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
+    """Return the numbers of a lidar and parameters."""
+    increment, mount = lidar.angle_increment, lidar.mount
+    gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
+    is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
+    frame = mount.x, mount.y, mount.yaw, lidar.angle_min, increment, lidar.range_max, is_full_turn, gain
+    return TrackerNumbers(*map(float, (*frame, *attrgetter(*_OWN)(params))))
+
+
+@njit(cache=True, error_model="numpy")
+def predict(track, dt, p):
+    """Let a track go on for `dt` seconds."""
+    q = p.acceleration
+    track[X] += dt * track[VX]
+    track[Y] += dt * track[VY]
+    track[P_XX] += dt * (2.0 * track[P_XV] + dt * track[P_VV]) + q * dt**3 / 3.0
+    track[P_XV] += dt * track[P_VV] + q * dt**2 / 2.0
+    track[P_VV] += q * dt
+
+
+@njit(cache=True, error_model="numpy")
+def correct(track, x, y, p):
+    """Correct a track by a position; the equations are those of the Kalman filter, the same along both axes."""
+    s = track[P_XX] + p.position_std**2
+    k_x, k_v = track[P_XX] / s, track[P_XV] / s
+    dx, dy = x - track[X], y - track[Y]
+    track[X] += k_x * dx
+    track[Y] += k_x * dy
+    track[VX] += k_v * dx
+    track[VY] += k_v * dy
+    track[P_VV] -= k_v * track[P_XV]
+    track[P_XV] *= 1.0 - k_x
+    track[P_XX] *= 1.0 - k_x
+
+
+@njit(cache=True, error_model="numpy")
+def _votes(x, y, radius, time, scans, poses, num_scans, p):
+    """Return how many scans of the last seconds looked past a disc, and how many of their beams ended there."""
+    passed = hits = 0
+    for k in range(min(num_scans, scans.shape[0])):
+        if 0.9 * p.interval < time - poses[k, 3] <= p.memory:
+            margin = p.margin + p.drift * (time - poses[k, 3])
+            seen = look_at_disc(scans[k], poses[k], x, y, radius, margin, p)
+            passed += seen == PASSED
+            hits += seen == HIT
+    return passed, hits
+
+
+@njit(cache=True, error_model="numpy")
+def _match(tracks, num_tracks, clusters, count, moved, matches, p):
+    """Match tracks and clusters, the nearest pair first; write the cluster of each track to `matches`, -1 for none.
+
+    Returns which clusters are matched, shape (count,), bool. What moves fast is not where something has stood before
+    (`moved` is -1), and what is cut from a surface goes on with a person, but makes none.
+    """
+    pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
+    for i in range(num_tracks):
+        track = tracks[i]
+        matches[i] = -1
+        s = track[P_XX] + p.position_std**2
+        reach = min(p.gate * p.gate * s, p.max_gap * p.max_gap)
+        is_fast = math.hypot(track[VX], track[VY]) > 2.0 * p.min_speed
+        for k in range(count):
+            squared = (clusters[k, 0] - track[X]) ** 2 + (clusters[k, 1] - track[Y]) ** 2
+            is_wall = (clusters[k, 4] == SLOPE and track[IS_PERSON] == 0.0) or (moved[k] < 0 and is_fast)
+            if squared < reach and num_pairs < MAX_CLUSTERS and not is_wall:
+                pairs[num_pairs, 0], pairs[num_pairs, 1] = i, k
+                distances[num_pairs] = squared / s - (0.1 if track[IS_PERSON] > 0.0 else 0.0)
+                num_pairs += 1
+    is_taken = np.zeros(count, dtype=np.bool_)
+    for n in np.argsort(distances[:num_pairs]):
+        i, k = pairs[n]
+        if matches[i] < 0 and not is_taken[k]:
+            matches[i] = k
+            is_taken[k] = True
+    return is_taken
+
+
+@njit(cache=True, error_model="numpy")
+def _is_doubled(i, tracks, num_tracks, matches, p):
+    """Tell whether another track has the cluster of the same person."""
+    for k in range(num_tracks):
+        if matches[k] >= 0 and math.hypot(tracks[k, X] - tracks[i, X], tracks[k, Y] - tracks[i, Y]) < 0.7 * p.step:
+            return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
+def _judge(track, p):
+    """Tell whether a track has moved as people do, and nothing that stands."""
+    if track[HITS] < p.min_hits:
+        return False
+    speed = math.hypot(track[VX], track[VY])
+    travel = math.hypot(track[X] - track[BORN_X], track[Y] - track[BORN_Y])
+    return travel >= p.min_travel and speed >= max(p.min_speed, p.significance * math.sqrt(track[P_VV]))
+
+
+@njit(cache=True, error_model="numpy")
+def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
+    """Process a scan; writes all but the first four arguments and the last one.
+
+    `motion`: pose of the base now, as seen from the base at the last scan; `period`: time since that [s]; `memory`:
+    scans that are kept, shape (n, num_beams), float32, and where and when the lidar was then, shape (n, 4).
+    """
+    scans, poses = memory
+    x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
+    state[0], state[1], state[2], state[TIME] = x, y, theta, state[TIME] + period
+    time, num_tracks, num_scans = state[TIME], int(state[NUM_TRACKS]), int(state[NUM_SCANS])
+    lidar = compose(x, y, theta, p.mount_x, p.mount_y, p.mount_yaw)
+    count = join_legs(clusters, find_clusters(ranges, directions, p, clusters), p)
+    clusters[count:, 0] = 1e9
+    c, s = math.cos(theta), math.sin(theta)
+    moved = np.zeros(count, dtype=np.int64)
+    for k in range(count):
+        u, v = clusters[k, 0], clusters[k, 1]
+        clusters[k, 0], clusters[k, 1] = x + c * u - s * v, y + s * u + c * v
+        passed, hits = _votes(clusters[k, 0], clusters[k, 1], clusters[k, 2], time, scans, poses, num_scans, p)
+        moved[k] = 1 if passed > hits else (-1 if hits > 2 * passed else 0)
+    for i in range(num_tracks):
+        predict(tracks[i], period, p)
+    matches = np.empty(num_tracks, dtype=np.int64)
+    is_taken = _match(tracks, num_tracks, clusters, count, moved, matches, p)
+    kept = 0
+    for i in range(num_tracks):
+        track, k = tracks[i], matches[i]
+        if k >= 0:
+            correct(track, clusters[k, 0], clusters[k, 1], p)
+            track[RADIUS] += 0.2 * (clusters[k, 2] - track[RADIUS])
+            track[HITS] += 1.0
+            track[MISSES], track[SEEN] = 0.0, time
+            if track[IS_PERSON] == 0.0 and _judge(track, p):
+                track[IS_PERSON] = 1.0
+        else:
+            is_gone = look_at_disc(ranges, lidar, track[X], track[Y], track[RADIUS], p.margin, p) == PASSED
+            track[MISSES] += is_gone or _is_doubled(i, tracks, num_tracks, matches, p)
+        patience = p.lost_time if track[IS_PERSON] > 0.0 else p.lost_time / 6.0
+        if track[MISSES] < p.max_misses and time - track[SEEN] <= patience + 1e-9:
+            tracks[kept] = track
+            kept += 1
+    for k in range(count):
+        if (
+            is_taken[k]
+            or moved[k] != 1
+            or clusters[k, 4] == SLOPE
+            or clusters[k, 3] < p.min_beams
+            or kept == MAX_TRACKS
+        ):
+            continue
+        is_known = False
+        for i in range(kept):
+            gap = math.hypot(tracks[i, X] - clusters[k, 0], tracks[i, Y] - clusters[k, 1])
+            is_known |= gap < max(tracks[i, RADIUS] + clusters[k, 2], 0.7 * p.step)
+        if not is_known:
+            place = clusters[k, 0], clusters[k, 1]
+            spread = p.position_std**2, 0.0, p.speed_std**2
+            tracks[kept] = (*place, 0.0, 0.0, *spread, clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN])
+            state[NUM_BORN] += 1.0
+            kept += 1
+    state[NUM_TRACKS] = kept
+    if num_scans == 0 or time - poses[(num_scans - 1) % len(poses), 3] >= p.interval - 1e-9:
+        scans[num_scans % len(poses)] = ranges
+        poses[num_scans % len(poses)] = (*lidar, time)
+        state[NUM_SCANS] += 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def on_people(ranges, directions, people, margin, p, mask):
+    """Write which beams end within `margin` [m] of people, shape (n, 5), as `PeopleTracker.people`."""
+    for k in range(ranges.shape[0]):
+        x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
+        mask[k] = False
+        for i in range(people.shape[0]):
+            mask[k] |= math.hypot(x - people[i, 0], y - people[i, 1]) <= people[i, 4] + margin
+
+
+class PeopleTracker:
+    """Tracks people in the scans of one robot. Sees scans and odometry alone."""
+
+    def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
+        """Prepare for scans of a lidar, one every `period` seconds."""
+        self.params, self._period = params, period
+        self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
+        num_scans = max(1, math.ceil(params.memory / params.interval))
+        self._memory = np.empty((num_scans, lidar.num_beams), dtype=np.float32), np.zeros((num_scans, 4))
+        self._state, self._tracks = np.zeros(7), np.zeros((MAX_TRACKS, TRACK_SIZE))
+        self._clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
+
+    def reset(self) -> None:
+        """Forget everything."""
+        self._state[:] = 0.0
+
+    def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
+        """Process a scan, shape (num_beams,), float32 [m], and return `people`.
+
+        `motion`: pose of the base now by odometry, as seen from the base at the last scan.
+        """
+        arrays = self._state, self._tracks, self._memory, self._clusters
+        track_people(ranges, self._directions, tuple(motion), self._period, *arrays, self._numbers)
+        return self.people
+
+    @property
+    def people(self) -> np.ndarray:
+        """Shape (n, 5), float64, base frame: x, y [m], velocity over the ground [m/s], radius [m] of moving people."""
+        tracks = self.tracks
+        tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
+        pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
+        turned = Pose2D(0.0, 0.0, -pose.theta).transform(tracks[:, VX : VY + 1])
+        return np.column_stack([pose.inverse().transform(tracks[:, : Y + 1]), turned, tracks[:, RADIUS]])
+
+    @property
+    def tracks(self) -> np.ndarray:
+        """Shape (n, TRACK_SIZE), float64: all tracks, also those of which it is not yet known; see `X`; a view."""
+        return self._tracks[: int(self._state[NUM_TRACKS])]
+
+    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1) -> np.ndarray:
+        """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool."""
+        mask = np.empty(len(ranges), dtype=np.bool_)
+        on_people(ranges, self._directions, self.people, margin, self._numbers, mask)
+        return mask

@@ -1,0 +1,229 @@
+"""People in scans, in a hall of known walls; circles are moved by hand."""
+
+import copy
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from envs.estimation.tracking import (
+    P_VV,
+    P_XV,
+    P_XX,
+    TRACK_SIZE,
+    VX,
+    VY,
+    PeopleTracker,
+    TrackerParams,
+    X,
+    Y,
+    correct,
+    predict,
+    tracker_numbers,
+)
+from envs.geometry import Pose2D
+from envs.geometry.raycast import cast_rays
+from envs.robots import LidarParams, Mount
+
+LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
+SIDE = 12.0
+BLOCKS = [(8.0, 3.0, 0.5), (2.0, 9.0, 0.4), (5.0, 6.0, 1.5)]
+PILLARS = [(3.0, 3.0, 0.25), (9.0, 8.0, 0.15), (6.0, 10.0, 0.05)]
+
+
+def square(x, y, side):
+    corners = [(x, y), (x + side, y), (x + side, y + side), (x, y + side), (x, y)]
+    return [(*a, *b) for a, b in itertools.pairwise(corners)]
+
+
+SEGMENTS = np.array([row for block in [(0.0, 0.0, SIDE), *BLOCKS] for row in square(*block)])
+
+
+def scan(pose, circles, rng, lidar=LIDAR):
+    """Return a scan with noise in the hall."""
+    out = np.empty(lidar.num_beams)
+    x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
+    cast_rays(x, y, theta, lidar.beams, SEGMENTS, np.array([*PILLARS, *circles], dtype=float), out)
+    return (out + rng.normal(0.0, lidar.noise_std, len(out))).astype(np.float32)
+
+
+def ends_of(pose, ranges):
+    """Return where beams end, shape (num_beams, 2), world frame."""
+    ranges = np.nan_to_num(ranges, posinf=1e3)
+    return pose.transform((ranges * LIDAR.directions).T + (LIDAR.mount.x, LIDAR.mount.y))
+
+
+def body(kind, x, y, vx, vy, time):
+    """Return the circles of a person: a disc, or legs that swing."""
+    if kind == "disc":
+        return [(x, y, 0.25)]
+    speed = math.hypot(vx, vy)
+    ahead = np.array([vx, vy]) / speed
+    swing = 0.3 * speed * math.sin(2.0 * math.pi * time * speed / 1.4)
+    sides = 0.1 * np.array([-ahead[1], ahead[0]]) + swing * ahead
+    return [(x + sides[0], y + sides[1], 0.06), (x - sides[0], y - sides[1], 0.06)]
+
+
+def course(time):
+    """Return where a robot is that drives a figure of eight round the block at 1 m/s and turns fast."""
+    angle = time / 3.0
+    return Pose2D(6.0 + 3.5 * math.sin(angle), 4.0 + 2.5 * math.sin(2.0 * angle), 2.0 * math.sin(0.9 * time))
+
+
+def drive(tracker, people, seconds, rng, kind="disc", lidar=LIDAR, course=course):
+    """Yield, scan by scan, time, pose, what the tracker says, and true people; `people`: functions of the time."""
+    before = course(-0.1)
+    for k in range(int(seconds * 10)):
+        time = 0.1 * k
+        pose, rows = course(time), np.array([person(time) for person in people]).reshape(-1, 4)
+        circles = [circle for row in rows for circle in body(kind, *row, time)]
+        motion = before.between(pose)
+        noisy = Pose2D(motion.x * rng.normal(1.0, 0.02), motion.y, motion.theta * rng.normal(1.0, 0.01))
+        ranges, before = scan(pose, circles, rng, lidar), pose
+        yield time, pose, tracker.update(ranges, noisy), rows, ranges
+
+
+def walks(number, rng):
+    """Return people that walk to and fro on straight lines at 0.5 to 1.3 m/s."""
+
+    def walk(start, end, speed, time):
+        length = math.dist(start, end)
+        phase = (time * speed / length + 0.3 * start[0]) % 2.0
+        sign = 1.0 if phase < 1.0 else -1.0
+        share = phase if phase < 1.0 else 2.0 - phase
+        along = (np.array(end) - start) / length
+        return *(start + share * length * along), *(sign * speed * along)
+
+    ends, speeds = rng.uniform(0.7, SIDE - 0.7, (number, 2, 2)), rng.uniform(0.5, 1.3, number)
+    return [lambda time, e=e, s=s: walk(np.array(e[0]), np.array(e[1]), s, time) for e, s in zip(ends, speeds)]
+
+
+@pytest.mark.parametrize("kind", ["disc", "legs"])
+def test_people_are_found_with_their_velocities(kind):
+    rng = np.random.default_rng(1)
+    found = visible = wrong = 0
+    errors = []
+    for time, pose, tracks, people, ranges in drive(PeopleTracker(LIDAR, 0.1), walks(6, rng), 40.0, rng, kind):
+        if time < 4.0:
+            continue
+        ends = ends_of(pose, ranges)
+        seen = np.array([(np.hypot(*(ends - row[:2]).T) < 0.4).sum() > 3 for row in people])
+        places = pose.transform(tracks[:, :2])
+        gaps = np.hypot(*(places[:, None] - people[None, :, :2]).T).T.reshape(len(tracks), len(people))
+        seen &= np.hypot(*(people[:, :2] - pose[:2]).T) < 7.0
+        visible += seen.sum()
+        wrong += (gaps.min(axis=1, initial=9.0) > 0.6).sum()
+        for k in np.flatnonzero(seen):
+            if len(tracks) and gaps[:, k].min() < 0.5:
+                found += 1
+                track = tracks[gaps[:, k].argmin()]
+                velocity = Pose2D(0.0, 0.0, pose.theta).transform(track[None, 2:4])[0]
+                errors.append(np.hypot(*(velocity - people[k, 2:])))
+    assert visible > 300
+    assert found > 0.85 * visible
+    assert wrong < 0.1 * visible
+    assert np.median(errors) < 0.2
+    assert 0.05 < np.median(tracks[:, 4]) < 0.4
+
+
+def test_walls_and_pillars_are_no_people_for_a_robot_that_turns_fast():
+    rng = np.random.default_rng(2)
+    for lidar in (LIDAR, LidarParams(num_beams=270, range_max=5.0, fov=math.radians(270.0), noise_std=0.01)):
+        counts = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(lidar, 0.1), [], 60.0, rng, lidar=lidar)]
+        assert sum(counts) == 0
+
+
+def stand(time):
+    return Pose2D(6.0, 2.0, 1.0)
+
+
+def test_who_stands_becomes_a_person_by_walking_and_stays_one_standing():
+    rng = np.random.default_rng(3)
+
+    def person(time):
+        walked = min(max(time - 5.0, 0.0), 3.0)
+        return 3.0 + walked, 4.5, (1.0 if 5.0 < time < 8.0 else 1e-9), 0.0
+
+    shown = {
+        round(time, 1): len(tracks)
+        for time, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [person], 20.0, rng, course=stand)
+    }
+    assert not any(shown[k] for k in shown if k < 5.0)
+    assert all(shown[k] == 1 for k in shown if k > 6.5)
+
+
+def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
+    rng = np.random.default_rng(4)
+    tracker = PeopleTracker(LIDAR, 0.1)
+
+    def person(time):  # behind the block from x = 4.0 on; it stays there
+        return min(1.0 + time, 5.7), 8.2, 1.0, 0.0
+
+    hidden = []
+    for _, _, tracks, _, _ in drive(tracker, [person], 12.0, rng, course=stand):
+        hidden.append((len(tracks), len(tracker.tracks)))
+    assert (1, 1) in hidden[20:40]
+    assert (0, 1) in hidden
+    assert hidden[-1] == (0, 0)
+
+    def walking(time):  # and vanishes
+        return (3.0 + time, 4.5, 1.0, 0.0) if time < 3.0 else (-50.0, -50.0, 1.0, 0.0)
+
+    shown = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [walking], 4.0, rng, course=stand)]
+    assert shown[28] == 1
+    assert shown[36] == 0
+
+
+def test_beams_on_people_are_told_from_beams_on_walls():
+    rng = np.random.default_rng(5)
+    tracker = PeopleTracker(LIDAR, 0.1)
+    right = wrong = beams = 0
+    for time, pose, _, people, ranges in drive(tracker, walks(3, rng), 20.0, rng):
+        ends = ends_of(pose, ranges)
+        truth = (np.hypot(*(ends[:, None] - people[None, :, :2]).T) < 0.3).any(axis=0)
+        truth &= ranges < 7.0
+        mask = tracker.is_on_person(ranges)
+        if time > 4.0:
+            right, wrong, beams = right + (mask & truth).sum(), wrong + (mask & ~truth).sum(), beams + truth.sum()
+    assert right > 0.85 * beams
+    assert wrong < 0.1 * beams
+
+
+def test_the_filter_is_that_of_kalman():
+    """The equations for four states, in matrices, against those for one axis."""
+    params, dt, rng = TrackerParams(), 0.1, np.random.default_rng(6)
+    numbers = tracker_numbers(LIDAR, params)
+    track = np.zeros(TRACK_SIZE)
+    track[[X, Y, P_XX, P_VV]] = 1.0, 2.0, params.position_std**2, params.speed_std**2
+    mean = np.array([1.0, 2.0, 0.0, 0.0])
+    covariance = np.diag([params.position_std**2] * 2 + [params.speed_std**2] * 2)
+    move = np.eye(4) + dt * np.eye(4, k=2)
+    one, q = np.eye(2), params.acceleration
+    noise = q * np.block([[dt**3 / 3 * one, dt**2 / 2 * one], [dt**2 / 2 * one, dt * one]])
+    observe, spread = np.eye(2, 4), params.position_std**2 * one
+    for k in range(20):
+        mean, covariance = move @ mean, move @ covariance @ move.T + noise
+        predict(track, dt, numbers)
+        if k % 3 != 2:
+            measured = np.array([1.0 + 0.1 * k, 2.0]) + rng.normal(0.0, 0.05, 2)
+            gain = covariance @ observe.T @ np.linalg.inv(observe @ covariance @ observe.T + spread)
+            mean = mean + gain @ (measured - observe @ mean)
+            covariance = (np.eye(4) - gain @ observe) @ covariance
+            correct(track, *measured, numbers)
+        assert track[[X, Y, VX, VY]] == pytest.approx(mean)
+        assert track[[P_XX, P_XV, P_VV]] == pytest.approx(covariance[[0, 0, 2], [0, 2, 2]])
+
+
+def test_a_copy_goes_on_alike_and_a_reset_forgets():
+    rng = np.random.default_rng(7)
+    tracker = PeopleTracker(LIDAR, 0.1)
+    *_, ranges = [*drive(tracker, walks(4, rng), 5.0, rng)][-1]
+    assert len(tracker.people) > 0
+    twin = copy.deepcopy(tracker)
+    ranges[5:9] = np.nan
+    first = tracker.update(ranges, Pose2D(0.1, 0.0, 0.1))
+    np.testing.assert_array_equal(twin.update(ranges, Pose2D(0.1, 0.0, 0.1)), first)
+    tracker.reset()
+    assert tracker.people.shape == (0, 5)
+    assert not tracker.is_on_person(ranges).any()
