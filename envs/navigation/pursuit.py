@@ -23,6 +23,8 @@ BEND_CHORD = 5
 NEAREST_WINDOW = 40
 """Points among which the nearest one is looked for: a second of driving at full speed is as far as it can have moved
 on, with some to spare."""
+NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
+"""Number of directions that are tried on either side of the carrot in narrow passages, and their distance [rad]."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
 """What a follower remembers from one command to the next: the path's point nearest to the robot, the side on which it
 last steered past something (1 left, -1 right), and whether it is turning on the spot."""
@@ -76,6 +78,8 @@ def follower_numbers(
         "braking_w": params.braking * robot.max_acc_w,
         # Radius that is kept free of obstacles.
         "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
+        # The same where a passage leaves no more.
+        "tight_reach": robot.radius - robot.lidar.noise_std,
         "min_lookahead": min(params.min_lookahead * robot.radius, 0.25),
         # Least length of an arc that is tested: what braking from full speed takes.
         "look": robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03,
@@ -137,24 +141,57 @@ def turn_rate(angle, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def _free(x, y, lookahead, obstacles, numbers):
+def _free(x, y, lookahead, reach, obstacles, numbers):
     """Return how far the arc to a point (base frame [m]) is free, looking at least as far as braking takes [m]."""
     curvature = 2.0 * y / max(x * x + y * y, 1e-6)
-    return free_distance(obstacles, curvature, numbers.reach, max(lookahead, numbers.look))
+    return free_distance(obstacles, curvature, reach, max(lookahead, numbers.look))
 
 
 @njit(cache=True, error_model="numpy")
 def _sidestep(state, x, y, free, obstacles, numbers):
-    """Return a point beside the carrot whose arc is free, on the side taken last if possible; else the carrot."""
+    """Return a point beside the carrot whose arc is free, on the side taken last if possible; else as `_squeeze`."""
     for offset in numbers.sidesteps:
         for side in (state.side, -state.side):
             c, s = math.cos(side * offset), math.sin(side * offset)
             beside_x, beside_y = c * x - s * y, s * x + c * y
-            free_beside = _free(beside_x, beside_y, numbers.min_lookahead, obstacles, numbers)
+            free_beside = _free(beside_x, beside_y, numbers.min_lookahead, numbers.reach, obstacles, numbers)
             if free_beside >= numbers.min_lookahead:
                 state.side = side
                 return beside_x, beside_y, free_beside
-    return x, y, free
+    return _squeeze(x, y, free, obstacles, numbers)
+
+
+@njit(cache=True, error_model="numpy")
+def _squeeze(x, y, free, obstacles, numbers):
+    """Return the point about the carrot whose arc keeps most distance from obstacles, if one without a margin is free.
+
+    So the robot takes the middle of a passage that is hardly wider than itself. Without such an arc, the carrot.
+    """
+    most, found = -np.inf, (x, y, free)
+    for k in range(-NUM_SQUEEZES, NUM_SQUEEZES + 1):
+        c, s = math.cos(SQUEEZE_STEP * k), math.sin(SQUEEZE_STEP * k)
+        beside_x, beside_y = c * x - s * y, s * x + c * y
+        free_beside = _free(beside_x, beside_y, numbers.min_lookahead, numbers.tight_reach, obstacles, numbers)
+        if free_beside < numbers.min_lookahead:
+            continue
+        room = _room(beside_x, beside_y, obstacles, numbers)
+        if room > most:
+            most, found = room, (beside_x, beside_y, free_beside)
+    return found
+
+
+@njit(cache=True, error_model="numpy")
+def _room(x, y, obstacles, numbers):
+    """Return the mean distance from obstacles along the arc to a point, as far as it is below that to keep [m]."""
+    angle, total = math.atan2(y, x), 0.0
+    for share in (0.25, 0.5, 0.75, 1.0):
+        chord = math.hypot(x, y) * (math.sin(angle * share) / math.sin(angle) if abs(angle) > 1e-3 else share)
+        on_x, on_y = chord * math.cos(angle * share), chord * math.sin(angle * share)
+        nearest = numbers.reach**2
+        for k in range(obstacles.shape[0]):
+            nearest = min(nearest, (obstacles[k, 0] - on_x) ** 2 + (obstacles[k, 1] - on_y) ** 2)
+        total += math.sqrt(nearest)
+    return 0.25 * total
 
 
 @njit(cache=True, error_model="numpy")
@@ -165,7 +202,7 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
         k = _carrot_index(path, x, y, state.index, lookahead)
         dx, dy = path[k, 0] - x, path[k, 1] - y
         ahead, left = c * dx + s * dy, c * dy - s * dx
-        free = _free(ahead, left, lookahead, obstacles, numbers)
+        free = _free(ahead, left, lookahead, numbers.reach, obstacles, numbers)
         if free >= lookahead:
             return ahead, left, free
         if lookahead <= numbers.min_lookahead:
@@ -181,18 +218,29 @@ def _speed_for(free, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def _regulated_speed(state, path, curvature, free, obstacles, numbers):
-    """Return the forward speed [m/s] for an arc of which `free` metres are free."""
-    max_v, slowest = numbers.max_v, numbers.min_speed
-    v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))
-    nearest = np.inf
+def _approach_speed(ahead, left, obstacles, numbers):
+    """Return the speed towards a point (base frame [m]) at which any gap to an obstacle lasts for `nearness_time`.
+
+    A gap closes by the speed's component towards the obstacle: walls beside the way do not count, what lies on it does.
+    """
+    distance = math.hypot(ahead, left)
+    v = np.inf
     for k in range(obstacles.shape[0]):
-        # Only what lies ahead slows down: x over minus half the footprint.
-        if obstacles[k, 0] > 0.0:
-            nearest = min(nearest, obstacles[k, 0] ** 2 + obstacles[k, 1] ** 2)
-    if obstacles.shape[0] > 0:
-        gap = math.sqrt(nearest) - numbers.radius
-        v = min(v, max_v * max(gap / (numbers.nearness_time * max_v), slowest))
+        x, y = obstacles[k, 0], obstacles[k, 1]
+        towards = (x * ahead + y * left) / distance
+        if towards > 0.0:
+            away = math.hypot(x, y)
+            v = min(v, (away - numbers.radius) * away / (numbers.nearness_time * towards))
+    return v
+
+
+@njit(cache=True, error_model="numpy")
+def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
+    """Return the forward speed [m/s] along the arc to a point (base frame [m]), of which `free` metres are free."""
+    max_v, slowest = numbers.max_v, numbers.min_speed
+    curvature = 2.0 * left / (ahead**2 + left**2)
+    v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))
+    v = min(v, max(_approach_speed(ahead, left, obstacles, numbers), slowest * max_v))
     # To turn on the spot at a bend, or to stop at the end, the robot must have braked before.
     bend = _distance_to_bend(path, state.index, BEND_CHORD, numbers.rotate_from)
     v = min(v, max(_speed_for(bend, numbers), slowest * max_v))
@@ -223,7 +271,7 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     if distance < 1e-3:
         return 0.0, 0.0, False
     curvature = 2.0 * left / distance**2
-    v = _regulated_speed(state, path, curvature, free, obstacles, numbers)
+    v = _regulated_speed(state, path, ahead, left, free, obstacles, numbers)
     if v < 0.02 * numbers.max_v:
         return 0.0, turn_rate(angle, numbers) if abs(angle) > 0.1 else 0.0, True
     w = v * curvature

@@ -69,6 +69,20 @@ def test_the_heading_asked_for_is_taken():
     assert math.hypot(env.belief.pose.x + 1.5, env.belief.pose.y + 0.5) < 0.2
 
 
+def test_a_corridor_hardly_wider_than_the_robot_is_passed_without_contact(tmp_path):
+    world = tmp_path / "corridor.yaml"
+    hall, half = [(0, -1), (-3, -1), (-3, 1), (0, 1)], 0.26
+    corners = [*hall, (0, half), (2, half), (2, 1), (4, 1), (4, -1), (2, -1), (2, -half), (0, -half), hall[0]]
+    rows = ", ".join(f"[{x}, {y}]" for x, y in corners)
+    world.write_text(f"source: test\nlicence: MIT\nspawns: [[-1, 0, 0]]\npolylines: [[{rows}]]\n")
+    ends = {"start": (-1.5, 0.3, 1.0), "goal": (3.0, 0.4, 0.0)}
+    env = LidarEnv(
+        Navigate, world=str(world), robot="turtlebot3_waffle_pi", physics="kinematic", localizer="truth", **ends
+    )
+    result = run_episode(env, GoalNavigator(), 0)
+    assert (result.end_reason, result.collisions) == ("reached", 0)
+
+
 @pytest.mark.parametrize("goal", [(3.0, 0.0), (2.52, 0.0), (4.5, 0.0), (9.0, 0.0)])
 def test_goals_behind_walls_in_them_in_unknown_space_and_off_the_map_have_no_path(goal):
     navigator = navigator_to(goal)

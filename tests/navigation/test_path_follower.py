@@ -89,3 +89,16 @@ def test_it_does_not_cut_a_corner_with_an_obstacle_in_it(planner):
     poses = drive(follower, robot, Pose2D(0.0, 0.0, 0.0), 150, walls=post)
     assert min(np.hypot(*(post - pose[:2]).T).min() for pose in poses) > robot.radius
     assert math.hypot(poses[-1].x - 2.0, poses[-1].y - 2.0) < 0.1
+
+
+def test_walls_beside_the_path_do_not_slow_down_and_what_lies_on_it_does():
+    robot = load_robot("turtlebot3_burger")
+    follower = PathFollower(robot, PERIOD)
+    follower.set_path(resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05))
+    x = np.arange(-1.0, 5.0, 0.02)
+    walls = np.concatenate([np.column_stack([x, np.full_like(x, side)]) for side in (-0.25, 0.25)])
+    poses = drive(follower, robot, Pose2D(0.0, 0.05, 0.0), 180, walls=walls)
+    speeds = np.hypot(*np.diff([pose[:2] for pose in poses], axis=0).T) / PERIOD
+    assert speeds[20:160].min() > 0.95 * robot.max_v
+    follower.set_path(resample(np.array([[0.0, 0.0], [4.0, 0.0]]), 0.05))
+    assert follower.command(Pose2D(1.8, 0.0, 0.0), Twist(0.2, 0.0), np.array([[0.2, 0.0]])).v < 0.6 * robot.max_v
