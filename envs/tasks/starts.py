@@ -30,7 +30,7 @@ class WorldTask(Task):
     """A task whose worlds and starts users choose; see `envs.worlds.world_sampler` for what is raised."""
 
     needs_explorable = True
-    """Whether what can be seen from where the robot fits is worked out for each world, which takes up to seconds."""
+    """Whether what can be seen from where the robot fits is worked out before an episode begins."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`."""
     split: Literal["train", "test"] = "train"

@@ -38,7 +38,7 @@ class ExplorableArea:
     def explorable(self) -> np.ndarray:
         """Shape of `walls`, bool: free cells visible from a traversable one; found when first asked for.
 
-        That takes seconds where a lidar sees far, and tasks with a goal have no use for it.
+        That takes two to six times as long as all else, and tasks with a goal have no use for it.
         """
         if self._explorable is None:
             free = self.walls.data == 0

@@ -34,6 +34,8 @@ def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
         assert np.count_nonzero(traversable) > 0.93 * fitting, seed
         assert np.count_nonzero(inside) > 0.3 * grid.data.size, seed
         assert not world.people
+        assert world.segments.flags.c_contiguous
+        assert world.circles.flags.c_contiguous, "or all kernels would be compiled again"
         if size is None:
             outlines.add(world.segments.tobytes() + world.circles.tobytes())
     assert len(outlines) == 10

@@ -54,7 +54,7 @@ def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | N
     filled &= _neighbors(np.pad(filled, 1)) < 8  # nobody meets the others
     left = UNIT * ((units(width) - _CELL * cols) // 2)
     centres = (left, _MARGIN) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
-    circles = np.column_stack([centres, np.full(len(centres), _RADIUS)])
+    circles = np.ascontiguousarray(np.column_stack([centres, np.full(len(centres), _RADIUS)]))
     middle = left + 0.5 * UNIT * _CELL * cols
     start, goal = (middle, _MARGIN + _START), (middle, height - _MARGIN)
     return with_goals(world_within(name, size, rng, start, np.empty((0, 4)), circles), [(start, goal)])
