@@ -63,7 +63,7 @@ def run(
         action = decide(observation)
         decision_times.append(clock() - began)
         if isinstance(action, str):
-            info = {**info, **lidar_env_of(env).task.final_metrics(), "end_reason": action}
+            info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
         watch(info)

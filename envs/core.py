@@ -15,6 +15,7 @@ from envs.arguments import check_positive, choose_robot, clip_hint, is_number, r
 from envs.estimation import Belief
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
+from envs.measures import PEOPLE
 from envs.observations import Observations, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene, scene_of
@@ -26,7 +27,7 @@ from envs.simulation import records as at
 from envs.simulation.crowd.params import PeopleLike
 from envs.simulation.rows import Rows
 from envs.task import Task
-from envs.transition import pose_errors, update_robots
+from envs.transition import people_metrics, pose_errors, update_robots
 from envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
@@ -99,6 +100,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
+        if people is not None:
+            self.task.measures = (*self.task.measures, *PEOPLE)
         self.robots = [
             Robot(self.robot, period, self.task.make_estimator(), uses_true_motion=self.task.uses_true_motion)
             for _ in range(num_robots)
@@ -243,7 +246,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
         self.simulator.move(commands)  # world -> physics -> sensors
-        update_robots(self.rows.numbers)  # odometry -> predicted poses
+        update_robots(self.rows.numbers, self.simulator.crowd.rows)  # odometry -> predicted poses
         self.finish()
 
     def finish(self) -> None:
@@ -280,9 +283,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         truncated = truncated or (is_last and not terminated)
         info = self.info(rewards)
         if terminated or truncated:
-            info |= self.task.final_metrics()
+            info |= self.final_metrics()
             info["end_reason"] = self.task.end_reason or "time_limit"
         return sum(rewards.values()), terminated, truncated, info
+
+    def final_metrics(self) -> dict[str, Any]:
+        """Return what `info` tells at the end of an episode as well: of the task, and of people where there are any."""
+        has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
+        return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property
     def is_fused(self) -> bool:

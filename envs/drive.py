@@ -45,7 +45,7 @@ def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from)
         v, w = compute_velocity_command(navigators, navigator.path, obstacles, pose, row[at.TWIST_V], constants)
         row[at.COMMAND_V], row[at.COMMAND_W] = v, w
         step_robots(rows, draws, ranges, segments, circles, crowd)
-        update_robots(rows)
+        update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
         if flags & REMEMBER:
             _remember(passed.estimated, passed.counts, 0, row, at.POSE, at.TRAIL)

@@ -209,7 +209,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             terminated, reason = True, self._home_reason or self.navigator.end_reason
         truncated = truncated or (is_last and not terminated)
         if terminated or truncated:
-            info |= explore.task.final_metrics()
+            info |= explore.final_metrics()
             info["end_reason"] = reason or "time_limit"
         return sum(info["rewards"].values()), terminated, truncated, info
 

@@ -224,6 +224,19 @@ REACH = (
 """Whether a goal was reached, how directly, how soon and how smoothly."""
 
 
+PEOPLE = (
+    Measure("hit_person", "drove into people", "", False, digits=2),
+    Measure("hit_by_person", "people walked into it", "", None, digits=2),
+    Measure("hit_wall", "other contacts", "", False, digits=2),
+    Measure("intrusion_time", "time in personal space", "s", False),
+    Measure("least_gap", "least gap to people", "m", True, digits=2),
+    Measure("least_time_to_collision", "least time to collision", "s", True),
+)
+"""Of all tasks, where there are people: contacts by whose motion, time within 0.45 m of a person's surface (Hall, "The
+Hidden Dimension", 1966, intimate distance), the least gap to one, and the least time to collision at the velocities of
+a moment; at most 10 m and 10 s."""
+
+
 def route_driven(course: Course) -> float:
     """Return the share of the route that was driven; it ends a little before the end of its line."""
     return max(final(course, "progress"), float(course.final["is_success"]))

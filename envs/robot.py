@@ -27,6 +27,8 @@ SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 its true position."""
 
 
+FAR, LATE = 10.0, 10.0
+"""Gaps to people and times to collision beyond this count as this [m, s]."""
 KEEPS_NO_SCANS = SimpleNamespace(min_travel_distance=math.inf, min_travel_angle=math.inf)
 """When the next key scan of dead reckoning is due."""
 
@@ -188,6 +190,7 @@ class Robot:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
+        row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest

@@ -3,6 +3,8 @@
 They are the step of every environment: of one robot, of a team, of a shard's sub-environments, of a drive.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
@@ -10,12 +12,22 @@ from numba.np.unsafe.ndarray import to_fixed_tuple
 from envs.estimation.motion import gyro_motion, wheel_motion
 from envs.estimation.trail import TRAIL_SPACING
 from envs.geometry.pose import between, compose, distance
-from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
 from envs.simulation import records as at
+from envs.simulation.crowd import records as crowd_at
 from envs.simulation.kinematic import step_robots
 from envs.slam.key_scans import has_moved
 
 SETUP_SIZE = len(Setup._fields)
+PERSONAL_SPACE = 0.45
+"""Gap between footprint and person within which a robot is in personal space [m]: Hall's intimate distance ("The Hidden
+Dimension", 1966)."""
+TOUCH_GAP = 0.03
+"""Gap to the nearest person up to which a contact is one with this person [m]."""
+FAULT_SPEED = 0.05
+"""Speed towards a person up to which a robot did not drive into it [m/s]."""
+BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
+"""Values of `TOUCHED_BY`: no contact; with what rests; with a person, by the robot's own motion or by the person's."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,15 +56,55 @@ def _odometry(row, setup):
 
 
 @njit(cache=True, error_model="numpy")
-def update_robots(rows):
+def _watch_people(row, people):
+    """Bring up to date how near a robot is to people, and who caused a contact."""
+    x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
+    vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
+    gap, nearest, time = FAR, -1, LATE
+    for i in range(people.shape[0]):
+        dx, dy = people[i, crowd_at.X] - x, people[i, crowd_at.Y] - y
+        reach, away = radius + people[i, crowd_at.RADIUS], distance(dx, dy)
+        if away - reach < gap:
+            gap, nearest = away - reach, i
+        wx, wy = people[i, crowd_at.VX] - vx, people[i, crowd_at.VY] - vy
+        # |d + t w| = reach
+        speed2, closing, rest = wx * wx + wy * wy, -(dx * wx + dy * wy), away * away - reach * reach
+        root = closing * closing - speed2 * rest
+        if closing > 0.0 and root >= 0.0:
+            time = min(time, max(closing - math.sqrt(root), 0.0) / speed2)
+    row[at.PERSON_GAP], row[at.LEAST_GAP] = gap, min(row[at.LEAST_GAP], max(gap, 0.0))
+    row[at.LEAST_TIME] = min(row[at.LEAST_TIME], time)
+    row[at.INTRUSION] += period * (gap < PERSONAL_SPACE)
+    row[at.TOUCHED_BY] = BY_NOBODY
+    if row[at.TOUCHED] > 0.0:
+        row[at.TOUCHED_BY] = BY_ROBOT_ALONE
+        if nearest >= 0 and gap <= TOUCH_GAP:
+            row[at.TOUCHED_BY] = BY_ROBOT if _drove_into(row, people[nearest]) else BY_PERSON
+        if not row[at.LAST_TOUCHED] > 0.0:
+            row[at.HIT_WALL + int(row[at.TOUCHED_BY]) - BY_ROBOT_ALONE] += 1.0
+
+
+@njit(cache=True, error_model="numpy")
+def _drove_into(row, person):
+    """Tell whether a robot came nearer to a person that it touches faster than the person did."""
+    dx, dy = person[crowd_at.X] - row[at.X], person[crowd_at.Y] - row[at.Y]
+    away = max(distance(dx, dy), 1e-9)
+    own = row[at.COMMANDED_V] * (dx * math.cos(row[at.THETA]) + dy * math.sin(row[at.THETA])) / away
+    closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / away
+    return own > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
+
+
+@njit(cache=True, error_model="numpy")
+def update_robots(rows, people):
     """Bring rows up to date once the robots have moved and sensed: contacts, odometry, predicted pose, and `FLAGS`.
 
-    Between key scans the pose follows odometry, as `KeyScanSlam` says.
+    Between key scans the pose follows odometry, as `KeyScanSlam` says. `people`: rows of all people.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
         setup = Setup(*to_fixed_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))  # type: ignore[call-arg]
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
+        _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
         row[at.PATH_LENGTH] += distance(x - before[0], y - before[1])
         motion = _odometry(row, setup)
@@ -91,7 +143,7 @@ def step_rows(rows, draws, ranges, active, num_robots, segments, circles, people
             own = rows[first:last]
             crowd = (people[i], points[i], fields[i], setups[i])
             step_robots(own, draws[first:last], ranges[first:last], segments[i], circles[i], crowd)
-            update_robots(own)
+            update_robots(own, people[i])
 
 
 @njit(cache=True, error_model="numpy")
@@ -117,6 +169,17 @@ def note_positions(rows, active, positions, counts):
                 is_full |= counts[k, kind] == positions.shape[1]
                 row[at.FLAGS] -= flag
     return is_full
+
+
+def people_metrics(rows: np.ndarray) -> dict[str, float]:
+    """Return what rows tell of people at the end of an episode, of all robots of a team together."""
+    hits = {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
+    return {
+        "intrusion_time": float(rows[:, at.INTRUSION].sum()),
+        "least_gap": float(rows[:, at.LEAST_GAP].min()),
+        "least_time_to_collision": float(rows[:, at.LEAST_TIME].min()),
+        **{name: float(rows[:, k].sum()) for name, k in hits.items()},
+    }
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,11 +5,14 @@ import numpy as np
 import pytest
 
 from envs.core import LidarEnv
+from envs.geometry import Pose2D
 from envs.geometry.clearance import clearance
-from envs.measures import REACH, Course, barn_metric
+from envs.measures import PEOPLE, REACH, Course, barn_metric
 from envs.robots import load_robot
+from envs.tasks.explore import Explore
 from envs.tasks.goals import GeodesicDistance
 from envs.tasks.reach_goal import ReachGoal
+from envs.worlds import FixedRoute, World
 from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "truth"}
@@ -144,3 +147,63 @@ def test_a_world_may_have_a_goal_of_its_own_and_a_length_that_its_benchmark_coun
     assert info["geodesic_distance"] == pytest.approx(env.world.optimal_length, rel=0.2)
     with pytest.raises(ValueError, match="world 'turtlebot3_world' has no goals"):
         LidarEnv(ReachGoal, **QUICK, goal="world").reset(seed=0)
+
+
+def box(*routes):
+    """Return a square of 12 m with people who walk between two points at a speed."""
+    corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0)])
+    people = tuple(FixedRoute(0.3, np.array(points), speed) for points, speed in routes)
+    walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    return World("box", walls, np.empty((0, 3)), (Pose2D(2.0, 6.0, 0.0),), (0.0, 0.0, 12.0, 12.0), people)
+
+
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+@pytest.mark.parametrize(
+    ("people", "action", "robot_drove"),
+    [
+        ([((6.0, 6.0), (2.0, 6.0)), 1.0], STOP, False),
+        ([((2.8, 6.0), (2.8, 6.01)), 0.001], AHEAD, True),
+        ([((6.0, 6.0), (2.0, 6.0)), 1.0], 0.5 * AHEAD, False),
+    ],
+)
+def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, physics):
+    settings = {"world": box(people), "physics": physics, "start": "spawn", "goal": (8.0, 2.0, 0.0)}
+    env = LidarEnv(ReachGoal, **settings, robot="turtlebot3_waffle_pi")
+    *_, (_, _, terminated, _, info) = drive(env, action, 100)
+    assert terminated
+    assert (info["end_reason"], info["at_fault"]) == ("person", robot_drove)
+    assert (info["hit_wall"], info["hit_person"], info["hit_by_person"]) == (0, robot_drove, not robot_drove)
+    assert info["least_gap"] < 0.03
+    assert info["rewards"]["people"] == pytest.approx(-0.06, abs=0.005)
+    assert info["rewards"]["collision"] == -20.0
+
+
+def stand_by(route, time):
+    """Return the rewards of a robot of 0.22 m that stands in the box for a time, and its last info."""
+    robot = replace(load_robot("turtlebot3_waffle_pi"), radius=0.22)
+    settings = {"physics": "kinematic", "start": "spawn", "goal": (8.0, 2.0, 0.0), "time_limit": time, "robot": robot}
+    out = drive(LidarEnv(ReachGoal, world=box(route), **settings), STOP, 200)
+    return [step[4]["rewards"]["people"] for step in out], out[-1][4]
+
+
+def test_nearness_to_people_and_times_to_collision_are_measured():
+    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m beside the robot
+    assert (info["end_reason"], info["intrusion_time"]) == ("time_limit", 0.0)
+    assert info["least_gap"] == pytest.approx(0.5, abs=0.01)
+    assert min(paid) > -0.001
+    _, info = stand_by([((4.0, 6.0), (3.0, 6.0)), 0.5], 2.0)  # walks at the robot, up to a gap of 0.48 m
+    assert info["least_gap"] == pytest.approx(0.48)
+    assert info["least_time_to_collision"] == pytest.approx(0.48 / 0.5)
+    paid, info = stand_by([((2.9, 6.0), (4.9, 6.0)), 0.5], 1.0)  # walks away, from a gap of 0.38 m
+    assert info["intrusion_time"] == pytest.approx(0.1)
+    assert paid[0] == pytest.approx(-0.06 * (0.5 - 0.43) / 0.5)
+    assert info["least_time_to_collision"] == 10.0
+
+
+def test_any_task_with_people_measures_them():
+    env = LidarEnv(Explore, world="turtlebot3_world", physics="kinematic", people=2, time_limit=1.0)
+    info = rollout(env, 0, 20)[-1][4]
+    names = {measure.name for measure in PEOPLE}
+    assert names <= set(info)
+    assert names <= {measure.name for measure in env.task.measures}
+    assert not names & {measure.name for measure in Explore.measures}

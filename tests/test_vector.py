@@ -103,6 +103,7 @@ CASES = {
     "navigate": ("Navigate", QUICK),
     "reach": ("ReachGoal", QUICK),
     "reach, costs": ("ReachGoal", {**QUICK, "contact": "costs", "robot": "jackal", "reward": {"progress": 2.0}}),
+    "reach, people": ("ReachGoal", {**QUICK, "world_size": (9.0, 9.0), "people": (2, 4), "time_limit": 6.0}),
     "reach, own task": ("ReachGoal", {**QUICK, "task": Halved}),
     "reach, own parts": ("ReachGoal", {**QUICK, "observations": {"goal": None, "mine": Travelled}}),
     "reach, sensor": ("ReachGoal", {**QUICK, "sensors": [Beacon()], "observations": ("scan_history", "beacon")}),

@@ -16,6 +16,7 @@ from envs.robots import RobotParams
 from envs.simulation import Simulator
 from envs.simulation import records as at
 from envs.task import ObservationPart
+from envs.transition import BY_PERSON
 
 from . import reach_kernels as own_at
 from .goals import GeodesicDistance, GoalTask
@@ -82,7 +83,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of that
     path that is driven), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
     `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
-    `"time_limit"`), `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`). With `randomize` each step
+    `"time_limit"`), `at_fault` (whether the robot drove into what ended it; not where a person walked into it faster),
+    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`). With `randomize` each step
     also `randomized`: what the episode has drawn, by name.
 
     ## Arguments
@@ -191,6 +193,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         ideal = own[own_at.LENGTH] / self.robot.max_v if length is None else length / BARN_SPEED
         time = row[at.TIME] - own[own_at.MOVED_AT]
         return {
+            "at_fault": bool(own[own_at.END] > own_at.AT_GOAL and row[at.TOUCHED_BY] != BY_PERSON),
             "jerk": float(own[own_at.JERK] / max(row[at.STEPS], 1.0)),
             "barn_metric": float(barn_metric(own[own_at.SUCCESS] > 0.0, time, ideal)),
         }

@@ -9,6 +9,7 @@ from envs.geometry.clearance import clearance
 from envs.geometry.pose import distance
 from envs.simulation import records as at
 from envs.simulation.contact import select_near
+from envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 """The goal, map frame and world frame [m]."""
@@ -26,7 +27,9 @@ SIZE = 25
 """Number of these entries."""
 END_REASONS = (None, "reached", "wall", "person")
 """By `END`."""
-AT_GOAL, AT_WALL = 1, 2
+AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
+NEAR_PERSON = 0.5
+"""Gap to a person from which on nearness is free of charge [m]."""
 MARGIN = 0.15
 """Clearance from which on nearness to obstacles is free of charge [m]."""
 MOVED = 0.1
@@ -68,12 +71,14 @@ def update_goal(row, own, lengths, segments, circles):
     own[PROGRESS], own[TIME], own[COLLISION] = before - own[LEFT], period, period * touched
     own[END] = AT_GOAL * own[SUCCESS]
     if touched and own[ENDS] > 0.0:
-        own[END], own[SUCCESS], own[COLLISION] = AT_WALL, 0.0, 1.0
+        own[END] = AT_PERSON if row[at.TOUCHED_BY] >= BY_ROBOT else AT_WALL
+        own[SUCCESS], own[COLLISION] = 0.0, 1.0
     own[REACHED] = own[SUCCESS]
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     num_near = select_near(x, y, radius + MARGIN, segments, near)
     free = clearance(x, y, segments[near[:num_near]], circles) - radius
     own[CLEARANCE] = period * min(max((MARGIN - free) / MARGIN, 0.0), 1.0)
+    own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
     if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
         own[MOVED_AT] = row[at.TIME]
     acceleration = (row[at.COMMANDED_V] - own[LAST_V]) / period

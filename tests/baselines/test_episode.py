@@ -25,9 +25,9 @@ class ScriptedEnv(LidarEnv):
     def __init__(self, fractions, time_limit, target=0.99):
         self.fractions, self.time_limit, self.target = fractions, time_limit, target
         self.plans = [None]
-        self.task = SimpleNamespace(measures=Explore.measures, final_metrics=self._final)
+        self.task = SimpleNamespace(measures=Explore.measures)
 
-    def _final(self):
+    def final_metrics(self):
         return {"map_iou": 0.8, "area_left": 50.0 * (1.0 - self.fractions[self.step_number])}
 
     def reset(self, *, seed=None, options=None):
@@ -41,7 +41,7 @@ class ScriptedEnv(LidarEnv):
         truncated = not terminated and 2.0 * self.step_number >= self.time_limit
         info = self._info()
         if terminated or truncated:
-            info |= self._final() | {"end_reason": "covered" if terminated else "time_limit"}
+            info |= self.final_metrics() | {"end_reason": "covered" if terminated else "time_limit"}
         return {}, 0.0, terminated, truncated, info
 
     def _info(self):
