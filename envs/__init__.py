@@ -10,6 +10,7 @@ import gymnasium
 LIDAR_ENV = "envs.core:LidarEnv"
 _REACH = "envs.tasks.reach_goal:ReachGoal"
 _EXPLORE = "envs.tasks.explore:Explore"
+_FROM_SPAWN = {"robot": "jackal", "start": "spawn", "goal": "world"}
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/Explore-v0": (LIDAR_ENV, {"task": _EXPLORE}),
     "lidarnaut/ExploreTurtleBot3World-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "turtlebot3_world"}),
@@ -24,7 +25,12 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "envs.tasks.navigate:Navigate"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
-    "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house"}),
+    "lidarnaut/ReachClutter-v0": (
+        LIDAR_ENV,
+        {"task": _REACH, "world": "clutter", **_FROM_SPAWN, "goal_tolerance": 1.0, "time_limit": 100.0},
+    ),
+    "lidarnaut/ReachCrowd-v0": (LIDAR_ENV, {"task": _REACH, "world": "hall", **_FROM_SPAWN, "people": "dense"}),
+    "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house", "min_distance": 5.0}),
     "lidarnaut/Track-v0": (
         LIDAR_ENV,
         {"task": "envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},

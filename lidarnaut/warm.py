@@ -16,7 +16,8 @@ def warm() -> None:
     """Run the first seconds of an episode of everything, behind a progress bar."""
     explore = "lidarnaut/Explore-v0"
     kinematic: dict[str, Any] = {"physics": "kinematic"}
-    ids = [explore, *(f"lidarnaut/{name}-v0" for name in ("ExploreFrontiers", "ExploreTeam", "Navigate", "Track"))]
+    others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Track")
+    ids = [explore, *(f"lidarnaut/{name}-v0" for name in others)]
     physics = ["kinematic", *(["bullet"] if importlib.util.find_spec("pybullet") else [])]
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]
     cases += [(gymnasium.make, explore, kinematic | {"slam": slam}) for slam in SLAM_NAMES]

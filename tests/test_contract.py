@@ -14,6 +14,7 @@ from gymnasium.utils.env_checker import data_equivalence as same
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
 import envs  # noqa: F401  (registers the environments)
+from envs.measures import PEOPLE
 from envs.tasks.explore import Explore
 
 IDS = [id for id in gymnasium.registry if id.startswith("lidarnaut/")]
@@ -24,6 +25,7 @@ TASKS = {
     "ExploreFrontiers": {**ROOMS, "world_size": (10.0, 10.0)},
     "Navigate": {"world": "turtlebot3_world", "physics": "kinematic"},
     "ReachGoal": {"world": "turtlebot3_world", "physics": "kinematic", "contact": "costs"},
+    "ReachCrowd": {"physics": "kinematic", "contact": "costs", "people": (3, 6)},
     "Track": {
         **{"world": "turtlebot3_world", "robot": "turtlebot3_burger", "physics": "kinematic", "control_hz": 5.0},
         **{"path": [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]], "map_resolution": 0.1},
@@ -137,6 +139,7 @@ INFO_KEYS = {
     "ExploreFrontiers": EXPLORED | DECISION,
     "Navigate": MOTION | {"distance_to_goal", "geodesic_distance", "progress", "is_lost"},
     "ReachGoal": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
+    "ReachCrowd": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
     "Track": MOTION | {"deviation", "progress", "is_lost"},
 }
 
@@ -153,7 +156,8 @@ def test_info_has_every_key_rewards_sum_up_and_time_runs_out(task):
     assert out[-1][2:4] == (False, True)
     assert (info["end_reason"], info["time"]) == ("time_limit", pytest.approx(4.0))
     further = {"map_iou", "area_left"} if "Explore" in task else set()
-    further |= {"jerk", "barn_metric"} if "Reach" in task else set()
+    further |= {"at_fault", "jerk", "barn_metric"} if "Reach" in task else set()
+    further |= {measure.name for measure in PEOPLE} if task == "ReachCrowd" else set()
     assert set(info) == INFO_KEYS[task] | {"end_reason"} | further
     assert 0.0 < info.get("map_iou", 1.0) <= 1.0
 

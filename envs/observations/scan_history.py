@@ -43,6 +43,8 @@ class Sectors(NamedTuple):
     """Radius of the footprint [m]."""
     directions: np.ndarray
     """Shape (2, num_sectors), float32: cosines and sines of the middles, lidar frame."""
+    beams: np.ndarray
+    """Shape (num_sectors + 1,), int64: the first beam of each, and where the last one ends."""
 
     @classmethod
     def of(cls, robot: RobotParams, num_sectors: int) -> "Sectors":
@@ -53,18 +55,21 @@ class Sectors(NamedTuple):
         middles = first + (np.arange(num_sectors) + 0.5) * beams * lidar.angle_increment
         directions = np.array([np.cos(middles), np.sin(middles)], dtype=np.float32)
         per_radian = 1.0 / (beams * lidar.angle_increment)
-        return cls(lidar.mount.x, lidar.mount.y, lidar.mount.yaw, first, per_radian, robot.radius, directions)
+        ends = np.arange(num_sectors + 1) * lidar.num_beams // num_sectors
+        return cls(lidar.mount.x, lidar.mount.y, lidar.mount.yaw, first, per_radian, robot.radius, directions, ends)
 
 
 @njit(cache=True, error_model="numpy")
-def pool_scan(ranges, sectors):
-    """Write the least ranges of equal sectors to `sectors`, inf without a return, 0 where no beam was measured."""
-    num_beams, num_sectors = ranges.shape[0], sectors.shape[0]
-    for k in range(num_sectors):
+def pool_scan(ranges, beams, sectors):
+    """Write the least ranges of sectors to `sectors`, inf without a return, 0 where no beam was measured.
+
+    `beams`: see `Sectors`.
+    """
+    for k in range(sectors.shape[0]):
         nearest, is_known = np.float32(np.inf), False
-        for i in range(k * num_beams // num_sectors, (k + 1) * num_beams // num_sectors):
+        for i in range(beams[k], beams[k + 1]):
             is_known |= ranges[i] <= nearest
-            nearest = min(nearest, ranges[i]) if ranges[i] == ranges[i] else nearest
+            nearest = ranges[i] if ranges[i] < nearest else nearest
         sectors[k] = nearest if is_known else np.float32(0.0)
 
 
@@ -138,7 +143,7 @@ def write_history(rows, ranges, memory, lags, sectors, compensates, active, out)
         steps, num_slots = int(rows[i, at.STEPS]), ring.shape[0]
         newest = ring[steps % num_slots]
         newest[:MOTION] = rows[i, at.ODOMETRY : at.ODOMETRY + 3]
-        pool_scan(ranges[i], newest[MOTION:])
+        pool_scan(ranges[i], sectors.beams, newest[MOTION:])
         motion, age = (0.0, 0.0, 0.0), 0
         for j in range(lags.shape[0]):
             while compensates and age < lags[j]:
@@ -203,7 +208,7 @@ class ScanHistory:
         memory = robot.rows.remember(self._memory, size, np.float32)[robot.index]
         ring = memory.reshape(-1, MOTION + self._num_sectors)
         ring[:, :MOTION] = 0.0
-        pool_scan(robot.ranges, ring[0, MOTION:])
+        pool_scan(robot.ranges, self._sectors.beams, ring[0, MOTION:])
         ring[:, MOTION:] = ring[0, MOTION:]
 
     def write(self, robot: Robot, out: np.ndarray) -> None:

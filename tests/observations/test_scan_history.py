@@ -21,10 +21,10 @@ def histories(steps, **settings):
 def test_scans_are_pooled_to_the_least_range_of_each_sector():
     scan = np.array([2.0, 1.0, np.nan, 3.0, np.inf, np.inf, np.nan, np.nan, 0.5, np.inf], dtype=np.float32)
     sectors = np.empty(5, dtype=np.float32)
-    pool_scan(scan, sectors)
+    pool_scan(scan, np.arange(0, 11, 2), sectors)
     np.testing.assert_array_equal(sectors, np.float32([1.0, 3.0, np.inf, 0.0, 0.5]))
     sectors = np.empty(3, dtype=np.float32)
-    pool_scan(scan, sectors)
+    pool_scan(scan, np.array([0, 3, 6, 10]), sectors)
     np.testing.assert_array_equal(sectors, np.float32([1.0, 3.0, 0.5]))
 
 
