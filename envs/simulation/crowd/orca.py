@@ -47,40 +47,44 @@ def walk_by_orca(people, directions, robots, walls, model, dt):
     People do half of what avoids each other, and all of what avoids robots (attentive ones), who stands or walks along
     a fixed route, and walls, which no other half plane overrules.
     """
-    count = people.shape[0]
-    velocities = np.zeros((count, 2))
-    lines = np.empty((walls.segments.shape[0] + walls.circles.shape[0] + int(model.max_neighbors) + robots.shape[0], 4))
+    count, most, (segments, circles, near, grid) = people.shape[0], int(model.max_neighbors), walls
+    velocities, nearest, squares = np.zeros((count, 2)), np.empty(most, dtype=np.int64), np.empty(most)
+    lines = np.empty((segments.shape[0] + circles.shape[0] + most + robots.shape[0], 4))
     for i in range(count):
-        person = people[i]
-        if person[at.KIND] > at.BLIND:
+        if people[i, at.KIND] > at.BLIND:
             continue
-        num_walls = _add_walls(lines, person, walls, model.wall_horizon, dt)
-        num_lines = _add_people(lines, num_walls, people, i, model, dt)
-        if person[at.KIND] == at.ATTENTIVE:
-            for k in range(robots.shape[0]):
-                dx, dy = robots[k, 0] - person[at.X], robots[k, 1] - person[at.Y]
-                if dx * dx + dy * dy < model.sight * model.sight:
-                    reach = robots[k, 2] + person[at.RADIUS] + model.margin
-                    other = (robots[k, 3], robots[k, 4])
-                    avoid(lines[num_lines], (dx, dy), person[at.VX : at.VY + 1], other, reach, model.horizon, dt, 1.0)
-                    num_lines += 1
-        desired = (person[at.SPEED] * directions[i, 0], person[at.SPEED] * directions[i, 1])
-        limit = model.excess * person[at.SPEED]
-        velocities[i, 0], velocities[i, 1] = best_velocity(lines[:num_lines], num_walls, desired, limit)
+        x, y, radius, speed = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], people[i, at.SPEED]
+        own = (people[i, at.VX], people[i, at.VY])
+        num_lines = num_walls = _add_walls(lines, people, i, segments, circles, near, grid, model.wall_horizon, dt)
+        for k in range(_find_nearest(people, i, model.sight, nearest, squares)):
+            j = nearest[k]
+            away, velocity = (people[j, at.X] - x, people[j, at.Y] - y), (people[j, at.VX], people[j, at.VY])
+            reach, share = radius + people[j, at.RADIUS] + model.margin, 0.5 if people[j, at.KIND] <= at.BLIND else 1.0
+            avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, share)
+            num_lines += 1
+        for k in range(robots.shape[0] if people[i, at.KIND] == at.ATTENTIVE else 0):
+            away, velocity = (robots[k, 0] - x, robots[k, 1] - y), (robots[k, 3], robots[k, 4])
+            if away[0] * away[0] + away[1] * away[1] < model.sight * model.sight:
+                reach = radius + robots[k, 2] + model.margin
+                avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, 1.0)
+                num_lines += 1
+        desired = (speed * directions[i, 0], speed * directions[i, 1])
+        found = best_velocity(lines, num_lines, num_walls, desired, model.excess * speed)
+        velocities[i, 0], velocities[i, 1] = found
     for i in range(count):
         people[i, at.X] += dt * velocities[i, 0]
         people[i, at.Y] += dt * velocities[i, 1]
 
 
-@njit(cache=True, error_model="numpy")
-def _add_people(lines, num_lines, people, i, model, dt):
-    """Append the lines of the people nearest to person i; return how many lines there are then."""
-    person, most = people[i], int(model.max_neighbors)
-    nearest, squares, found = np.empty(most, dtype=np.int64), np.empty(most), 0
+@njit(cache=True, error_model="numpy", inline="always")
+def _find_nearest(people, i, sight, nearest, squares):
+    """Write to `nearest` who is nearest to person i within `sight` [m], and squared distances; return how many."""
+    x, y, found, most = people[i, at.X], people[i, at.Y], 0, nearest.shape[0]
+    farthest = sight * sight
     for j in range(people.shape[0]):
-        dx, dy = people[j, at.X] - person[at.X], people[j, at.Y] - person[at.Y]
+        dx, dy = people[j, at.X] - x, people[j, at.Y] - y
         square = dx * dx + dy * dy
-        if j == i or square >= model.sight * model.sight or (found == most and square >= squares[most - 1]):
+        if square >= farthest or j == i:
             continue
         k = min(found, most - 1)
         found = min(found + 1, most)
@@ -88,97 +92,90 @@ def _add_people(lines, num_lines, people, i, model, dt):
             squares[k], nearest[k] = squares[k - 1], nearest[k - 1]
             k -= 1
         squares[k], nearest[k] = square, j
-    for k in range(found):
-        other = people[nearest[k]]
-        offset_x, offset_y = other[at.X] - person[at.X], other[at.Y] - person[at.Y]
-        share = 0.5 if other[at.KIND] <= at.BLIND else 1.0
-        reach = person[at.RADIUS] + other[at.RADIUS] + model.margin
-        velocity = (other[at.VX], other[at.VY])
-        line = lines[num_lines + k]
-        avoid(line, (offset_x, offset_y), person[at.VX : at.VY + 1], velocity, reach, model.horizon, dt, share)
-    return num_lines + found
+        if found == most:
+            farthest = squares[most - 1]
+    return found
 
 
-@njit(cache=True, error_model="numpy")
-def _add_walls(lines, person, walls, horizon, dt):
+@njit(cache=True, error_model="numpy", inline="always")
+def _add_walls(lines, people, i, segments, circles, near, grid, horizon, dt):
     """Write the lines of near walls; return how many. Ends of segments and circles are round, segments straight."""
-    first, end = near_list(walls, person[at.X], person[at.Y])
-    count, radius = 0, person[at.RADIUS]
+    x, y, radius, own = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], (people[i, at.VX], people[i, at.VY])
+    first, end = near_list(near, grid, x, y)
+    count = 0
     for k in range(first, end):
-        item = int(walls.near[k])
-        nx, ny, gap = offset(walls, item, person[at.X], person[at.Y])
-        if gap > radius + horizon * 2.0 * person[at.SPEED]:
+        item = int(near[k])
+        nx, ny, gap = offset(segments, circles, item, x, y)
+        if gap > radius + 2.0 * horizon * people[i, at.SPEED]:
             continue
-        is_round, extra = item >= walls.segments.shape[0], 0.0
+        is_round, extra = item >= segments.shape[0], 0.0
         if is_round:
-            extra = walls.circles[item - walls.segments.shape[0], 2]
+            extra = circles[item - segments.shape[0], 2]
         else:
-            x0, y0, x1, y1 = walls.segments[item]
-            across = abs(nx * (x1 - x0) + ny * (y1 - y0))
-            is_round = across > 1e-6 * math.hypot(x1 - x0, y1 - y0)
-        line = lines[count]
+            ex, ey = segments[item, 2] - segments[item, 0], segments[item, 3] - segments[item, 1]
+            is_round = abs(nx * ex + ny * ey) > 1e-6 * math.hypot(ex, ey)
         if is_round and gap > radius:
-            to_x, to_y = -nx * (gap + extra), -ny * (gap + extra)
-            avoid(line, (to_x, to_y), person[at.VX : at.VY + 1], (0.0, 0.0), radius + extra, horizon, dt, 1.0)
+            away = (-nx * (gap + extra), -ny * (gap + extra))
+            avoid(lines, count, away, own, (0.0, 0.0), radius + extra, horizon, dt, 1.0)
         else:
-            line[0], line[1] = nx * (radius - gap) / horizon, ny * (radius - gap) / horizon
-            line[2], line[3] = ny, -nx
+            speed = (radius - gap) / horizon
+            lines[count, 0], lines[count, 1], lines[count, 2], lines[count, 3] = speed * nx, speed * ny, ny, -nx
         count += 1
     return count
 
 
-@njit(cache=True, error_model="numpy")
-def avoid(line, to, own, other, reach, horizon, dt, share):
-    """Write the line of velocities that avoid a disc, by the smallest change of the relative velocity (equation 5).
+@njit(cache=True, error_model="numpy", inline="always")
+def avoid(lines, k, away, own, other, reach, horizon, dt, share):
+    """Write line k: velocities that avoid a disc, by the smallest change of the relative velocity (equation 5).
 
-    `to`: its position from the person's [m]; `own`, `other`: velocities [m/s]; `reach`: sum of the radii [m];
+    `away`: its position from the person's [m]; `own`, `other`: velocities [m/s]; `reach`: sum of the radii [m];
     `horizon`: time for which they avoid each other [s], `dt` where they overlap [s]; `share`: of the change that the
     person does.
     """
+    px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
-    square = to[0] * to[0] + to[1] * to[1]
-    rate = 1.0 / (horizon if square > reach * reach else dt)
-    wx, wy = vx - rate * to[0], vy - rate * to[1]
-    beyond = wx * to[0] + wy * to[1]
-    length = math.sqrt(wx * wx + wy * wy)
-    if square <= reach * reach or (beyond < 0.0 and beyond * beyond > reach * reach * length * length):
-        scale = 1.0 / max(length, 1e-300)
-        ux, uy = wx * scale, wy * scale
-        line[2], line[3] = uy, -ux
-        change = reach * rate - length
-        change_x, change_y = change * ux, change * uy
+    square, reach2 = px * px + py * py, reach * reach
+    rate = 1.0 / (horizon if square > reach2 else dt)
+    wx, wy = vx - rate * px, vy - rate * py
+    beyond, length2 = wx * px + wy * py, wx * wx + wy * wy
+    if square <= reach2 or (beyond < 0.0 and beyond * beyond > reach2 * length2):
+        length = math.sqrt(length2)
+        ux, uy = wx / max(length, 1e-300), wy / max(length, 1e-300)
+        change_x, change_y = (reach * rate - length) * ux, (reach * rate - length) * uy
+        lines[k, 2], lines[k, 3] = uy, -ux
     else:  # past one of the tangents
-        leg = math.sqrt(square - reach * reach)
-        side = 1.0 if to[0] * wy - to[1] * wx > 0.0 else -1.0
-        line[2] = side * (to[0] * leg - side * to[1] * reach) / square
-        line[3] = side * (side * to[0] * reach + to[1] * leg) / square
-        along = vx * line[2] + vy * line[3]
-        change_x, change_y = along * line[2] - vx, along * line[3] - vy
-    line[0], line[1] = own[0] + share * change_x, own[1] + share * change_y
+        leg = math.sqrt(square - reach2)
+        side = 1.0 if px * wy - py * wx > 0.0 else -1.0
+        ex, ey = (side * px * leg - py * reach) / square, (px * reach + side * py * leg) / square
+        along = vx * ex + vy * ey
+        change_x, change_y = along * ex - vx, along * ey - vy
+        lines[k, 2], lines[k, 3] = ex, ey
+    lines[k, 0], lines[k, 1] = own[0] + share * change_x, own[1] + share * change_y
 
 
 @njit(cache=True, error_model="numpy")
-def best_velocity(lines, num_hard, desired, limit):
-    """Return the velocity nearest to the desired one, no faster than `limit`, that all lines, shape (n, 4), allow.
+def best_velocity(lines, num_lines, num_hard, desired, limit):
+    """Return the velocity nearest to the desired one, no faster than `limit`, that lines allow [m/s].
 
-    Where there is none, the one that the first `num_hard` lines allow and the others as nearly as possible [m/s].
+    Where there is none, the one that the first `num_hard` lines allow and the others as nearly as possible. Of `lines`,
+    shape (n, 4), float64, the first `num_lines` count.
     """
-    scale = min(1.0, limit / max(math.hypot(desired[0], desired[1]), 1e-300))
-    x, y, failed = _nearest_allowed(lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
-    if failed < lines.shape[0]:
-        x, y = _least_violation(lines, num_hard, failed, x, y, limit)
+    scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
+    x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
+    if failed < num_lines:
+        x, y = _least_violation(lines, num_lines, num_hard, failed, x, y, limit)
     return x, y
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_allowed(lines, x, y, limit, target, is_direction):
+def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
     """Solve the linear program in two dimensions from its solution (x, y) without lines, adding one line at a time.
 
     What is sought is the velocity nearest to `target`, or the farthest one in this direction. Returns the solution of
     all lines before the first one that leaves none, and the index of that: the number of lines if all hold.
     """
-    for i in range(lines.shape[0]):
-        px, py, ex, ey = lines[i]
+    for i in range(num_lines):
+        px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if ex * (py - y) - ey * (px - x) <= 0.0:
             continue
         middle = px * ex + py * ey
@@ -205,11 +202,11 @@ def _nearest_allowed(lines, x, y, limit, target, is_direction):
         else:
             along = min(max(ex * (target[0] - px) + ey * (target[1] - py), low), high)
         x, y = px + along * ex, py + along * ey
-    return x, y, lines.shape[0]
+    return x, y, num_lines
 
 
 @njit(cache=True, error_model="numpy")
-def _least_violation(lines, num_hard, first, x, y, limit):
+def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
     """Solve the linear program in three dimensions: the hard lines hold, the others are violated as little as can be.
 
     (x, y) holds for all lines before `first`. A line that is violated more than all before it is the one to give way
@@ -217,8 +214,8 @@ def _least_violation(lines, num_hard, first, x, y, limit):
     """
     depth = 0.0
     equal = np.empty_like(lines)
-    for i in range(first, lines.shape[0]):
-        px, py, ex, ey = lines[i]
+    for i in range(first, num_lines):
+        px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if ex * (py - y) - ey * (px - x) <= depth:
             continue
         equal[:num_hard] = lines[:num_hard]
@@ -236,7 +233,7 @@ def _least_violation(lines, num_hard, first, x, y, limit):
             length = math.hypot(bx, by)
             equal[count, 2], equal[count, 3] = bx / length, by / length
             count += 1
-        new_x, new_y, failed = _nearest_allowed(equal[:count], -ey * limit, ex * limit, limit, (-ey, ex), True)
+        new_x, new_y, failed = _nearest_allowed(equal, count, -ey * limit, ex * limit, limit, (-ey, ex), True)
         if failed == count:  # else rounding: the present solution is as good
             x, y = new_x, new_y
         depth = ex * (py - y) - ey * (px - x)

@@ -69,7 +69,7 @@ class People:
         points[points[:, 2] >= 0.0, 2] += first
         self.rows, self.points = np.vstack([self.rows, people]), np.vstack([self.points, points])
         self.fields, walls = routes.fields, routes.walls
-        numbers = [crowd.model == "orca", crowd.body == "legs", walls.origin_x, walls.origin_y, walls.rows, walls.cols]
+        numbers = [crowd.model == "orca", crowd.body == "legs", *walls.grid]
         model: tuple[float, ...] = crowd.orca if crowd.model == "orca" else crowd.forces
         self.setup = np.concatenate([np.resize([*numbers, *model], at.WALLS), walls.near])
 

@@ -166,25 +166,26 @@ def spread_costs(slowness, field):
 @njit(cache=True, error_model="numpy")
 def _clearances(free, walls):
     """Return the distance from the centre of each cell to the nearest obstacle, up to `REACH` [m]; 0 if not free."""
-    gaps = np.zeros(free.shape)
+    gaps, (segments, circles, near, grid) = np.zeros(free.shape), walls
     for row in range(free.shape[0]):
         for col in range(free.shape[1]):
             if free[row, col]:
-                x, y = walls.origin_x + (col + 0.5) * RESOLUTION, walls.origin_y + (row + 0.5) * RESOLUTION
-                gaps[row, col] = clearance(walls, x, y)
+                x, y = grid[0] + (col + 0.5) * RESOLUTION, grid[1] + (row + 0.5) * RESOLUTION
+                gaps[row, col] = clearance(segments, circles, near, grid, x, y)
     return gaps
 
 
-@njit(cache=True, error_model="numpy")
-def descent(field, walls, x, y):
-    """Return the unit vector of the steepest descent of a field at (x, y), and the field's value there [m].
+@njit(cache=True, error_model="numpy", inline="always")
+def descent(fields, k, grid, x, y):
+    """Return the unit vector of the steepest descent of field k at (x, y), and the field's value there [m].
 
     Bilinear between cells. Obstacles are as steep as they can be; where nothing is known, the vector is (0, 0).
     """
-    across, up = (x - walls.origin_x) / RESOLUTION - 0.5, (y - walls.origin_y) / RESOLUTION - 0.5
-    row, col = min(max(int(up), 0), field.shape[0] - 2), min(max(int(across), 0), field.shape[1] - 2)
+    across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
+    row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
-    a, b, c, d = field[row, col], field[row, col + 1], field[row + 1, col], field[row + 1, col + 1]
+    a, b = fields[k, row, col], fields[k, row, col + 1]
+    c, d = fields[k, row + 1, col], fields[k, row + 1, col + 1]
     if not max(max(a, b), max(c, d)) < np.inf:
         top = -np.inf
         for value in (a, b, c, d):
@@ -199,30 +200,30 @@ def descent(field, walls, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def choose_directions(people, points, fields, walls, dt, directions):
+def choose_directions(people, points, fields, grid, dt, directions):
     """Write where attentive and blind people walk next to `directions`, shape (n, 2), float64, unit vectors.
 
     Who has arrived, or has made little progress for `PATIENCE`, takes the next destination. `people`: rows, of which
-    `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `walls`: `Walls`; `dt`: time that passes
+    `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `grid`: see `Walls`; `dt`: time that passes
     [s].
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):
-        person = people[i]
-        directions[i] = 0.0
-        if person[at.KIND] > at.BLIND:
+        directions[i, 0] = directions[i, 1] = 0.0
+        if people[i, at.KIND] > at.BLIND:
             continue
         for _ in range(2):
-            field = fields[int(person[at.GOAL]) - first]
-            directions[i, 0], directions[i, 1], cost = descent(field, walls, person[at.X], person[at.Y])
-            draw = person[at.DRAWS + int(person[at.TRIP]) % at.NUM_DRAWS]
-            if cost > ARRIVAL and person[at.SLOW] < PATIENCE * (0.5 + draw):
+            goal = int(people[i, at.GOAL])
+            ahead_x, ahead_y, cost = descent(fields, goal - first, grid, people[i, at.X], people[i, at.Y])
+            draw = people[i, at.DRAWS + int(people[i, at.TRIP]) % at.NUM_DRAWS]
+            if cost > ARRIVAL and people[i, at.SLOW] < PATIENCE * (0.5 + draw):
                 break
-            person[at.GOAL] = _next_goal(int(person[at.GOAL]), draw, points, first)
-            person[at.TRIP] += 1.0
-            person[at.SLOW] = 0.0
-        progress = person[at.VX] * directions[i, 0] + person[at.VY] * directions[i, 1]
-        person[at.SLOW] = person[at.SLOW] + dt if progress < SLOW * person[at.SPEED] else 0.0
+            people[i, at.GOAL] = _next_goal(goal, draw, points, first)
+            people[i, at.TRIP] += 1.0
+            people[i, at.SLOW] = 0.0
+        directions[i, 0], directions[i, 1] = ahead_x, ahead_y
+        progress = people[i, at.VX] * ahead_x + people[i, at.VY] * ahead_y
+        people[i, at.SLOW] = people[i, at.SLOW] + dt if progress < SLOW * people[i, at.SPEED] else 0.0
 
 
 @njit(cache=True, error_model="numpy")

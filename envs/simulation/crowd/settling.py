@@ -29,25 +29,26 @@ def settle(people, starts, robots, walls, dt):
     `robots`: shape (m, 5), float64, see `social_forces`; `walls`: `Walls`; `dt`: how long the step takes [s]. Returns
     for each the robot that stopped it, or -1: shape (n,), int64; `BLOCKED` is written for these.
     """
-    count = people.shape[0]
+    count, (segments, circles, near, grid) = people.shape[0], walls
     stopped_by, is_free = np.full(count, -1), False
     for _ in range(_ROUNDS):
         is_free = not _push_apart(people)
         for i in range(count):
+            x, y = people[i, at.X], people[i, at.Y]
             if people[i, at.KIND] <= at.BLIND:
-                x, y = people[i, at.X], people[i, at.Y]
-                people[i, at.X], people[i, at.Y], has_room = push_out(walls, x, y, people[i, at.RADIUS])
-                is_free &= has_room and people[i, at.X] == x and people[i, at.Y] == y
+                new_x, new_y, has_room = push_out(segments, circles, near, grid, x, y, people[i, at.RADIUS])
+                people[i, at.X], people[i, at.Y] = new_x, new_y
+                is_free &= has_room and new_x == x and new_y == y
         if is_free:
             break
     for i in range(count):
         dx, dy = people[i, at.X] - starts[i, 0], people[i, at.Y] - starts[i, 1]
-        distance, longest = math.hypot(dx, dy), MAX_HASTE * people[i, at.SPEED] * dt
-        if people[i, at.KIND] <= at.BLIND and distance > longest:
-            people[i, at.X] = starts[i, 0] + longest / distance * dx
-            people[i, at.Y] = starts[i, 1] + longest / distance * dy
+        longest = MAX_HASTE * people[i, at.SPEED] * dt
+        if people[i, at.KIND] <= at.BLIND and dx * dx + dy * dy > longest * longest:
+            share = longest / math.sqrt(dx * dx + dy * dy)
+            people[i, at.X], people[i, at.Y] = starts[i, 0] + share * dx, starts[i, 1] + share * dy
             is_free = False
-        stopped_by[i] = _robot_ahead(people[i], starts[i], robots, dt)
+        stopped_by[i] = _robot_ahead(people, i, starts, robots, dt)
         if stopped_by[i] >= 0:
             people[i, at.X], people[i, at.Y] = starts[i, 0], starts[i, 1]
             is_free = False
@@ -82,25 +83,28 @@ def _push_apart(people):
     return found
 
 
-@njit(cache=True, error_model="numpy")
-def _robot_ahead(person, start, robots, dt):
-    """Return which robot a person that comes from `start` would walk into, or -1; who walks away from one does not."""
+@njit(cache=True, error_model="numpy", inline="always")
+def _robot_ahead(people, i, starts, robots, dt):
+    """Return which robot person i would walk into, or -1; who walks away from one does not walk into it."""
     for k in range(robots.shape[0]):
-        distance = math.hypot(robots[k, 0] - person[at.X], robots[k, 1] - person[at.Y])
-        before = math.hypot(robots[k, 0] - start[0], robots[k, 1] - start[1])
-        if distance < robots[k, 2] + person[at.RADIUS] and distance < before:
-            person[at.BLOCKED] = max(person[at.BLOCKED], (before - distance) / dt)
-            return k
+        dx, dy = robots[k, 0] - people[i, at.X], robots[k, 1] - people[i, at.Y]
+        reach = robots[k, 2] + people[i, at.RADIUS]
+        if dx * dx + dy * dy < reach * reach:
+            closer = math.hypot(robots[k, 0] - starts[i, 0], robots[k, 1] - starts[i, 1]) - math.hypot(dx, dy)
+            if closer > 0.0:
+                people[i, at.BLOCKED] = max(people[i, at.BLOCKED], closer / dt)
+                return k
     return -1
 
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
     """Put those back where they came from who are in a wall or too deep in somebody; return whether any moved."""
-    moved = False
+    moved, (segments, circles, near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND
-        if walks and clearance(walls, people[i, at.X], people[i, at.Y]) < people[i, at.RADIUS] - _TOLERANCE:
+        gap = clearance(segments, circles, near, grid, people[i, at.X], people[i, at.Y])
+        if walks and gap < people[i, at.RADIUS] - _TOLERANCE:
             moved |= _put_back(people[i], starts[i])
         for j in range(i):
             if not walks and people[j, at.KIND] > at.BLIND:

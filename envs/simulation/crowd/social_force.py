@@ -29,6 +29,9 @@ class SocialForce(NamedTuple):
     """Weight of who is behind a person, where who is ahead has 1 (the anisotropy, lambda)."""
     sideways: Share = 0.3
     """Share of a push that acts across its line, to the right of who faces the other, so that two who meet pass."""
+    braking: Positive = 1.0
+    """Greatest push of other people against where a person walks, over what makes it walk: 1 stops it, and nobody walks
+    backwards. Speed then falls with density as Weidmann (1993) measured it."""
     wall_strength: Positive = 6.0
     """How strongly a wall pushes a person who touches it [m/s2]."""
     wall_reach: Positive = 0.12
@@ -43,6 +46,8 @@ class SocialForce(NamedTuple):
 
 NUM_FORCES = len(SocialForce._fields)
 """Number of these."""
+HESITATION = 0.5
+"""Who has been slow for so long tries to pass on the other side [s]."""
 NEGLIGIBLE = 1e-3
 """Pushes below this share of those at touch are left out."""
 
@@ -54,63 +59,65 @@ def social_forces(people, directions, robots, walls, model, forces):
     `people`: rows; `directions`: shape (n, 2), float64, unit vectors of where they walk; `robots`: shape (m, 5),
     float64, (x, y, radius, vx, vy); `walls`: `Walls`; `model`: `SocialForce`. All in the world frame [m, m/s].
     """
-    count = people.shape[0]
+    count, (segments, circles, near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(NEGLIGIBLE)
-    for i in range(count):
-        person = people[i]
-        forces[i, 0] = (person[at.SPEED] * directions[i, 0] - person[at.VX]) / model.relaxation
-        forces[i, 1] = (person[at.SPEED] * directions[i, 1] - person[at.VY]) / model.relaxation
-    for i in range(count):
+    forces[:] = 0.0
+    for i in range(count):  # by indices: making a view of a row takes as long as a push
         x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
-        for j in range(i + 1, count):
+        for j in range(i):
             dx, dy = x - people[j, at.X], y - people[j, at.Y]
-            most = radius + people[j, at.RADIUS] + cutoff
+            touching = radius + people[j, at.RADIUS]
             square = dx * dx + dy * dy
-            if square >= most * most:
+            if square >= (touching + cutoff) ** 2:
                 continue
             distance = math.sqrt(square)
             nx, ny = (dx / distance, dy / distance) if distance > 0.0 else (1.0, 0.0)
-            push = model.strength * math.exp((most - cutoff - distance) / model.reach)
-            _add(forces[i], push, nx, ny, directions[i], model)
-            _add(forces[j], push, -nx, -ny, directions[j], model)
+            push = model.strength * math.exp((touching - distance) / model.reach)
+            _add(forces, i, push, nx, ny, people, directions, model)
+            _add(forces, j, push, -nx, -ny, people, directions, model)
     for i in range(count):
-        person = people[i]
-        if person[at.KIND] == at.ATTENTIVE:
-            for k in range(robots.shape[0]):
-                dx, dy = person[at.X] - robots[k, 0], person[at.Y] - robots[k, 1]
-                gap = math.sqrt(dx * dx + dy * dy) - person[at.RADIUS] - robots[k, 2]
-                if gap < cutoff:
-                    distance = gap + person[at.RADIUS] + robots[k, 2]
-                    push = model.strength * math.exp(-gap / model.reach)
-                    _add(forces[i], push, dx / distance, dy / distance, directions[i], model)
-        push_x, push_y = wall_force(walls, person[at.X], person[at.Y], person[at.RADIUS], model)
+        x, y, radius, speed = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], people[i, at.SPEED]
+        ahead_x, ahead_y = directions[i, 0], directions[i, 1]
+        most = model.braking * speed / model.relaxation
+        back = -(forces[i, 0] * ahead_x + forces[i, 1] * ahead_y)
+        spared = back - most * (1.0 - math.exp(-back / most)) if back > 0.0 else 0.0
+        forces[i, 0] += spared * ahead_x + (speed * ahead_x - people[i, at.VX]) / model.relaxation
+        forces[i, 1] += spared * ahead_y + (speed * ahead_y - people[i, at.VY]) / model.relaxation
+        for k in range(robots.shape[0] if people[i, at.KIND] == at.ATTENTIVE else 0):
+            dx, dy = x - robots[k, 0], y - robots[k, 1]
+            distance, touching = math.sqrt(dx * dx + dy * dy), radius + robots[k, 2]
+            if 0.0 < distance < touching + cutoff:
+                push = model.strength * math.exp((touching - distance) / model.reach)
+                _add(forces, i, push, dx / distance, dy / distance, people, directions, model)
+        push_x, push_y = wall_force(segments, circles, near, grid, x, y, radius, model)
         forces[i, 0] += push_x
         forces[i, 1] += push_y
-        strength = math.hypot(forces[i, 0], forces[i, 1])
-        if strength > model.max_acceleration:
-            forces[i, 0] *= model.max_acceleration / strength
-            forces[i, 1] *= model.max_acceleration / strength
+        square = forces[i, 0] * forces[i, 0] + forces[i, 1] * forces[i, 1]
+        if square > model.max_acceleration * model.max_acceleration:
+            forces[i, 0] *= model.max_acceleration / math.sqrt(square)
+            forces[i, 1] *= model.max_acceleration / math.sqrt(square)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _add(force, push, nx, ny, direction, model):
+def _add(forces, i, push, nx, ny, people, directions, model):
     """Add a push along the unit vector (nx, ny), weighted by how far ahead it comes from (equation 8 as a cosine)."""
-    ahead = -(nx * direction[0] + ny * direction[1])
+    ahead = -(nx * directions[i, 0] + ny * directions[i, 1])
     push *= model.behind + (1.0 - model.behind) * 0.5 * (1.0 + ahead)
-    force[0] += push * (nx - model.sideways * ny)
-    force[1] += push * (ny + model.sideways * nx)
+    sideways = model.sideways if people[i, at.SLOW] < HESITATION else -model.sideways
+    forces[i, 0] += push * (nx - sideways * ny)
+    forces[i, 1] += push * (ny + sideways * nx)
 
 
-@njit(cache=True, error_model="numpy")
-def wall_force(walls, x, y, radius, model):
-    """Return the push of static obstacles on a person at (x, y) with a radius [m]: (ax, ay) [m/s2].
+@njit(cache=True, error_model="numpy", inline="always")
+def wall_force(segments, circles, near, grid, x, y, radius, model):
+    """Return the push of the obstacles of `Walls` on a person at (x, y) with a radius [m]: (ax, ay) [m/s2].
 
     To the left and to the right, down and up, the strongest push counts: a wall of many pieces pushes like one.
     """
     left = right = down = up = 0.0
-    first, end = near_list(walls, x, y)
+    first, end = near_list(near, grid, x, y)
     for k in range(first, end):
-        nx, ny, gap = offset(walls, int(walls.near[k]), x, y)
+        nx, ny, gap = offset(segments, circles, int(near[k]), x, y)
         push = model.wall_strength * math.exp((radius - gap) / model.wall_reach)
         left, right = min(left, push * nx), max(right, push * nx)
         down, up = min(down, push * ny), max(up, push * ny)
@@ -123,10 +130,9 @@ def walk_by_forces(people, directions, robots, walls, model, dt):
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)
     for i in range(people.shape[0]):
-        person = people[i]
-        if person[at.KIND] > at.BLIND:
+        if people[i, at.KIND] > at.BLIND:
             continue
-        vx, vy = person[at.VX] + dt * forces[i, 0], person[at.VY] + dt * forces[i, 1]
-        slowed = min(1.0, model.excess * person[at.SPEED] / max(math.hypot(vx, vy), 1e-300))
-        person[at.X] += dt * slowed * vx
-        person[at.Y] += dt * slowed * vy
+        vx, vy = people[i, at.VX] + dt * forces[i, 0], people[i, at.VY] + dt * forces[i, 1]
+        slowed = min(1.0, model.excess * people[i, at.SPEED] / max(math.sqrt(vx * vx + vy * vy), 1e-300))
+        people[i, at.X] += dt * slowed * vx
+        people[i, at.Y] += dt * slowed * vy

@@ -37,8 +37,8 @@ def step_people(people, points, fields, setup, robots, segments, circles):
         robot, v = robots[k], robots[k, robots_at.V]
         discs[k, 0], discs[k, 1], discs[k, 2] = robot[robots_at.X], robot[robots_at.Y], radius
         discs[k, 3], discs[k, 4] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
-    corner = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
-    walls = Walls(segments, circles, setup[at.WALLS :], *corner)
+    grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
+    walls = Walls(segments, circles, setup[at.WALLS :], grid)
     starts, directions = np.empty((count, 2)), np.empty((count, 2))
     for i in range(count):
         person = people[i]
@@ -49,7 +49,7 @@ def step_people(people, points, fields, setup, robots, segments, circles):
             if people[i, at.KIND] == at.FIXED_ROUTE:
                 _follow_route(people[i], points, dt)
         if fields.shape[0] > 0:
-            choose_directions(people, points, fields, walls, dt, directions)
+            choose_directions(people, points, fields, grid, dt, directions)
             _walk(people, directions, discs, walls, setup, dt)
         stopped_by = settle(people, starts, discs, walls, dt)
         for i in range(count):

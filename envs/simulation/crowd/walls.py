@@ -19,7 +19,10 @@ _TOLERANCE = 1e-6
 
 
 class Walls(NamedTuple):
-    """Static obstacles of a world, listed by the cells of a grid that they are near; for kernels."""
+    """Static obstacles of a world, listed by the cells of a grid that they are near; for kernels.
+
+    These unpack it once: to take an array out of it for each person takes longer than all that is done with it.
+    """
 
     segments: np.ndarray
     """Shape (n, 4), float64: (x0, y0, x1, y1) [m]."""
@@ -28,14 +31,8 @@ class Walls(NamedTuple):
     near: np.ndarray
     """Shape (k,), float64: where each cell's list begins in this array, where the last one ends, then the lists:
     indices of segments, and of circles after them."""
-    origin_x: float
-    """Where the first column begins [m]."""
-    origin_y: float
-    """Where the first row begins [m]."""
-    rows: float
-    """Number of rows."""
-    cols: float
-    """Number of columns."""
+    grid: tuple[float, float, float, float]
+    """Where the first column and the first row begin [m], and how many rows and columns there are."""
 
 
 def list_walls(segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, float, float, float]) -> Walls:
@@ -46,19 +43,19 @@ def list_walls(segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, f
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1.0, math.ceil((x_max - x_min) / CELL) + 1.0
     segments, circles = np.array(segments), np.array(circles)
-    return Walls(segments, circles, _lists(segments, circles, x_min, y_min, rows, cols), x_min, y_min, rows, cols)
+    return Walls(segments, circles, _lists(segments, circles, x_min, y_min, rows, cols), (x_min, y_min, rows, cols))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def offset(walls, item, x, y):
+def offset(segments, circles, item, x, y):
     """Return the unit vector from the nearest point of an obstacle to (x, y), and the distance [m]."""
-    num_segments = walls.segments.shape[0]
+    num_segments = segments.shape[0]
     if item < num_segments:
-        dx, dy = segment_offset(x, y, walls.segments, item)
+        dx, dy = segment_offset(x, y, segments, item)
         distance = math.sqrt(dx * dx + dy * dy)
         scale, gap = 1.0 / max(distance, 1e-300), distance
     else:
-        circle = walls.circles[item - num_segments]
+        circle = circles[item - num_segments]
         dx, dy = x - circle[0], y - circle[1]
         distance = math.sqrt(dx * dx + dy * dy)
         scale, gap = 1.0 / max(distance, 1e-300), distance - circle[2]
@@ -68,7 +65,6 @@ def offset(walls, item, x, y):
 @njit(cache=True, error_model="numpy")
 def _lists(segments, circles, origin_x, origin_y, rows, cols):
     """Return `Walls.near`: first it is counted how long each list becomes, then they are written."""
-    walls = Walls(segments, circles, np.empty(0), origin_x, origin_y, rows, cols)
     num_items, num_cells, reach = segments.shape[0] + circles.shape[0], int(rows * cols), REACH + math.sqrt(0.5) * CELL
     near = np.zeros(num_cells + 2)
     for is_writing in (False, True):
@@ -84,7 +80,7 @@ def _lists(segments, circles, origin_x, origin_y, rows, cols):
             for row in range(max(math.floor(low / CELL), 0), min(math.floor(high / CELL) + 1, int(rows))):
                 for col in range(max(math.floor(left / CELL), 0), min(math.floor(right / CELL) + 1, int(cols))):
                     x, y = origin_x + (col + 0.5) * CELL, origin_y + (row + 0.5) * CELL
-                    if offset(walls, item, x, y)[2] <= reach:
+                    if offset(segments, circles, item, x, y)[2] <= reach:
                         cell = row * int(cols) + col
                         if is_writing:
                             near[int(near[cell + 1])] = item
@@ -102,36 +98,36 @@ def _lists(segments, circles, origin_x, origin_y, rows, cols):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def near_list(walls, x, y):
-    """Return where the list of what is near (x, y) begins and ends in `walls.near`; empty beyond the grid."""
-    row, col = math.floor((y - walls.origin_y) / CELL), math.floor((x - walls.origin_x) / CELL)
-    if not (0 <= row < walls.rows and 0 <= col < walls.cols):
+def near_list(near, grid, x, y):
+    """Return where the list of what is near (x, y) begins and ends in `Walls.near`; empty beyond the grid."""
+    row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
+    if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
-    cell = int(row * walls.cols + col)
-    return int(walls.near[cell]), int(walls.near[cell + 1])
+    cell = int(row * grid[3] + col)
+    return int(near[cell]), int(near[cell + 1])
 
 
-@njit(cache=True, error_model="numpy")
-def clearance(walls, x, y):
-    """Return the distance from (x, y) to the nearest obstacle, `REACH` where none is nearer [m]."""
-    first, end = near_list(walls, x, y)
+@njit(cache=True, error_model="numpy", inline="always")
+def clearance(segments, circles, near, grid, x, y):
+    """Return the distance from (x, y) to the nearest obstacle of `Walls`, `REACH` where none is nearer [m]."""
+    first, end = near_list(near, grid, x, y)
     nearest = REACH
     for k in range(first, end):
-        nearest = min(nearest, offset(walls, int(walls.near[k]), x, y)[2])
+        nearest = min(nearest, offset(segments, circles, int(near[k]), x, y)[2])
     return nearest
 
 
-@njit(cache=True, error_model="numpy")
-def push_out(walls, x, y, radius):
-    """Push a disc out of the obstacles that it overlaps, the deepest overlap first.
+@njit(cache=True, error_model="numpy", inline="always")
+def push_out(segments, circles, near, grid, x, y, radius):
+    """Push a disc out of the obstacles of `Walls` that it overlaps, the deepest overlap first.
 
     Returns its centre (x, y) [m], and whether it is free now; where it is wedged it is not.
     """
     for _ in range(_MAX_PUSHES):
-        first, end = near_list(walls, x, y)
+        first, end = near_list(near, grid, x, y)
         deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0
         for k in range(first, end):
-            nx, ny, gap = offset(walls, int(walls.near[k]), x, y)
+            nx, ny, gap = offset(segments, circles, int(near[k]), x, y)
             if radius - gap > deepest:
                 deepest, push_x, push_y = radius - gap, nx, ny
         if deepest == _TOLERANCE:
