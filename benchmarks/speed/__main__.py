@@ -27,7 +27,7 @@ from benchmarks.speed.kernels import time_kernels
 from envs.command_line import make_console, run_command
 from envs.progress import Progress
 
-Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions"]
+Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
 PLOT = Path(__file__).parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
@@ -68,6 +68,7 @@ def main(
             "growth": lambda: measuring.growth(calls, BODIES[0], seconds, repeats),
             "physics": lambda: one(parts.physics, 20 if quick else 200),
             "decisions": lambda: one(parts.decisions, 12 if quick else 120),
+            "people": lambda: one(parts.people, 30 if quick else 600),
         }
         for stage in Progress([s for s in only if not (quick and s == "growth")], desc="speed", unit="stage"):
             results[stage] = run[stage]()

@@ -1,4 +1,4 @@
-"""Both physics alone, and whole decisions: what one process on one core does."""
+"""Both physics alone, whole decisions, steps among people: what one process on one core does."""
 
 import time
 from collections.abc import Callable
@@ -17,8 +17,10 @@ ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 """Where decisions are taken."""
 NUM_DECIDING = (1, 16, 64, 256)
 """Numbers of sub-environments that decide; 1 is the single environment."""
+NUM_AMONG_PEOPLE = 64
+"""Number of sub-environments among people."""
 WARM_UP, SLICES = 3, 6
-"""Decisions before the clock starts, which compile and draw the first worlds; turns that the others are taken in."""
+"""Decisions or steps before the clock starts, which compile and draw the first worlds; turns for the others."""
 
 
 def physics(repetitions: int) -> list[dict[str, Any]]:
@@ -86,3 +88,39 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
         return 1, info["decision_steps"], info["decision_time"]
 
     return decide
+
+
+def people(count: int) -> list[dict[str, Any]]:
+    """Take `count` steps in each of 64 sub-environments that reach for goals among people; return what they take.
+
+    Halls of 12 m x 12 m, TurtleBot3 Burger (360 beams), parts `scan_history` and `goal`, random actions, kinematic
+    physics, all in one process; take turns. Once contact costs and episodes last as long as their time limit, and once
+    contact ends them, so that resets, one at each contact, are part of the figure. What counts is processor time.
+    """
+    among = {
+        (number, contact): gymnasium.make_vec(
+            "envs:lidarnaut/ReachCrowd-v0",
+            NUM_AMONG_PEOPLE,
+            "vector_entry_point",
+            num_workers=0,
+            world_size=(12.0, 12.0),
+            people=number,
+            contact=contact,
+            observations=("scan_history", "goal"),
+        )
+        for contact in ("costs", "ends")
+        for number in (0, 10, 30)
+    }
+    rng, seconds = np.random.default_rng(0), dict.fromkeys(among, 0.0)
+    actions = rng.uniform(-1.0, 1.0, (SLICES, NUM_AMONG_PEOPLE, 2)).astype(np.float32)
+    for turn in range(SLICES + 1):
+        for case, envs in among.items():
+            if turn == 0:
+                envs.reset(seed=0)
+            began = time.process_time()
+            for _ in range(WARM_UP if turn == 0 else count // SLICES):
+                envs.step(actions[turn - 1])
+            seconds[case] += (time.process_time() - began) * (turn > 0)
+    steps = NUM_AMONG_PEOPLE * SLICES * (count // SLICES)
+    rates = {case: steps / spent for case, spent in seconds.items()}
+    return [{"people": n, "contact": contact, "steps/s": rate} for (n, contact), rate in rates.items()]
