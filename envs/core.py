@@ -101,7 +101,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         num_robots = self.task.num_robots
         self.simulator = make_simulator(physics, self.robot, period, num_robots, crowd_of(people))
         if people is not None:
-            self.task.measures = (*self.task.measures, *PEOPLE)
+            self.task.measures = (*self.task.measures, *PEOPLE)  # type: ignore[misc]
         self.robots = [
             Robot(self.robot, period, self.task.make_estimator(), uses_true_motion=self.task.uses_true_motion)
             for _ in range(num_robots)

@@ -76,16 +76,15 @@ class GoalTask(WorldTask):
             raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
         self.goal = Pose2D(*map(float, goal))
         self._true_goal = self.map_pose.compose(self.goal)
-        self._measure_path()
-        return 10.0 * round(0.1 * self._usual_time())
+        return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     @abstractmethod
-    def _measure_path(self) -> None:
-        """Measure the path from where the robot is to a new goal, `_path_length` [m]."""
+    def _measure_path(self) -> float:
+        """Measure the path from where the robot is to a new goal, and return its length [m]."""
 
-    def _usual_time(self) -> float:
-        """Return four times what the path takes at full speed, and half a minute [s]."""
-        return 30.0 + 4.0 * self._path_length / self.robot.max_v
+    def _usual_time(self, length: float) -> float:
+        """Return four times what a path of a length [m] takes at full speed, and half a minute [s]."""
+        return 30.0 + 4.0 * length / self.robot.max_v
 
     def _own_goal(self) -> Pose2D:
         """Return the world's goal of the spawn nearest to the start."""
@@ -129,10 +128,11 @@ class GeodesicDistance:
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
-        free, walls = area.traversable, area.walls
+        free: np.ndarray = area.traversable
+        walls = area.walls
         if pooled > 1:
             free = np.pad(free, [(0, -size % pooled) for size in free.shape])
-            free = free.reshape(len(free) // pooled, pooled, -1, pooled).any(axis=(1, 3))
+            free = free.reshape(len(free) // pooled, pooled, -1, pooled).max(axis=(1, 3))
             walls = OccupancyGrid(free.astype(np.int8), pooled * walls.resolution, walls.origin)
         costs = np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
         costmap = Costmap(costs, walls, CostmapParams(walls.resolution, walls.resolution))

@@ -145,14 +145,15 @@ class Navigate(GoalTask):
             given = pose
         return Prior(given, grid, np.diag(std**2))
 
-    def _measure_path(self) -> None:
+    def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
         self._path_left = self._path_length = self._geodesic.length(self._true_pose)
         self.end_reason = None
+        return self._path_length
 
-    def _usual_time(self) -> float:
-        """Return as long again where the robot is to find out where it is [s]."""
-        return super()._usual_time() + 60.0 * (self.initial_pose == "unknown")
+    def _usual_time(self, length: float) -> float:
+        """Add a minute where the robot is to find out where it is [s]."""
+        return super()._usual_time(length) + 60.0 * (self.initial_pose == "unknown")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""

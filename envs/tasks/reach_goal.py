@@ -153,29 +153,28 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
         return super().reset(simulator, robots, rng, options)
 
-    def _measure_path(self) -> None:
+    def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]
         geodesic = GeodesicDistance(self.area, self._true_goal, max(1, round(CELL / self.area.walls.resolution)))
         self.arrays = (geodesic.lengths,)
         own[own_at.GOAL_X : own_at.TRUE_Y + 1] = *self.goal[:2], *self._true_goal[:2]
         own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
         own[own_at.FIELD_X : own_at.FIELD_SIDE + 1] = *geodesic.grid.origin, geodesic.grid.resolution
-        measure_goal(row, own, *self.arrays)
-        own[own_at.LENGTH] = self._path_length = float(own[own_at.LEFT])
-        own[own_at.END], own[own_at.SHARE] = 0.0, own[own_at.SUCCESS]
+        measure_goal(row, own, self.arrays[0])
+        own[own_at.LENGTH], own[own_at.END], own[own_at.SHARE] = own[own_at.LEFT], 0.0, own[own_at.SUCCESS]
+        return float(own[own_at.LENGTH])
 
-    def _usual_time(self) -> float:
-        is_benchmark = self._world.optimal_length is not None
-        return BENCHMARK_LIMIT if is_benchmark else super()._usual_time()
+    def _usual_time(self, length: float) -> float:
+        return super()._usual_time(length) if self._world.optimal_length is None else BENCHMARK_LIMIT
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
         """Measure how far the robot came; see `Task`."""
-        update_goal(self._rows.numbers[0], self._own, *self.arrays, self._world.segments, self._world.circles)
+        update_goal(self._rows.numbers[0], self._own, self.arrays[0], self._world.segments, self._world.circles)
 
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
         """Measure how far many robots came; see `Task`."""
         owns, (segments, circles, *_) = batch.memory[GOAL_MEMORY], batch.around
-        update_goals(batch.numbers, owns, *batch.task_arrays, segments, circles, batch.active)
+        update_goals(batch.numbers, owns, batch.task_arrays[0], segments, circles, batch.active)
         return _quantities(owns), _metrics(owns), owns[:, own_at.END] > 0.0
 
     def quantities(self) -> dict[str, float]:

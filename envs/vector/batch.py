@@ -77,7 +77,8 @@ class Batch:
             follows = all(robot.follows_odometry for robot in env.robots)
             rests = env.task.rests_between_scans and not env.sensors and env.on_period is None
             self._rests[i] = follows and (rests or self._are_alike[i, 1])
-        self._has_columns, self._updates_rows, self._has_no_maps = self._are_alike.all(axis=0).tolist()
+        alike: Any = self._are_alike.all(axis=0)
+        self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     @staticmethod
     def _surroundings(env: Any) -> tuple[np.ndarray, ...]:
@@ -200,9 +201,9 @@ class Batch:
         rewards = records["rewards"]
         for name, term in terms.items():
             rewards[name][where] = term[where]
-        columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
-        columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
-        for name, column in columns.items():
+        told = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
+        told |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
+        for name, column in told.items():
             records[name][where] = column.reshape(num_envs, *records.dtype[name].shape)[where]
 
     def _columns(self, chosen: list[int], num_envs: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
