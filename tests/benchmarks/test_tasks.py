@@ -8,8 +8,10 @@ import subprocess
 import sys
 from pathlib import Path
 
+import gymnasium
 import pytest
 
+from baselines import policies_for
 from benchmarks.arena.policies import parse_policy
 from benchmarks.arena.settings import Settings
 from envs.files import read_record
@@ -135,5 +137,8 @@ def test_unknown_parameters_are_refused(name, message):
 
 @pytest.mark.parametrize("path", sorted((ROOT / "configs" / "experiments").glob("*.yaml")), ids=lambda path: path.stem)
 def test_experiments_have_policies_that_can_be_made(path):
-    for name in read_record(path, Settings).policies:
-        parse_policy(name)
+    settings = read_record(path, Settings)
+    env = gymnasium.make(settings.id, physics="kinematic")
+    env.reset(seed=0)
+    for name in settings.policies:
+        parse_policy(name, policies_for(env))
