@@ -23,7 +23,7 @@ def settle(people, starts, robots, walls, dt):
     """Move people apart who overlap, and out of walls; who still has no room, or met a robot, stays where it came from.
 
     So nobody ends in a wall, and two people no deeper in each other than `MAX_OVERLAP`, as long as they began so.
-    People on fixed routes make way for nobody, and walk through walls and each other.
+    People on fixed routes make way for nobody; they walk through walls, each other and who stands, and wait for others.
 
     `people`: rows, at the positions that they want to take; `starts`: shape (n, 2), float64, where they come from [m];
     `robots`: shape (m, 5), float64, see `social_forces`; `walls`: `Walls`; `dt`: how long the step takes [s]. Returns

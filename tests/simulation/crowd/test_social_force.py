@@ -1,0 +1,197 @@
+"""The social force model against a slow reference, another implementation and measured crowds."""
+
+import math
+
+import numpy as np
+import pytest
+from numba import njit
+
+from envs.geometry.clearance import segment_offset
+from envs.simulation.crowd import Crowd
+from envs.simulation.crowd import records as at
+from envs.simulation.crowd.settling import settle
+from envs.simulation.crowd.social_force import HESITATION, NEGLIGIBLE, SocialForce, social_forces, walk_by_forces
+from envs.simulation.crowd.walls import list_walls, near_list
+from tests.crowds import CYLINDERS, begin, walk
+from tests.rooms import make_room
+
+NO_ROBOTS = np.empty((0, 5))
+
+
+def reference(people, directions, robots, walls, model):
+    """Accelerations person by person, from all others, all robots and all obstacles."""
+
+    def push(offset, touching, ahead, sideways):
+        distance = np.hypot(*offset)
+        if distance >= touching - model.reach * math.log(NEGLIGIBLE):
+            return np.zeros(2)
+        normal = offset / distance
+        weight = model.behind + (1.0 - model.behind) * (1.0 - normal @ ahead) / 2.0
+        strength = weight * model.strength * math.exp((touching - distance) / model.reach)
+        return strength * (normal + sideways * np.array([-normal[1], normal[0]]))
+
+    forces = []
+    for i, person in enumerate(people):
+        at_i, ahead, radius = person[[at.X, at.Y]], directions[i], person[at.RADIUS]
+        sideways = model.sideways if person[at.SLOW] < HESITATION else -model.sideways
+        others = sum(
+            push(at_i - other[[at.X, at.Y]], radius + other[at.RADIUS], ahead, sideways)
+            for j, other in enumerate(people)
+            if j != i
+        )
+        drive = person[at.SPEED] / model.relaxation
+        if (back := -others @ ahead) > 0.0:
+            most = model.braking * drive
+            others = others + (back - most * (1.0 - math.exp(-back / most))) * ahead
+        force = others + drive * ahead - person[[at.VX, at.VY]] / model.relaxation
+        if person[at.KIND] == at.ATTENTIVE:
+            force += sum(push(at_i - robot[:2], radius + robot[2], ahead, sideways) for robot in robots)
+        first, end = near_list(walls.near, walls.grid, *at_i)
+        near = walls.near[first:end].astype(int)
+        offsets = [segment_offset(*at_i, walls.segments, k) for k in near[near < len(walls.segments)]]
+        for x, y, size in walls.circles[near[near >= len(walls.segments)] - len(walls.segments)]:
+            offset = at_i - (x, y)
+            offsets.append(offset * (1.0 - size / np.hypot(*offset)))
+        offsets.append((100.0, 100.0))
+        gaps = np.hypot(*np.transpose(offsets))
+        pushes = np.transpose(offsets) / gaps * model.wall_strength * np.exp((radius - gaps) / model.wall_reach)
+        force += np.maximum(pushes, 0.0).max(axis=1) + np.minimum(pushes, 0.0).min(axis=1)
+        forces.append(force * min(1.0, model.max_acceleration / np.hypot(*force)))
+    return np.array(forces)
+
+
+def random_people(rng, seed):
+    people = begin(CYLINDERS, Crowd(number=25, attentive=0.5), seed).rows
+    count = len(people)
+    people[:, [at.VX, at.VY]] = rng.uniform(-1.0, 1.0, (count, 2))
+    people[:, at.SLOW] = rng.choice([0.0, 1.0], size=count)
+    angles = rng.uniform(-math.pi, math.pi, count)
+    return people, np.column_stack([np.cos(angles), np.sin(angles)])
+
+
+def forces_of(people, directions, robots, walls, model):
+    forces = np.empty((len(people), 2))
+    social_forces(people, directions, robots, walls, model, forces)
+    return forces
+
+
+@pytest.mark.parametrize("model", [SocialForce(), SocialForce(strength=2.1, behind=0.1, sideways=0.0, braking=3.0)])
+def test_forces_are_those_of_the_reference(model):
+    rng = np.random.default_rng(0)
+    walls = list_walls(CYLINDERS.segments, CYLINDERS.circles, CYLINDERS.bounds)
+    robots = np.array([(0.5, 0.2, 0.3, 1.0, 0.0), (-2.0, 3.0, 0.2, 0.0, 0.0)])
+    for seed in range(10):
+        people, directions = random_people(rng, seed)
+        expected = reference(people, directions, robots, walls, model)
+        np.testing.assert_allclose(forces_of(people, directions, robots, walls, model), expected, atol=1e-9)
+
+
+def test_forces_are_those_of_pysocialforce():
+    """Terms of the same formula in PySocialForce 1.1.2 (MIT), computed as follows, on state rows x, y, vx, vy, goal.
+
+    `DesiredForce`, `max_speeds` set to 1.3; `ObstacleForce` with factor 10, sigma 0.2, threshold 3 and the agents'
+    radius of 0.35 m, for a point at (0.5, 1.0); and the gradient of `PedPedPotential(0.0, v0=2.1, sigma=0.3)` (forward
+    differences over 1 mm), which does not know radii:
+
+        simulator = pysocialforce.Simulator(state, obstacles=[(0.5, 0.61, 1.0, 1.0)])
+        force = pysocialforce.forces.DesiredForce(); force.init(simulator, simulator.config); force.get_force()
+        -pysocialforce.potentials.PedPedPotential(0.0, v0=2.1, sigma=0.3).grad_r_ab(state).sum(axis=1)
+    """
+    goals = np.array([(4.0, 1.0), (-3.0, 0.5), (0.5, 4.0), (2.0, -5.0)])
+    people = np.zeros((4, at.PERSON_SIZE))
+    people[:, [at.X, at.Y, at.VX, at.VY]] = [
+        (0.0, 0.0, 0.6, 0.2), (0.9, 0.3, -0.5, 0.1), (0.2, -0.8, 0.0, 0.9), (1.6, -0.4, 0.3, -0.2)
+    ]  # fmt: skip
+    people[:, at.RADIUS], people[:, at.SPEED] = 0.35, 1.3
+    ahead = goals - people[:, [at.X, at.Y]]
+    directions = ahead / np.hypot(*ahead.T)[:, None]
+    plain = SocialForce(
+        strength=1e-12, reach=0.3, behind=1.0, sideways=0.0, braking=1e9, wall_strength=1e-12, max_acceleration=1e9
+    )
+    point = list_walls(np.empty((0, 4)), np.array([(0.5, 1.0, 0.0)]), (-2.0, -2.0, 3.0, 3.0))
+
+    def forces(**changes):
+        return forces_of(people, directions, NO_ROBOTS, point, plain._replace(**changes))
+
+    goal = [
+        (1.3223705, 0.230592625),
+        (-1.596587925, -0.066841645),
+        (0.162183544, 0.794936704),
+        (-0.374762997, -2.190225529),
+    ]
+    np.testing.assert_allclose(forces(), goal, atol=1e-8)
+    obstacle = [(-0.096105973, -0.192211947), (0.506899229, -0.88707365)]  # who is within 0.9 m, or little farther
+    np.testing.assert_allclose((forces(wall_strength=10.0, wall_reach=0.2) - forces())[:2], obstacle, atol=1e-8)
+    # V0 / sigma = 7 m/s2 at a distance of 0, which is e^(-0.7 / 0.3) of it where radii touch.
+    others = [
+        (-0.41785498, 0.347349241),
+        (0.146602138, 0.352654345),
+        (0.007576216, -0.52697845),
+        (0.262650476, -0.174679929),
+    ]
+    pushes = forces(strength=7.0 * math.exp(-0.7 / 0.3)) - forces()
+    np.testing.assert_allclose(pushes, others, atol=4e-3)
+
+
+@njit
+def mean_speed(people, walls, model, periods, first, dt):
+    """Let people walk around a ring; return their mean speed around it from a period on [m/s]."""
+    count, total = people.shape[0], 0.0
+    directions, starts = np.empty((count, 2)), np.empty((count, 2))
+    for period in range(periods):
+        for i in range(count):
+            x, y = people[i, at.X], people[i, at.Y]
+            starts[i, 0], starts[i, 1] = x, y
+            directions[i, 0], directions[i, 1] = -y / math.hypot(x, y), x / math.hypot(x, y)
+        walk_by_forces(people, directions, np.empty((0, 5)), walls, model, dt)
+        settle(people, starts, np.empty((0, 5)), walls, dt)
+        for i in range(count):
+            people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
+            people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt
+            if period >= first:
+                total += people[i, at.VX] * directions[i, 0] + people[i, at.VY] * directions[i, 1]
+    return total / (count * (periods - first))
+
+
+def test_speed_falls_with_density_as_measured():
+    """Weidmann, "Transporttechnik der Fussgaenger" (1993): v = 1.34 (1 - exp(-1.913 (1 / density - 1 / 5.4))) [m/s]."""
+    inner, outer, radius = 4.0, 6.5, 0.2
+    angles = np.linspace(0.0, 2.0 * math.pi, 97)
+    rings = [size * np.column_stack([np.cos(angles), np.sin(angles)]) for size in (inner, outer)]
+    segments = np.vstack([np.column_stack([ring[:-1], ring[1:]]) for ring in rings])
+    walls = list_walls(segments, np.empty((0, 3)), (-7.0, -7.0, 7.0, 7.0))
+    spots = [
+        (size * math.cos(angle), size * math.sin(angle))
+        for size in np.arange(inner + radius + 0.02, outer - radius, 2.0 * radius + 0.01)
+        for angle in np.linspace(0.0, 2.0 * math.pi, int(2.0 * math.pi * size / 0.41), endpoint=False)
+    ]
+    speeds = []
+    for density in (0.5, 1.0, 2.0, 3.0, 4.0):
+        count = round(density * math.pi * (outer**2 - inner**2))
+        people = np.zeros((count, at.PERSON_SIZE))
+        people[:, [at.X, at.Y]] = np.array(spots)[np.linspace(0, len(spots) - 1, count).astype(int)]
+        people[:, at.RADIUS], people[:, at.SPEED] = radius, 1.34
+        speeds.append(mean_speed(people, walls, SocialForce(), 800, 400, 0.05))
+        measured = 1.34 * (1.0 - math.exp(-1.913 * (1.0 / density - 1.0 / 5.4)))
+        assert speeds[-1] == pytest.approx(measured, abs=0.15), density
+    assert np.all(np.diff(speeds) < -0.1)
+
+
+def lane_order(rows):
+    """Rex and Loewen, "Influence of hydrodynamic interactions on lane formation" (2008): mean of ((n - m) / (n + m))^2.
+
+    Of those at most 0.5 m beside a person's line, n walk to the same end as the person, and m to the other.
+    """
+    beside = np.abs(rows[:, at.Y, None] - rows[:, at.Y]) < 0.5
+    same = (beside & (rows[:, at.GOAL, None] == rows[:, at.GOAL])).sum(axis=1)
+    total = beside.sum(axis=1)
+    return np.mean(((2 * same - total) / total) ** 2)
+
+
+def test_lanes_form_in_a_corridor():
+    corridor = make_room(-15, -2.5, 15, 2.5)
+    crowd = Crowd(number=40, flow="along", radius=(0.2, 0.2))
+    for seed in range(3):
+        people = begin(corridor, crowd, seed)
+        assert lane_order(people.rows) < 0.2
+        assert np.mean([lane_order(rows) for rows in walk(corridor, people, 600)[200:]]) > 0.35
