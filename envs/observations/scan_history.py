@@ -29,22 +29,21 @@ MOTION = 3
 
 
 class Sectors(NamedTuple):
-    """Where the sectors of a lidar are."""
+    """Where the sectors of a lidar are.
+
+    Pose of the lidar, base frame [m, rad]; beginning of the first sector, lidar frame [rad]; sectors in a radian;
+    radius of the footprint [m]; cosines and sines of the middles, lidar frame, shape (2, n), float32; and the first beam
+    of each, and where the last one ends, shape (n + 1,), int64.
+    """
 
     x: float
     y: float
     yaw: float
-    """Pose of the lidar, base frame [m, rad]."""
     first: float
-    """Beginning of the first sector, lidar frame [rad]."""
     per_radian: float
-    """Sectors in a radian."""
     radius: float
-    """Radius of the footprint [m]."""
     directions: np.ndarray
-    """Shape (2, num_sectors), float32: cosines and sines of the middles, lidar frame."""
     beams: np.ndarray
-    """Shape (num_sectors + 1,), int64: the first beam of each, and where the last one ends."""
 
     @classmethod
     def of(cls, robot: RobotParams, num_sectors: int) -> "Sectors":
@@ -94,9 +93,8 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     What a sector shows lies in its middle, and between sectors of one surface is a straight line. `motion`: pose
     (x, y, theta) of the base now, as seen from where it measured `ranges`; `polar`: shape (2, n), float32, workspace.
     """
-    lidar = (sectors.x, sectors.y, sectors.yaw)
-    there = compose(motion[0], motion[1], motion[2], lidar[0], lidar[1], lidar[2])
-    x, y, theta = between(lidar[0], lidar[1], lidar[2], there[0], there[1], there[2])
+    x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
+    x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
     x, y, turn = np.float32(x), np.float32(y), np.float32((theta + sectors.first) % (2.0 * math.pi))
     count, scale = ranges.shape[0], np.float32(sectors.per_radian)
     whole = np.float32(2.0 * math.pi) * scale

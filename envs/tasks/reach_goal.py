@@ -105,10 +105,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """
 
     measures: ClassVar[Sequence[Measure]] = REACH
-    weights = {
-        **{"progress": 1.0, "time": -0.2, "collision": -20.0, "reached": 10.0},
-        **{"clearance": -0.4, "people": -0.6},
-    }
+    weights = dict(progress=1.0, time=-0.2, collision=-20.0, reached=10.0, clearance=-0.4, people=-0.6)
 
     needs_explorable = False
     slam: Any = "odometry"
