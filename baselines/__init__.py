@@ -52,9 +52,15 @@ Makers = Mapping[str, Callable[[], Any]]
 """What makes policies, by their names."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
 """Of robots that are driven by twists, whatever their task."""
+DRIVES = {
+    "pursuit": GoalParams(max_recoveries=50, max_searches=20),
+    "pursuit:fast": GoalParams(local_planner="rpp:fast", max_recoveries=50, max_searches=20),
+    "dwb": GoalParams(local_planner="dwb", max_recoveries=50, max_searches=20),
+}
+"""Drives to goals by name. They do not give up soon: what blocks the path may be somebody who walks on."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
-    "goal": {"pursuit": GoalNavigator, "dwb": partial(GoalNavigator, GoalParams(local_planner="dwb"))},
+    "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
 """Of tasks that offer something: attributes of the task; see `policies_for`."""

@@ -9,6 +9,7 @@ from typing import Protocol
 import numpy as np
 
 from envs.estimation import Belief
+from envs.estimation.tracking import PeopleTracker
 from envs.files import resolve
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.dwb import DwbPlanner
@@ -17,7 +18,7 @@ from envs.navigation.navigator_kernels import FAILED
 from envs.navigation.params import NavigatorParams, PlanningParams
 from envs.navigation.paths import is_path_valid, plan_path, smooth_path
 from envs.navigation.planning_map import PlanningMap
-from envs.navigation.pursuit import PathFollower
+from envs.navigation.pursuit import FAST, PathFollower
 from envs.navigation.reactive_driving import ReactiveDriver
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
@@ -26,16 +27,28 @@ STOP = Twist(0.0, 0.0)
 """Zero velocity."""
 CLEARED_RADIUS = 1.5
 """Marks of scans this near to a robot that recovers are cleared [m]."""
-MARGIN = 3.0
-"""Unknown space around a map that grows, and around a goal beyond it, through which paths may lead [m]."""
+MARGIN, MAX_MARGIN = 3.0, 12.0
+"""Unknown space around a map that grows, and around goal and robot beyond it, through which paths may lead [m]: at
+first, and at most, since it is doubled where there is no path."""
+EDGE = 1.0
+"""Planning cells reach at least this far beyond the robot [m]."""
+NO_TRACKS = np.empty((0, 5))
+"""Nobody is tracked."""
 HOME = (0.0, 0.0)
 """Where the map begins (x, y), map frame [m]."""
 
 
-class LocalPlanner(Protocol):
-    """Follows one path at a time. Constructed with the robot and the control period [s].
+ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
+"""How paths are planned where a map is given..."""
+ON_GROWING_MAPS = PlanningParams(cell=0.05, padding=0.0, tight_radii=(0.9,), marking_range=8.0, clearing_range=8.5)
+"""...and where there is none, or not all of it: scans mark from afar, and robots need no detour where they fit."""
 
-    Obstacles come in the robot's own frame and not out of a map, so that stops do not depend on the pose estimate.
+
+class LocalPlanner(Protocol):
+    """Follows one path at a time. Constructed with the robot, the control period [s] and a random generator.
+
+    Obstacles come in the robot's own frame and not out of a map, so that stops do not depend on the pose estimate. One
+    that has an attribute `tracks` finds people there where the navigator tracks them; see `PeopleTracker.people`.
     """
 
     @property
@@ -53,8 +66,13 @@ class LocalPlanner(Protocol):
         """Return the next twist, by the estimated pose (map frame), the velocity now, and `Navigator.obstacles`."""
 
 
-LOCAL_PLANNERS: dict[str, Callable[[RobotParams, float], LocalPlanner]] = {"rpp": PathFollower, "dwb": DwbPlanner}
-"""Regulated pure pursuit and DWB."""
+MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
+LOCAL_PLANNERS: dict[str, MakePlanner] = {
+    "rpp": lambda robot, period, _: PathFollower(robot, period),
+    "rpp:fast": lambda robot, period, _: PathFollower(robot, period, FAST),
+    "dwb": lambda robot, period, _: DwbPlanner(robot, period),
+}
+"""Regulated pure pursuit, the same with numbers for fast robots, and DWB."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +80,9 @@ class GoalParams:
     """How to drive to a goal."""
 
     local_planner: str = "rpp"
-    """What follows paths: `rpp`, `dwb`, or `module:attribute` of a `LocalPlanner`."""
+    """What follows paths: `rpp`, `rpp:fast`, `dwb`, or `module:attribute` of a `LocalPlanner`."""
+    track_people: bool = False
+    """Whether people are tracked in the scans, for planners that predict where they will be."""
     allow_unknown: bool | None = None
     """Whether paths may cross what neither map nor scans know; None: on maps that grow."""
     goal_tolerance: float = 0.15
@@ -71,7 +91,7 @@ class GoalParams:
     """Turn at which a goal's heading counts as reached [rad]."""
     update_period: float = 0.3
     """Time between two scans that are integrated into the costmap [s]."""
-    check_period: float = 1.0
+    check_period: float = 0.3
     """Time between two checks whether the path is still free [s]."""
     stray_distance: float = 0.5
     """Distance from the path at which another is planned [m]."""
@@ -100,9 +120,12 @@ class GoalNavigator:
     def __init__(
         self,
         params: GoalParams = GoalParams(),
-        planning: PlanningParams = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75)),
+        planning: PlanningParams | None = None,
     ) -> None:
-        """Take parameters: how to drive, and how paths are planned; `reset` prepares for an episode."""
+        """Take parameters: how to drive, and how paths are planned (None: `ON_KNOWN_MAPS` or `ON_GROWING_MAPS`).
+
+        `reset` prepares for an episode.
+        """
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Where to drive (x, y), map frame [m]."""
@@ -116,11 +139,15 @@ class GoalNavigator:
         # Whether the goal is reached is judged here, with the heading.
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
-        self._planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")(robot, control_period)
+        make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
+        self._planner = make_planner(robot, control_period, rng)
+        self._tracker = PeopleTracker(robot.lidar, control_period) if self.params.track_people else None
+        self.tracks = NO_TRACKS
+        """People that are tracked; see `PeopleTracker.people`."""
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
         """The costmap; None before the first `act`."""
-        self._allow_unknown = bool(self.params.allow_unknown)
+        self._allow_unknown, self._margin = bool(self.params.allow_unknown), MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
         self._was_localized = False
@@ -156,7 +183,7 @@ class GoalNavigator:
         self._forget_goal()
         self.goal, self._heading = (float(goal[0]), float(goal[1])), heading
         if self.map is not None and self._allow_unknown:
-            self.map.reach_beyond(self.goal, MARGIN)
+            self.map.reach_beyond([self.goal], self._margin)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         """Return the twist for the next control period, and update `end_reason`; see `Explorer`.
@@ -173,18 +200,27 @@ class GoalNavigator:
         """Take note of what the last scan has changed in the map."""
         update = belief.update
         if self.map is None:
-            self.map = PlanningMap(self._robot, belief.grid.resolution, self.planning)
             if self.params.allow_unknown is None:
                 self._allow_unknown = update.window is not None or update.redrawn
-            if self._allow_unknown and self.goal is not None:
-                self.map.reach_beyond(self.goal, MARGIN)
+            planning = self.planning or (ON_GROWING_MAPS if self._allow_unknown else ON_KNOWN_MAPS)
+            self.map = PlanningMap(self._robot, belief.grid.resolution, planning)
+        if self._allow_unknown and self.goal is not None and not self._is_inside(belief.pose):
+            self.map.reach_beyond([self.goal, belief.pose[:2]], self._margin)
         self._has_path &= not update.redrawn
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         return self.map
 
+    def _is_inside(self, pose: Pose2D) -> bool:
+        """Tell whether planning cells reach beyond a pose."""
+        assert self.map is not None
+        (row, col), (height, width) = self.map.cell(*pose[:2]), self.map.joined.shape
+        edge = EDGE / self.map.side
+        return bool(edge < row < height - edge and edge < col < width - edge)
+
     def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
         pose, navigator = belief.pose, self._navigator
         has_failed = self._sense(reading, pose)
+        self._track(reading.ranges)
         if self._is_blind(reading.ranges) or not self.is_driving:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
@@ -227,6 +263,13 @@ class GoalNavigator:
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
 
+    def _track(self, ranges: np.ndarray) -> None:
+        """Track people, for a planner that asks for them."""
+        if self._tracker is not None:
+            self.tracks = self._tracker.update(ranges, self._navigator.motion)
+            if hasattr(self._planner, "tracks"):
+                self._planner.tracks = self.tracks
+
     def _is_due(self, period: float) -> bool:
         """Tell whether it is time for what is done once in a period [s]."""
         return self._steps % max(1, round(period / self._period)) == 0
@@ -239,10 +282,14 @@ class GoalNavigator:
         return math.dist(pose[:2], self.goal) <= self.params.goal_tolerance
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan; with less footprint, and then without the marks of scans, where there is no path."""
+        """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans."""
         assert self.goal is not None
         tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
         for forget, self._level in product((False, True), range(planning.max_level + 1)):
+            if forget and allow_unknown and self._margin < MAX_MARGIN:
+                self._margin *= 2.0
+                planning.reach_beyond([self.goal, pose[:2]], self._margin)
+                return False
             if forget and self._level == 0:
                 planning.clear_marks()
             costmap = planning.costmap(self._level, pose)

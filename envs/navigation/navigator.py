@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import Correction
+from envs.estimation import ORIGIN, Correction
 from envs.estimation.motion import make_motion_source
 from envs.geometry import Pose2D
 from envs.navigation.navigator_kernels import (
@@ -72,6 +72,8 @@ class Navigator:
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
         """Velocity by odometry."""
+        self.motion = ORIGIN
+        """Motion by odometry since the last reading."""
 
     def reset(self, reading: Reading) -> None:
         """Begin an episode with its first reading."""
@@ -193,7 +195,7 @@ class Navigator:
 
         Further ones, such as other robots, are `others`: shape (m, 2), float64, base frame [m].
         """
-        motion = self._odometry.update(reading)
+        self.motion = motion = self._odometry.update(reading)
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
         state, sensors = (self._records, self._obstacles), (reading.ranges, self._directions, reading.bumper)
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)

@@ -79,7 +79,7 @@ def navigator_numbers(
         "stall_distance": 0.25 * robot.radius + 0.02,
         "spin_rate": min(robot.max_w, params.spin_rate),
         "back_reach": 0.5 * robot.radius + 0.1,  # how far the robot backs up
-        "back_speed": 0.4 * robot.max_v,
+        "back_speed": min(0.4 * robot.max_v, 0.4),
     }
 
 
@@ -125,8 +125,9 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
     v, w = 0.0, 0.0
     if record.back_steps > 0:
         record.back_steps -= 1
-        look = 2.0 * record.back_v * numbers.period
-        if free_distance(around, 0.0, numbers.radius, look) < 0.5 * abs(look):
+        # What braking takes, from the end of the period on.
+        look = record.back_v * numbers.period + 0.5 * record.back_v * abs(record.back_v) / numbers.braking_v
+        if free_distance(around, 0.0, numbers.radius, look) < abs(look):
             record.back_steps = 0
         else:
             v = record.back_v

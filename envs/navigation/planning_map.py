@@ -5,6 +5,7 @@ that has grown, or changed as a whole, is looked at anew from end to end.
 """
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -92,7 +93,7 @@ class PlanningMap:
         self._data: np.ndarray | None = None
         self._pending: Window | None = None
         self._known: Window | None = None
-        self._beyond, self._point = 0.0, (0.0, 0.0)
+        self._beyond, self._points = 0.0, np.zeros((1, 2))
         self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
         """Shape (m, 2), float64: frontier cells that are ignored, with their neighbours, map frame [m]."""
@@ -115,9 +116,9 @@ class PlanningMap:
             if changed[0] < changed[2] and changed[1] < changed[3]:
                 self._pending = union(self._pending, changed)
 
-    def reach_beyond(self, point: tuple[float, float], margin: float) -> None:
-        """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and point (x, y), map frame."""
-        self._beyond, self._point, self._data = margin, point, None
+    def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
+        """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and points (x, y), map frame."""
+        self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
         """Bring joined cells and frontier up to date."""
@@ -243,8 +244,8 @@ class PlanningMap:
         self._size = -(-rows // self.block), -(-cols // self.block)
         top = left = above = right = 0
         if self._beyond > 0.0:
-            (x0, y0, x1, y1), (x, y) = grid.bounds, self._point
-            gaps = np.maximum((y0 - y, x0 - x, y - y1, x - x1), 0.0)
+            (x0, y0, x1, y1), (x, y) = grid.bounds, self._points.T
+            gaps = np.maximum((y0 - min(y), x0 - min(x), max(y) - y1, max(x) - x1), 0.0)
             top, left, above, right = np.rint((gaps + self._beyond) / self.side).astype(int).tolist()
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
@@ -266,7 +267,11 @@ class PlanningMap:
         self.entries = np.empty((1024, 2), dtype=np.int32)
         """Queue of searches."""
         first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
-        self._pending, self._known = (top + first_row, left + first_col, top + last_row + 1, left + last_col + 1), None
+        self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
+        self._known = None
+        if len(marked):
+            first, last = marked.min(axis=0).tolist(), marked.max(axis=0).tolist()
+            self._known = (*self.cell(*first), *(k + 1 for k in self.cell(*last)))
 
     def _spoil(self, window: Window) -> None:
         """Take note that map or marks have changed in a window."""

@@ -15,6 +15,7 @@ from envs.navigation.goal_navigator import LOCAL_PLANNERS
 from envs.navigation.reactive_driving import ReactiveDriver
 from envs.robots import load_robot
 from envs.tasks.navigate import Navigate
+from envs.tasks.reach_goal import ReachGoal
 from tests.baselines.maps import reading_of
 from tests.navigation.costs import cost_at
 
@@ -96,7 +97,7 @@ def test_goals_that_are_not_finite_are_refused_and_the_old_one_stays():
         with pytest.raises(ValueError, match="finite"):
             navigator.set_goal(goal, heading)
         assert navigator.goal == (1.0, 0.0)
-    with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, dwb"):
+    with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, rpp:fast, dwb"):
         navigator_to((1.0, 0.0), local_planner="teb")
 
 
@@ -119,6 +120,37 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     navigator = navigator_to((6.0, 0.0))
     assert navigator.act(reading_of(), growing).v > 0.0
     np.testing.assert_allclose(navigator.plan[-1], (6.0, 0.0), atol=0.1)
+
+
+def unknown(pose=HERE):
+    """Return what dead reckoning believes, which keeps no map."""
+    blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
+    return Belief(pose, blank, MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 0, 0)))
+
+
+def test_without_a_map_planning_cells_follow_robot_and_goal_and_reach_farther_where_there_is_no_path():
+    navigator = navigator_to((2.0, 0.0))
+    assert navigator.act(reading_of(), unknown()).v > 0.0
+    y = np.arange(-4.4, 4.4, 0.05)
+    navigator.map.mark(np.column_stack([np.full_like(y, 1.0), y]))
+    wall, ahead = reading_of(), np.cos(BURGER.lidar.angles)
+    wall.ranges[ahead > 0.25] = (1.0 - BURGER.lidar.mount.x) / ahead[ahead > 0.25]
+    belief = unknown()
+    for _ in range(9):
+        navigator.act(wall, belief)
+    assert navigator.end_reason is None
+    assert np.abs(navigator.plan[:, 1]).max() > 3.1
+    far = unknown(Pose2D(30.0, 0.0, 0.0))
+    navigator.set_goal((33.0, 0.0))
+    assert navigator.act(reading_of(), far).v > 0.0
+    np.testing.assert_allclose(navigator.plan[-1], (33.0, 0.0), atol=0.1)
+
+
+def test_goals_among_cylinders_are_reached_by_odometry():
+    env = LidarEnv(ReachGoal, world="barn:6", physics="kinematic", start="spawn", goal="world", goal_tolerance=1.0)
+    result = run_episode(env, GoalNavigator(GoalParams(local_planner="rpp:fast")), 0)
+    assert result.end_reason == "reached"
+    assert result.barn_metric > 0.45
 
 
 def test_a_bump_is_left_and_remembered_also_when_the_map_grows():
