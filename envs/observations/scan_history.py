@@ -32,8 +32,8 @@ class Sectors(NamedTuple):
     """Where the sectors of a lidar are.
 
     Pose of the lidar, base frame [m, rad]; beginning of the first sector, lidar frame [rad]; sectors in a radian;
-    radius of the footprint [m]; cosines and sines of the middles, lidar frame, shape (2, n), float32; and the first beam
-    of each, and where the last one ends, shape (n + 1,), int64.
+    radius of the footprint [m]; cosines and sines of the middles, lidar frame, shape (2, n), float32; and the first
+    beam of each, and where the last one ends, shape (n + 1,), int64.
     """
 
     x: float

@@ -136,6 +136,8 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if scene.particles is not None:
         step = max(1, len(scene.particles) // MAX_PARTICLES)
         draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
+    if not (grid.data >= 0).any():  # no map is kept: show at least what the robot sees
+        draw_dots(beam_ends(scene.robot, scene.belief.pose, scene.ranges)[1][np.isfinite(scene.ranges)], 5, style.LIDAR)
     if scene.tracks is not None:
         for x, y, vx, vy, radius in people_in(scene.tracks, start).tolist():
             _draw_person(surface, view, (x, y), (vx, vy), radius, width=3)
