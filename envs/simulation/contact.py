@@ -71,6 +71,28 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
     return x, y, touched, False
 
 
+@njit(cache=True, error_model="numpy")
+def leave(x, y, dx, dy, limit, radius, segments, near, num_near, circles):
+    """Move a circle that is wedged at (x, y) by (dx, dy) if that takes it away from what has come over it.
+
+    It gets no farther than `limit` [m]. Returns the centre; for the other arguments see `push_out`.
+    """
+    others, is_covered = circles.copy(), False
+    for i in range(circles.shape[0]):
+        if math.hypot(x - circles[i, 0], y - circles[i, 1]) < radius + circles[i, 2] - _TOLERANCE:
+            others[i, 2], is_covered = -radius, True  # too small to touch
+    if not is_covered:
+        return x, y
+    hits = np.zeros(circles.shape[0], dtype=np.bool_)
+    new_x, new_y, _, free = push_out(x + dx, y + dy, radius, segments, near, num_near, others, hits)
+    free &= math.hypot(new_x - x, new_y - y) <= limit
+    for i in range(circles.shape[0]):
+        if others[i, 2] < 0.0:
+            gap = math.hypot(x - circles[i, 0], y - circles[i, 1])
+            free &= math.hypot(new_x - circles[i, 0], new_y - circles[i, 1]) >= gap
+    return (new_x, new_y) if free else (x, y)
+
+
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
     """Refuse start poses, world frame, of robots with a radius [m].
 

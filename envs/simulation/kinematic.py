@@ -14,7 +14,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.worlds import World
 
 from . import records as at
-from .contact import push_out, select_near
+from .contact import leave, push_out, select_near
 from .crowd import records as crowd_at
 from .crowd.step import step_people, with_bodies, with_people
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
@@ -23,6 +23,8 @@ from .simulator import Simulator
 SLIP_MARGIN = 0.5
 """Share of the greatest speed and yaw rate by which slip may move a robot beyond them. It is far from what the robots
 of the library slip by: eight standard deviations or more at 20 Hz, five at 50 Hz."""
+_DETOUR = 1.1
+"""Greatest motion of a substep along what the footprint meets, as a factor of the motion without it."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,8 +82,8 @@ def advance(state, command, normals, robot, obstacles):
     """Move a robot, whose row is `state`, for one control period; see `plan_wheels` for command and normals.
 
     The wheels roll and slip as planned, and the base follows the arc of each substep. What the footprint then overlaps
-    pushes it out along the normal, so that it slides along walls; where that leaves it wedged, it stays where it was.
-    Wheels keep turning while the robot is held.
+    pushes it out along the normal, so that it slides along walls and is pushed by what moves, but through nothing that
+    rests. Wheels keep turning while the robot is held.
 
     Returns whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
@@ -90,7 +92,8 @@ def advance(state, command, normals, robot, obstacles):
     dt = robot.period / substeps
     fastest = robot.max_v * robot.wheel_radius / robot.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(state[at.X], state[at.Y], 2.0 * (robot.radius + fastest * robot.period), segments, near)
+    ahead, near_x, near_y = fastest * robot.period, state[at.X], state[at.Y]
+    num_near = select_near(near_x, near_y, 2.0 * (robot.radius + ahead), segments, near)
     circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
     reached = (state[at.COMMANDED_V], state[at.COMMANDED_W])
@@ -108,13 +111,17 @@ def advance(state, command, normals, robot, obstacles):
         for i in range(circles.shape[0]):
             circles[i, 0] = before[i, 0] + part * (after[i, 0] - before[i, 0])
             circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
+        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # something pushed it
+            num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
             x + chord * c, y + chord * s, robot.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
-        if not free:
-            new_x, new_y = x, y
+        if contact:  # less than the radius, so that it comes to lie beyond nothing that it was free of
+            limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
+            if not free or math.hypot(new_x - x, new_y - y) > limit:
+                new_x, new_y = leave(x, y, chord * c, chord * s, limit, robot.radius, segments, near, num_near, circles)
         state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
         turned += turn
         state[at.LEFT_ANGLE] += rates[step, 0] * dt
