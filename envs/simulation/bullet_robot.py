@@ -1,6 +1,7 @@
 """One robot in PyBullet: a chassis on two wheels and casters, and the controller between command and motors."""
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from envs.robots import BodyParams, RobotParams
 
 from . import records as at
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
+from .contact import is_cut
 from .kinematic import plan_wheels
 
 WHEEL_LINKS = (0, 1)
@@ -31,6 +33,13 @@ _NORMAL_FORCE = 9
 """Entry of a contact point that holds the force between the bodies."""
 _OUT_OF_REACH = 1e3
 """Height at which a body touches nothing [m]."""
+_UPRIGHT = math.cos(math.radians(20.0))
+"""Cosine of the tilt from which on a robot tips over. Walls tilt those of the library by less than 10 degrees."""
+_DEPTH = 0.01
+"""How deep a wall may be in the body, beside what a robot drives in a physics step [m]. Where it is some centimetres
+deep, the engine no longer pushes some robots back, but farther in."""
+_MAX_DEPTH = 0.25
+"""How deep it may be at most, as a fraction of half the body's size."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
@@ -131,6 +140,10 @@ class BulletRobot:
         self._robot, self._numbers, self._row = robot, np.array(record), row
         substeps, self._period = int(record.substeps), record.period
         self._dt = self._period / substeps
+        fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
+        body, depth = robot.body, fastest * self._dt + _DEPTH
+        sides = (body.radius or 0.0, 0.0) if body.size is None else (0.5 * body.size[0], 0.5 * body.size[1])
+        self._core = (*body.center[:2], *(side - min(depth, _MAX_DEPTH * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched = False
         """Whether the body touched anything during the control period."""
@@ -142,9 +155,9 @@ class BulletRobot:
         roll, pitch, _ = self._bullet.getEulerFromQuaternion(orientation)
         return roll, pitch
 
-    def build(self, bullet: BulletClient) -> None:
-        """Put the body into a simulation."""
-        self._bullet, self._body = bullet, build_robot(bullet, self._robot)
+    def build(self, bullet: BulletClient, walls: np.ndarray) -> None:
+        """Put the body into a simulation of a world with walls, see `outlines`."""
+        self._bullet, self._body, self._walls = bullet, build_robot(bullet, self._robot), walls
 
     def move_away(self, pose: Pose2D) -> None:
         """Reset the wheels high above a pose, where nothing is: contacts remember their impulses."""
@@ -154,9 +167,9 @@ class BulletRobot:
 
     def reset_pose(self, pose: Pose2D) -> None:
         """Place the robot at rest."""
-        self._set_pose(pose, self._robot.drive.wheel_radius)
-        self._bullet.resetBaseVelocity(self._body, [0.0] * 3, [0.0] * 3)
+        self._settle(pose, [0.0] * 3, [0.0] * 3)
         self._row[:] = 0.0
+        self._row[: at.THETA + 1] = pose
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
         self.touched = False
         self.update_state()
@@ -195,12 +208,23 @@ class BulletRobot:
             self.touched = any(point[_NORMAL_FORCE] > 0.0 for point in points)
 
     def update_state(self) -> None:
-        """Read pose, velocity and wheel angles from the engine."""
+        """Read pose, velocity and wheel angles from the engine.
+
+        Where people, peers or its own motors press a robot against walls, the engine may tip it over, or let it climb
+        or slip through them. Then it is put back to where it was before the control period, at rest.
+        """
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
         theta = math.atan2(rotation[3], rotation[0])
         row = self._row
+        is_back = rotation[8] < 0.0 or self._is_through((x, y, theta))
+        if is_back:
+            x, y, theta = row[: at.THETA + 1].tolist()
+            linear = angular = (0.0, 0.0, 0.0)
+            self.touched = True
+        if is_back or rotation[8] < _UPRIGHT:
+            self._settle(Pose2D(x, y, theta), linear, angular)
         # Headings tell turns up to whole circles; which of them it was the command tells.
         period, expected = self._period, row[at.COMMANDED_W]
         row[at.MEAN_W] = expected + wrap_angle(theta - row[at.THETA] - expected * period) / period
@@ -211,6 +235,17 @@ class BulletRobot:
         else:
             left, right = self._bullet.getJointStates(self._body, WHEEL_LINKS)
             row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
+
+    def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
+        """Place the robot level on the ground, and keep of its velocities [m/s, rad/s] what is possible there."""
+        self._set_pose(pose, self._robot.drive.wheel_radius)
+        self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
+
+    def _is_through(self, pose: tuple[float, float, float]) -> bool:
+        """Tell whether a wall lies deep in the body, or between there and the pose before."""
+        before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
+        # A body that is larger than its footprint may have a wall in it from the start on, and has to get free.
+        return is_cut(pose, before, core, walls) and not is_cut(before, before, core, walls)
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]

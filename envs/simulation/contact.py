@@ -93,6 +93,44 @@ def leave(x, y, dx, dy, limit, radius, segments, near, num_near, circles):
     return (new_x, new_y) if free else (x, y)
 
 
+@njit(cache=True, error_model="numpy")
+def is_cut(pose, before, body, segments):
+    """Tell whether one of the segments, shape (n, 4) [m], lies in a body, or between there and where the body was.
+
+    `pose`, `before`: (x, y, theta) of the base; `body`: where the body's centre lies from there (x, y), and half the
+    length and width of a rectangle, or the radius of a circle and 0 [m].
+    """
+    center_x, center_y, half_length, half_width = body
+    c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
+    x, y = pose[0] + c * center_x - s * center_y, pose[1] + s * center_x + c * center_y
+    back_x, back_y = before[0] + c0 * center_x - s0 * center_y - x, before[1] + s0 * center_x + c0 * center_y - y
+    reach = math.hypot(half_length, half_width)
+    left, right = min(-reach, back_x), max(reach, back_x)
+    low, high = min(-reach, back_y), max(reach, back_y)
+    for i in range(segments.shape[0]):
+        x0, y0, x1, y1 = segments[i, 0] - x, segments[i, 1] - y, segments[i, 2] - x, segments[i, 3] - y
+        if max(x0, x1) < left or min(x0, x1) > right or max(y0, y1) < low or min(y0, y1) > high:
+            continue
+        dx, dy = x1 - x0, y1 - y0
+        ends = (back_x * y0 - back_y * x0) * (back_x * y1 - back_y * x1)
+        sides = (dy * x0 - dx * y0) * (dx * (back_y - y0) - dy * (back_x - x0))
+        if ends <= 0.0 and sides < 0.0:
+            return True
+        if half_width == 0.0:
+            away_x, away_y = segment_offset(x, y, segments, i)
+            if away_x * away_x + away_y * away_y < half_length * half_length:
+                return True
+            continue
+        along, across = c * dx + s * dy, c * dy - s * dx
+        start_along, start_across = c * x0 + s * y0, c * y0 - s * x0
+        # The parts of the segment between both pairs of sides; infinite where it is parallel to them.
+        a, b = (-half_length - start_along) / along, (half_length - start_along) / along
+        e, f = (-half_width - start_across) / across, (half_width - start_across) / across
+        if max(0.0, min(a, b), min(e, f)) < min(1.0, max(a, b), max(e, f)):
+            return True
+    return False
+
+
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
     """Refuse start poses, world frame, of robots with a radius [m].
 

@@ -181,3 +181,46 @@ def test_ranges_agree_within_two_millimetres(name):
             assert np.hypot(*(corners - point).T).min() < GRAZED, f"{ranges[beam]} m against {theirs[beam]} m"
             grazing += 1
     assert grazing <= 0.001 * BEAMS * POSES
+
+
+def corner(robot):
+    """Two thin walls, 10 m long, that meet at 30 degrees ahead of a robot at the origin."""
+    tip, angle = (robot.radius + 0.03) / math.sin(math.radians(15)), math.radians(15)
+    x, y = tip - 10.0 * math.cos(angle), 10.0 * math.sin(angle)
+    return square_room(12.0, segments=[[tip, 0.0, x, y], [tip, 0.0, x, -y]])
+
+
+def test_a_robot_that_drives_into_a_corner_stays_in_front_of_it_and_gets_out_again():
+    robot = load_robot("mpo_500")
+    simulator, poses = make_simulator("bullet", robot, 0.05), []
+    for _ in range(2):  # an episode does not depend on what the engine let through before
+        simulator.reset(corner(robot), [ORIGIN], [np.random.default_rng(0)])
+        touched = [simulator.step([Twist(robot.max_v, 0.0)])[0].bumper for _ in range(240)]
+        assert np.mean(touched[80:]) > 0.9
+        pressed = simulator.states[0].pose
+        assert 0.2 < pressed.x < 0.8
+        for _ in range(200):
+            simulator.step([Twist(-robot.max_v, 0.0)])
+        poses.append(simulator.states[0].pose)
+        assert poses[-1].x < pressed.x - 1.0
+    assert poses[0] == poses[1]
+
+
+def test_a_robot_that_accelerates_too_fast_for_its_weight_drives_on_level():
+    robot = load_robot("turtlebot3_burger")
+    drive = replace(robot.drive, max_torque=10.0 * robot.drive.max_torque)
+    simulator = begin("bullet", replace(robot, max_v=3.0, max_acc_v=20.0, drive=drive), square_room(12.0), ORIGIN)
+    for _ in range(20):
+        reading = simulator.step([Twist(3.0, 0.0)])[0]
+        assert max(map(abs, simulator.robots[0].tilt)) < math.radians(25)
+        assert not reading.bumper
+    assert simulator.states[0].pose.x > 1.0
+
+
+def test_a_body_that_is_larger_than_its_footprint_gets_free():
+    """A wall lies in it from the start on, which stops it on no way out."""
+    robot = replace(load_robot("create3"), radius=0.05)
+    simulator = begin("bullet", robot, square_room(3.0, segments=[[0.06, -2.0, 0.06, 2.0]]), Pose2D(0.0, 0.0, math.pi))
+    for _ in range(40):
+        simulator.step([Twist(0.3, 0.0)])
+    assert simulator.states[0].pose.x < -0.5
