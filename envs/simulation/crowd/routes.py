@@ -99,7 +99,7 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
     chosen: list[np.ndarray] = []
     fields: list[np.ndarray] = []
     nearest = np.full(len(roomy), np.inf)
-    apart = 0.7 * RESOLUTION * math.sqrt(np.count_nonzero(fits) / NUM_DESTINATIONS)
+    apart = RESOLUTION * math.sqrt(np.count_nonzero(fits) / NUM_DESTINATIONS)
     rows, cols = np.ogrid[: fits.shape[0], : fits.shape[1]]
     while len(chosen) < min(NUM_DESTINATIONS, len(roomy)):
         row, col = roomy[k]

@@ -72,9 +72,10 @@ def step_people(people, points, fields, setup, robots, segments, circles):
 def _walk(people, directions, discs, walls, setup, dt):
     """Take attentive and blind people on by the crowd's model."""
     if setup[at.ORCA] > 0.0:
-        walk_by_orca(people, directions, discs, walls, Orca(*to_fixed_tuple(setup[at.MODEL :], NUM_ORCA)), dt)
+        orca = Orca(*to_fixed_tuple(setup[at.MODEL :], NUM_ORCA))  # type: ignore[call-arg]
+        walk_by_orca(people, directions, discs, walls, orca, dt)
     else:
-        forces = SocialForce(*to_fixed_tuple(setup[at.MODEL :], NUM_FORCES))
+        forces = SocialForce(*to_fixed_tuple(setup[at.MODEL :], NUM_FORCES))  # type: ignore[call-arg]
         walk_by_forces(people, directions, discs, walls, forces, dt)
 
 

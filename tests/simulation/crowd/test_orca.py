@@ -112,7 +112,7 @@ def least_violation(lines, num_hard):
     soft = (np.arange(len(lines)) >= num_hard).astype(float)
     rows, bounds = np.column_stack([normals, -soft]), limits
     for _ in range(60):
-        solution = linprog([0.0, 0.0, 1.0], rows, bounds, bounds=[(None, None)] * 3)
+        solution = linprog([0.0, 0.0, 1.0], rows, bounds, bounds=[(-LIMIT, LIMIT), (-LIMIT, LIMIT), (None, None)])
         velocity = solution.x[:2]
         if (speed := np.hypot(*velocity)) <= LIMIT + 1e-11:
             break
