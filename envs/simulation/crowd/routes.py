@@ -14,7 +14,7 @@ from envs.worlds.raster import rasterize
 from . import records as at
 from .walls import Walls, clearance, list_walls
 
-RESOLUTION = 0.1
+RESOLUTION = 0.15
 """Side of the cells of cost-to-go fields [m]."""
 NUM_DESTINATIONS = 8
 """How many places people walk between who go anywhere."""
@@ -67,7 +67,8 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
     walls = list_walls(world.segments, world.circles, grid.bounds)
     free = grid.data == 0
     gaps = _clearances(free, walls)
-    labels, _ = ndimage.label(gaps > radius)
+    # Not all of the radius: in doors that are just wide enough, no cell lies in the middle.
+    labels, _ = ndimage.label(gaps > radius - 0.25 * RESOLUTION)
     spawn = np.array(world.spawns[0][:2])
     cells = np.argwhere(labels > 0)
     if not len(cells):

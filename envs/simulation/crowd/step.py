@@ -41,11 +41,10 @@ def step_people(people, points, fields, setup, robots, segments, circles):
     walls = Walls(segments, circles, setup[at.WALLS :], grid)
     starts, directions = np.empty((count, 2)), np.empty((count, 2))
     for i in range(count):
-        person = people[i]
-        person[at.BEFORE_X], person[at.BEFORE_Y], person[at.BLOCKED] = person[at.X], person[at.Y], 0.0
+        people[i, at.BEFORE_X], people[i, at.BEFORE_Y], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
     for _ in range(num_steps):
-        starts[:, 0], starts[:, 1] = people[:, at.X], people[:, at.Y]
         for i in range(count):
+            starts[i, 0], starts[i, 1] = people[i, at.X], people[i, at.Y]
             if people[i, at.KIND] == at.FIXED_ROUTE:
                 _follow_route(people[i], points, dt)
         if fields.shape[0] > 0:
@@ -58,14 +57,13 @@ def step_people(people, points, fields, setup, robots, segments, circles):
             if stopped_by[i] >= 0:
                 robots[stopped_by[i], robots_at.TOUCHED] = 1.0
     for i in range(count):
-        person = people[i]
-        dx, dy = person[at.X] - person[at.BEFORE_X], person[at.Y] - person[at.BEFORE_Y]
+        dx, dy = people[i, at.X] - people[i, at.BEFORE_X], people[i, at.Y] - people[i, at.BEFORE_Y]
         walked = math.hypot(dx, dy)
-        if person[at.KIND] == at.FIXED_ROUTE:
-            person[at.VX], person[at.VY] = dx / period, dy / period
+        if people[i, at.KIND] == at.FIXED_ROUTE:
+            people[i, at.VX], people[i, at.VY] = dx / period, dy / period
         if walked > 0.0:
-            person[at.HEADING] = math.atan2(dy, dx)
-            person[at.PHASE] += math.pi * walked / STRIDE
+            people[i, at.HEADING] = math.atan2(dy, dx)
+            people[i, at.PHASE] += math.pi * walked / STRIDE
 
 
 @njit(cache=True, error_model="numpy")
