@@ -103,6 +103,7 @@ def people(count: int) -> list[dict[str, Any]]:
             NUM_AMONG_PEOPLE,
             "vector_entry_point",
             num_workers=0,
+            robot="turtlebot3_burger",
             world_size=(12.0, 12.0),
             people=number,
             contact=contact,
