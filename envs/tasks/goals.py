@@ -132,7 +132,8 @@ class GeodesicDistance:
         walls = area.walls
         if pooled > 1:
             free = np.pad(free, [(0, -size % pooled) for size in free.shape])
-            free = free.reshape(len(free) // pooled, pooled, -1, pooled).max(axis=(1, 3))
+            parts = [free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)]
+            free = np.logical_or.reduce(parts)
             walls = OccupancyGrid(free.astype(np.int8), pooled * walls.resolution, walls.origin)
         costs = np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
         costmap = Costmap(costs, walls, CostmapParams(walls.resolution, walls.resolution))
