@@ -53,7 +53,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `observations` (`None`): parts of the observation, see `envs.observations.make_parts`; `None` gives the task's
       usual ones.
     - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
-      `"doorway"`, `"crossing"`), an `envs.simulation.Crowd`, or a mapping of its parameters; drawn for each episode.
+      `"doorway"`, `"crossing"`), an `envs.simulation.Crowd`, or a mapping of its parameters; drawn for each episode. At
+      its end `info` has the measures of people as well, see `envs.measures.PEOPLE`.
     - `sensors` (`()`): sensors of your own, see `envs.sensor.Sensor`.
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
       robot's; see docs/training.md.

@@ -84,7 +84,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     path that is driven), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
     `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
     `"time_limit"`), `at_fault` (whether the robot drove into what ended it; not where a person walked into it faster),
-    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`). With `randomize` each step
+    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`), with people also
+    `hit_wall`, `hit_person`, `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With `randomize` each step
     also `randomized`: what the episode has drawn, by name.
 
     ## Arguments
