@@ -14,6 +14,7 @@ from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 from agents.config import Section
 from envs.ids import EXPLORE, arguments_of
 from envs.observations import Observations
+from envs.simulation import crowd_of
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
@@ -141,6 +142,15 @@ class Settings(Section):
     """Whether the report has a section with curves, maps and tables for every world; with many it grows large."""
     slam_axis: SlamAxis = SlamAxis()
     """What mapping error costs."""
+
+    @field_validator("people")
+    @classmethod
+    def _check_people(cls, people: tuple[str, ...]) -> tuple[str, ...]:
+        if USUAL in people and len(people) > 1:
+            raise ValueError("must not mix 'usual' with others; 0 stands for nobody")
+        for crowd in people:
+            crowd_of(None if crowd == USUAL else crowd)
+        return people
 
     @field_validator("policies", "worlds")
     @classmethod
