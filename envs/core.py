@@ -12,7 +12,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
-from envs.estimation import Belief
+from envs.estimation import Belief, DeadReckoning
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.measures import PEOPLE
@@ -55,6 +55,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
       `"doorway"`, `"crossing"`), an `envs.simulation.Crowd`, or a mapping of its parameters; drawn for each episode. At
       its end `info` has the measures of people as well, see `envs.measures.PEOPLE`.
+    - `track_people` (`None`): whether robots track people by their scans (`belief.people`) and leave them out of their
+      maps; `None`: where `people` are asked for, and scans are matched.
     - `sensors` (`()`): sensors of your own, see `envs.sensor.Sensor`.
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
       robot's; see docs/training.md.
@@ -74,6 +76,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         time_limit: float | None = None,
         observations: Observations | None = None,
         people: PeopleLike = None,
+        track_people: bool | None = None,
         sensors: Sequence[Any] = (),
         randomize: Ranges | None = None,
         clip_actions: bool = False,
@@ -134,6 +137,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         space: Any = spaces.Dict({name: part.space(self.robot) for name, part in self.parts.items()})
         self.observation_space: spaces.Space[Any] = batch_space(space, num_robots) if self._is_team else space
         space = self.observation_space
+        for one in self.robots:
+            has_map = self.simulator.crowd.crowd is not None and not isinstance(one.estimator, DeadReckoning)
+            if has_map if track_people is None else track_people:
+                one.track_people()
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)

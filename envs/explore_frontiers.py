@@ -274,8 +274,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
             return f"task {type(env.task).__name__} looks at every control period"
-        if env.sensors or env.on_period or env.render_mode == "human":
-            return "own sensors, recorders and windows look at every control period"
+        if env.sensors or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
+            return "own sensors, trackers of people, recorders and windows look at every control period"
         return ""
 
     def _drive(self) -> str:

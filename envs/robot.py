@@ -12,6 +12,7 @@ from envs.estimation.belief import check_belief
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import update_bias
 from envs.estimation.peers import PeerFilter
+from envs.estimation.tracking import PeopleTracker
 from envs.estimation.trail import Trail, interpolate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
@@ -92,10 +93,13 @@ class Robot:
         self.peers: list[Robot] = []
         """The other robots of a team, which tell this one their poses."""
         self._peer_filter = PeerFilter(params)
+        self.tracker: PeopleTracker | None = None
+        """Tracks people in the scans, and keeps them out of the map; None for a robot that does not."""
         self.follows_odometry = _follows_odometry(estimator)
         """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
         slam: Any = getattr(estimator, "params", KEEPS_NO_SCANS) if self.follows_odometry else None
         self._reading: Reading
+        self._has_begun = False
         self._setup = Setup(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
@@ -191,15 +195,31 @@ class Robot:
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
         row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
+        self._has_begun = True
+        if self.tracker is not None:
+            self.tracker.reset()
+            self.belief.people = self.tracker.update(reading.ranges, ORIGIN)
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest
+
+    def track_people(self) -> None:
+        """Track people from this scan on, or from the first of the next episode on, and in those that follow."""
+        if self.tracker is None:
+            self.tracker = PeopleTracker(self.params.lidar, self.control_period)
+            if isinstance(self.estimator, KeyScanSlam):
+                self.estimator.meets_people = True
+            if self._has_begun:
+                self.belief.people = self.tracker.update(self.ranges, ORIGIN)
 
     def locate(self, flags: int) -> None:
         """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.
 
         Raises what `check_belief` does where no map can be made of the belief.
         """
+        if self.tracker is not None:
+            motion = Pose2D(*self.row[at.ODOMETRY : at.ODOMETRY + 3].tolist())
+            self.belief.people = self.tracker.update(self.ranges, motion)
         if flags & SCAN:
             self.integrate()
             return
@@ -216,12 +236,14 @@ class Robot:
             self.follow(estimator.process_key_scan(self._filtered(self.ranges), predicted))
             return
         reading = self.reading
-        if self.peers:
+        if self.peers or self.tracker is not None:
             reading = reading._replace(ranges=self._filtered(reading.ranges))
         self.follow(estimator.update(reading, self.motion))
 
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
-        """Return a scan without the beams that end at peers."""
+        """Return a scan without the beams that end at peers or people."""
+        if self.tracker is not None:
+            ranges = np.where(self.tracker.is_on_person(ranges), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])

@@ -88,6 +88,8 @@ class Belief:
     """Whether the pose must not be trusted."""
     twist: Twist | None = None
     """Estimated velocity of the base; None where the estimator gives none."""
+    people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
+    """People that the robot tracks by its scans, as `PeopleTracker.people`: shape (n, 5), float64, base frame."""
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
     of estimators with an `anchor` [m, m, rad]; None otherwise."""

@@ -8,12 +8,15 @@ import math
 import numpy as np
 from numba import njit
 
-CLUSTER_SIZE = 5
-"""Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, and the kind."""
+CLUSTER_SIZE = 6
+"""Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, the kind, and 1 for what has
+stood there for some time, which the tracker finds."""
 BODY, LEG, SLOPE = 0.0, 1.0, 2.0
 """Kinds: as large as a body; as a leg; cut from a surface that goes on nearer to the lidar, which begins no track."""
 PASSED, HIDDEN, HIT = 1, 0, -1
 """What a scan says of a disc: all its beams end behind it; it cannot tell; a beam ends there."""
+CORE = 0.8
+"""Share of a disc's radius that beams have to pass it by: walls may stand right beside and behind people."""
 ARC_DEPTH = 0.785
 """How far the mean of a disc's visible points lies before its centre, in radii: pi / 4 for beams evenly over it."""
 
@@ -37,7 +40,7 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     radius = 0.5 * width
     depth = ARC_DEPTH * radius / max(distance, 1e-6)
     kind = SLOPE if is_slope else (LEG if width < p.leg_size else BODY)
-    clusters[count] = x + depth * ahead, y + depth * left, radius, float(beams), kind
+    clusters[count] = x + depth * ahead, y + depth * left, radius, float(beams), kind, 0.0
     return count + 1
 
 
@@ -105,11 +108,11 @@ def look_at_disc(scan, pose, x, y, radius, margin, p):
     distance = math.hypot(dx, dy)
     if distance <= radius:  # the robot itself was there
         return PASSED
-    half = math.asin(radius / distance) + 0.5 * p.increment
+    half = math.asin(CORE * radius / distance) + 0.5 * p.increment
     middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)
     low, high = math.ceil((middle - half) / p.increment), math.floor((middle + half) / p.increment)
     num_beams, passed, hidden = scan.shape[0], 0, 0
-    near, far = distance - radius - margin, distance + radius + margin
+    near, far = distance - radius - margin, distance + CORE * radius + margin
     for k in range(low, high + 1):
         if p.is_full_turn > 0.0:
             k %= num_beams

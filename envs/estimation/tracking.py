@@ -20,14 +20,15 @@ from envs.robots import LidarParams
 from .scan_clusters import CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
-X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID = range(15)
+X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
 """Entries of a track: position and velocity in the frame of odometry [m, m/s]; their covariance, which is the same
 along both axes; radius [m]; scans that have shown it, and that looked past it since the last of those; time of that
-[s]; where it began; whether it is a person; a number of its own."""
-TRACK_SIZE = 15
-POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN = 0, 3, 4, 5, 6
-"""Entries of the state: pose by odometry (3) [m, m, rad], time [s], and how many tracks, scans kept, and tracks ever
-there have been."""
+[s]; where it began; whether it is a person; a number of its own; scans that have shown it where earlier ones looked
+past."""
+TRACK_SIZE = 16
+POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
+"""Entries of the state: pose by odometry (3) [m, m, rad], time [s], and how many tracks, scans kept, tracks ever, and
+clusters in the last scan there have been."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +80,8 @@ class TrackerParams:
     """By how many standard deviations that speed has to differ from 0."""
     max_std: float = 0.35
     """Uncertainty of the position along an axis up to which a hidden person is shown [m]."""
+    static_hits: int = 4
+    """What is as large as a person stands, and belongs into maps, where so many of the scans kept have hit it."""
     max_misses: int = 4
     """Scans that look past a track after which it is dropped."""
     lost_time: float = 3.0
@@ -179,9 +182,15 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 
 
 @njit(cache=True, error_model="numpy")
-def _judge(track, p):
-    """Tell whether a track has moved as people do, and nothing that stands."""
+def _judge(track, ranges, lidar, p):
+    """Tell whether a track has moved as people do, and nothing that stands.
+
+    Earlier scans must have looked past where it is, or this one past where it began.
+    """
     if track[HITS] < p.min_hits:
+        return False
+    born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
+    if track[ON_FREE] < p.min_hits and born != PASSED:
         return False
     speed = math.hypot(track[VX], track[VY])
     travel = math.hypot(track[X] - track[BORN_X], track[Y] - track[BORN_Y])
@@ -201,13 +210,14 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
     time, num_tracks, num_scans = state[TIME], int(state[NUM_TRACKS]), int(state[NUM_SCANS])
     lidar = compose(x, y, theta, p.mount_x, p.mount_y, p.mount_yaw)
     count = join_legs(clusters, find_clusters(ranges, directions, p, clusters), p)
-    clusters[count:, 0] = 1e9
+    state[NUM_CLUSTERS] = count
     c, s = math.cos(theta), math.sin(theta)
     moved = np.zeros(count, dtype=np.int64)
     for k in range(count):
         u, v = clusters[k, 0], clusters[k, 1]
         clusters[k, 0], clusters[k, 1] = x + c * u - s * v, y + s * u + c * v
         passed, hits = _votes(clusters[k, 0], clusters[k, 1], clusters[k, 2], time, scans, poses, num_scans, p)
+        clusters[k, 5] = passed == 0 and hits >= p.static_hits
         moved[k] = 1 if passed > hits else (-1 if hits > 2 * passed else 0)
     for i in range(num_tracks):
         predict(tracks[i], period, p)
@@ -220,8 +230,9 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
             correct(track, clusters[k, 0], clusters[k, 1], p)
             track[RADIUS] += 0.2 * (clusters[k, 2] - track[RADIUS])
             track[HITS] += 1.0
+            track[ON_FREE] += moved[k] == 1
             track[MISSES], track[SEEN] = 0.0, time
-            if track[IS_PERSON] == 0.0 and _judge(track, p):
+            if track[IS_PERSON] == 0.0 and _judge(track, ranges, lidar, p):
                 track[IS_PERSON] = 1.0
         else:
             is_gone = look_at_disc(ranges, lidar, track[X], track[Y], track[RADIUS], p.margin, p) == PASSED
@@ -231,13 +242,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
             tracks[kept] = track
             kept += 1
     for k in range(count):
-        if (
-            is_taken[k]
-            or moved[k] != 1
-            or clusters[k, 4] == SLOPE
-            or clusters[k, 3] < p.min_beams
-            or kept == MAX_TRACKS
-        ):
+        if is_taken[k] or moved[k] < 0 or clusters[k, 4] == SLOPE or clusters[k, 3] < p.min_beams or kept == MAX_TRACKS:
             continue
         is_known = False
         for i in range(kept):
@@ -246,7 +251,8 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
         if not is_known:
             place = clusters[k, 0], clusters[k, 1]
             spread = p.position_std**2, 0.0, p.speed_std**2
-            tracks[kept] = (*place, 0.0, 0.0, *spread, clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN])
+            first = (clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN], 1.0 * (moved[k] == 1))
+            tracks[kept] = (*place, 0.0, 0.0, *spread, *first)
             state[NUM_BORN] += 1.0
             kept += 1
     state[NUM_TRACKS] = kept
@@ -275,7 +281,7 @@ class PeopleTracker:
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
         num_scans = max(1, math.ceil(params.memory / params.interval))
         self._memory = np.empty((num_scans, lidar.num_beams), dtype=np.float32), np.zeros((num_scans, 4))
-        self._state, self._tracks = np.zeros(7), np.zeros((MAX_TRACKS, TRACK_SIZE))
+        self._state, self._tracks = np.zeros(8), np.zeros((MAX_TRACKS, TRACK_SIZE))
         self._clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
 
     def reset(self) -> None:
@@ -306,7 +312,18 @@ class PeopleTracker:
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1) -> np.ndarray:
-        """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool."""
+        """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool.
+
+        So do those on what is as large as a person, unless it has been seen to stand there for some time.
+        """
         mask = np.empty(len(ranges), dtype=np.bool_)
-        on_people(ranges, self._directions, self.people, margin, self._numbers, mask)
+        clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
+        clusters = clusters[
+            (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams) & (clusters[:, 5] == 0.0)
+        ]
+        pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
+        bodies = np.zeros((len(clusters), 5))
+        bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
+        people = np.vstack([self.people, bodies])
+        on_people(ranges, self._directions, people, margin, self._numbers, mask)
         return mask

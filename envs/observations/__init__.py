@@ -9,7 +9,7 @@ from envs.task import ObservationPart
 
 from .maps import MapCrop
 from .plan import Plan
-from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead
+from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead, Tracks
 from .scan import Motion, Scan
 from .scan_history import ScanHistory
 
@@ -24,6 +24,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "map_far": partial(MapCrop, resolution=FAR_PIXEL),
     "motion": Motion,
     "plan": Plan,
+    "tracks": Tracks,
 }
 """Parts that every task has, by name."""
 
@@ -76,5 +77,6 @@ __all__ = [
     "RouteAhead",
     "Scan",
     "ScanHistory",
+    "Tracks",
     "make_parts",
 ]

@@ -7,6 +7,7 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
+from envs.arguments import is_whole
 from envs.geometry import Pose2D
 from envs.geometry.pose import distance
 from envs.robot import Robot
@@ -23,6 +24,8 @@ GOAL_MEMORY = "goal"
 """Memory of rows that begins with the goal, map frame [m]; see `Rows.memory`."""
 PEERS_RANGE = 16.0
 """Distance along either axis at which the position of a teammate saturates [m]: half of what `map_far` shows."""
+PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
+"""Positions, velocities and radii at which those of people saturate [m, m/s, m]."""
 ROUTE_RANGE = 5.0
 """Distance along either axis at which a point of the route saturates [m]."""
 ROUTE_POINTS = 0.4 * np.arange(10)
@@ -145,6 +148,35 @@ class Peers:
             row[0] = min(max(x / PEERS_RANGE, -1.0), 1.0)
             row[1] = min(max(y / PEERS_RANGE, -1.0), 1.0)
             row[2:] = math.cos(theta), math.sin(theta)
+
+
+class Tracks:
+    """People that the robot tracks by its scans, the nearest first, five numbers for each, zeros where there are fewer.
+
+    Position forward and to the left over 8 m, velocity over the ground along the same axes over 2.5 m/s, radius over
+    1 m; see `envs.estimation.tracking`.
+    """
+
+    def __init__(self, num_people: int = 8) -> None:
+        """Choose how many people are shown at most."""
+        if not (is_whole(num_people) and num_people > 0):
+            raise ValueError(f"num_people of tracks must be whole and positive, got {num_people!r}")
+        self._num_people = num_people
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (5 * num_people,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (5 * self._num_people,), np.float32)
+
+    def reset(self, robot: Robot) -> None:
+        """Let the robot track people from its first scan on."""
+        robot.track_people()
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the people to `out`."""
+        people = robot.belief.people
+        nearest = np.argsort(np.hypot(people[:, 0], people[:, 1]), kind="stable")[: self._num_people]
+        out[:] = 0.0
+        out[: 5 * len(nearest)] = np.clip(people[nearest] / PEOPLE_RANGES, -1.0, 1.0).ravel()
 
 
 class RouteAhead:

@@ -12,6 +12,7 @@ from envs.geometry.pose import distance
 from envs.robots import LidarParams
 from envs.simulation import Reading
 
+from .log_odds_map import ONE, LogOddsMap
 from .posegraph import GrowingArray
 from .scans import ScanGeometry, check_scan, project_hits
 
@@ -22,6 +23,9 @@ def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
+FADING = 3.5
+"""Largest log odds of a cell where people walk (Hornung et al., "OctoMap", 2013, section 3.4): nine scans that see
+nobody there are enough to clear it."""
 POINT_CELL = 0.1
 """Side of the cells of which each gives one point when scans are searched in a map [m]."""
 
@@ -93,6 +97,8 @@ class KeyScanSlam(ABC):
     last key scan left: a simulation may compose the motions by itself, and call it at the key scans alone.
     """
 
+    meets_people = False
+    """Whether what the map shows may leave, so that evidence for it is bounded by `FADING`."""
     shares_maps = True
     """Whether several robots may integrate their scans into one map."""
 
@@ -107,6 +113,9 @@ class KeyScanSlam(ABC):
         """Start at a known pose, map frame, with an unknown map or one that other robots integrate into as well."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
+        if self.meets_people and isinstance(self.map, LogOddsMap):
+            bound = min(self.map.model.bound, round(FADING * ONE))
+            self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
         """Pose of the last key scan; None before the first."""
         grid: OccupancyGrid = self.map.grid

@@ -74,7 +74,7 @@ class Batch:
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )
             self._time_limits[i] = env.time_limit
-            follows = all(robot.follows_odometry for robot in env.robots)
+            follows = all(robot.follows_odometry and robot.tracker is None for robot in env.robots)
             rests = env.task.rests_between_scans and not env.sensors and env.on_period is None
             self._rests[i] = follows and (rests or self._are_alike[i, 1])
         alike: Any = self._are_alike.all(axis=0)
