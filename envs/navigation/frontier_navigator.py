@@ -8,9 +8,11 @@ returns an outcome, a choice is due: `choose` one of `candidates`; if there are 
 import math
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from envs.estimation import Belief
 from envs.geometry import Pose2D
+from envs.navigation.astar import UNREACHED
 from envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
 from envs.navigation.costmap import COST_INSCRIBED, Costmap
 from envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
@@ -24,6 +26,10 @@ from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
+WALKING = 0.2
+"""Speed from which people are taken to walk on [m/s]."""
+MET_CELL = 0.3
+"""Side of the cells of which each keeps one place where people were [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 """How a drive ends, by its progress; `FRONTIER_GONE` beside them."""
 
@@ -73,6 +79,9 @@ class FrontierNavigator:
         self._has_start = True
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
+        self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
+        self._met: dict[tuple[int, int], tuple[float, float]] = {}
+        self._is_approaching, self._num_looks = False, 0
         self._outcome: str | None = None
         self.integrate(belief)
         self._find(belief.pose)
@@ -125,17 +134,64 @@ class FrontierNavigator:
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
         """Return as `update`, after a control period whose reading, map and progress are processed."""
         self._now = reading.time
+        self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
         if outcome is None:
             return None
+        goes_on, self._is_approaching = self._is_approaching and outcome == DRIVE_TIME_UP, False
         self._find(belief.pose)
-        if outcome != LOOKED_AROUND and len(self.candidates) == 0:
+        if outcome != LOOKED_AROUND and len(self.candidates) == 0 and not goes_on:
             self._outcome = outcome
             self.navigator.spin()
+            return None
+        if len(self.candidates) == 0 and self._look_again(goes_on):
             return None
         if outcome == LOOKED_AROUND and self._outcome is not None:
             outcome, self._outcome = self._outcome, None
         return outcome
+
+    def _note_people(self, belief: Belief) -> None:
+        """Take note of people who walk: they do not stay there."""
+        people = belief.people
+        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING]
+        for x, y in belief.pose.transform(people[:, :2]).tolist():
+            self._met[round(x / MET_CELL), round(y / MET_CELL)] = x, y
+
+    @property
+    def _obstacles(self) -> np.ndarray:
+        """What plans lead around: the obstacles in sight, but for people who walk."""
+        obstacles = self.navigator.obstacles
+        for x, y, _, _, radius in self._walking.tolist():
+            obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
+        return obstacles
+
+    def _look_again(self, goes_on: bool) -> bool:
+        """Wait for people, if any may be in the way: drive to where the robot gets nearest to them, and look around.
+
+        Frontiers that were given up are looked for again. A drive there that `goes_on` does not count.
+        """
+        planning = self.map
+        is_hopeless = not self._has_start or self._num_looks == self.params.max_looks
+        if is_hopeless or not self._met or not (planning.frontier.any() or len(self._given_up)):
+            return False
+        self._num_looks += not goes_on
+        planning.look_again_at(self._given_up)
+        self._given_up, self._failures = NO_POINTS, NO_POINTS
+        height, width = planning.joined.shape
+        reached = np.argwhere(planning.expansion.travel.reshape(height + 2, width + 2)[1:-1, 1:-1] < UNREACHED)
+        met = np.array(list(self._met.values()))
+        gaps, nearest = cKDTree(planning.grid.centers(reached)).query(met)
+        gaps[gaps < planning.side] = math.inf  # nobody who was there keeps the robot from anything
+        k = int(gaps.argmin())
+        if math.isfinite(gaps[k]):
+            row, col = reached[nearest[k]].tolist()
+            path = self._path(self.candidates.costmap.costs, (row, col))
+            if math.dist(path[0], path[-1]) > self.params.stuck_distance:
+                self.navigator.drive_to(path)
+                self._is_approaching = True
+                return True
+        self.navigator.spin()
+        return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
         """Take in a reading, and find the candidates whatever has become of the drive."""
@@ -167,7 +223,7 @@ class FrontierNavigator:
     def free_costmap(self, pose: Pose2D) -> Costmap:
         """Return the costs now for the largest footprint that touches nothing where the robot is; its array is live."""
         for level in range(self.map.max_level + 1):
-            costmap = self.map.costmap(level, pose, self.navigator.obstacles, self.bodies)
+            costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
                 break
         return costmap
@@ -193,7 +249,7 @@ class FrontierNavigator:
         """Return how the drive has ended, and draw the conclusions; None while it goes on."""
         navigator = self.navigator
         is_due = self._has_changed and navigator.record["steps"] >= self._min_steps
-        if is_due and navigator.has_goal and not navigator.is_recovering:
+        if is_due and navigator.has_goal and not navigator.is_recovering and not self._is_approaching:
             self._has_changed = False
             if not self._is_frontier_left():
                 self._last_failed = False
@@ -202,9 +258,9 @@ class FrontierNavigator:
             progress = DRIVING if self._replan(pose) else FAILED
         if progress == DRIVING:
             return None
-        if progress == FAILED:
+        if progress == FAILED and not self._is_approaching:
             self._fail()
-        elif progress == REACHED:
+        elif progress == REACHED and not self._is_approaching:
             self._ignore_in_sight(pose)
         if progress != SPUN:
             self._last_failed = progress == FAILED
@@ -229,7 +285,7 @@ class FrontierNavigator:
         planning.refresh()
         self._has_start = False
         for level in range(planning.max_level + 1):
-            layer = planning.layer(level, pose, self.navigator.obstacles, self.bodies)
+            layer = planning.layer(level, pose, self._obstacles, self.bodies)
             cells, parts = self._frontiers(layer)
             start = self._start_cell(layer, pose)
             table = np.empty(0, dtype=CANDIDATE)
@@ -261,7 +317,7 @@ class FrontierNavigator:
     def _replan(self, pose: Pose2D) -> bool:
         """Plan the path to the goal anew; False if there is none any more."""
         planning = self.map
-        layer = planning.layer(self._level, pose, self.navigator.obstacles, self.bodies)
+        layer = planning.layer(self._level, pose, self._obstacles, self.bodies)
         start = self._start_cell(layer, pose)
         if start[0] < 0:
             return False
@@ -289,7 +345,9 @@ class FrontierNavigator:
             planning = self.map
             planning.refresh()
             reach = math.ceil(self._look_radius / planning.side - 1e-9)
-            self._ignore(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
+            given_up = planning.grid.centers(frontier_near(planning.frontier, *planning.cell(*self.target), reach))
+            self._given_up = np.vstack([self._given_up, given_up])
+            planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
         """Ignore what was not observed though the robot is at the viewpoint chosen for it."""

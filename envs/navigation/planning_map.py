@@ -228,6 +228,12 @@ class PlanningMap:
         self.ignored_points = np.concatenate([self.ignored_points, points])
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
+    def look_again_at(self, points: np.ndarray) -> None:
+        """Ignore points, shape (n, 2), no more, from the next `update` on, of those that `ignore` was told exactly."""
+        is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
+        if is_given.any():
+            self.ignored_points, self._data = self.ignored_points[~is_given], None
+
     def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
         """Tell whether there is a frontier cell within `radius` [m] of a point (x, y), map frame [m]."""
         reach = math.ceil(radius / self.side - 1e-9)

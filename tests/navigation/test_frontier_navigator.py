@@ -330,3 +330,61 @@ def test_a_robot_that_is_bumped_again_and_again_gives_up(nothing_left):
     robot = Robot(held=True, bumping=True, seconds=200.0, data=data)
     assert robot.decide() == ("looked_around" if nothing_left else "failed")
     assert robot.time < 20.0
+
+
+def met_at_the_door():
+    """A robot that has seen somebody walk through its door, which the map then shows as closed, and has no way left."""
+    robot = Robot(max_time=4.0)
+    robot.belief.people = np.array([[2.2, 1.0, 0.0, 0.5, 0.25]])
+    robot.navigator.look_around()
+    robot._seconds = 0.5 * PERIOD
+    robot.drive()
+    robot.belief.people, robot._seconds = np.empty((0, 5)), math.inf
+    robot.change(slice(38, 40), slice(56, 72), 100)
+    return robot
+
+
+def test_a_robot_that_has_met_people_goes_and_looks_again_before_it_gives_up():
+    robot = met_at_the_door()
+    robot._seconds = robot.time + 40.0
+    assert robot.decide() is None  # it still looks
+    assert math.dist(robot.belief.pose[:2], (3.2, 1.9)) < 0.8
+    robot.change(slice(38, 40), slice(56, 72), 0)
+    robot._seconds = math.inf
+    assert robot.drive() in ("looked_around", "failed", "arrived", "time_up", "frontier_gone")
+    assert len(robot.navigator.candidates) == 1
+
+
+def test_a_robot_gives_up_when_people_never_leave_and_at_once_when_there_were_none():
+    robot = met_at_the_door()
+    robot.decide()
+    assert len(robot.navigator.candidates) == 0
+    assert robot.navigator.end_reason in ("no_reachable_frontier", "stuck")
+    assert 60.0 < robot.time < 300.0
+    robot = Robot(max_time=4.0)
+    robot.change(slice(38, 40), slice(56, 72), 100)
+    robot.decide()
+    assert robot.time < 30.0
+
+
+def test_frontiers_given_up_among_people_are_offered_again():
+    robot = Robot(held=True)
+    robot.belief.people = np.array([[2.2, 1.0, 0.0, 0.0, 0.25]])
+    assert [robot.decide() for _ in range(3)] == ["failed"] * 3
+    assert len(robot.navigator.candidates) == 1
+
+
+def test_people_who_walk_are_not_planned_around():
+    data, ranges = room(8.0, 4.0), np.full(BURGER.lidar.num_beams, np.inf, dtype=np.float32)
+    ranges[np.abs(BURGER.lidar.angles) < 0.1] = 1.0
+    data[40:60, 140:150] = -1
+    for speed, cost in ((0.0, 254), (0.8, 0)):
+        belief = Belief(Pose2D(2.0, 2.5, 0.0), OccupancyGrid(data, 0.05, (0.0, 0.0)))
+        belief.people = np.array([[1.15, 0.0, speed, 0.0, 0.25]])
+        navigator = FrontierNavigator(BURGER, PERIOD)
+        navigator.begin(reading_at(0.0)._replace(ranges=ranges), belief)
+        navigator.look_around()
+        navigator.update(reading_at(PERIOD)._replace(ranges=ranges), belief)
+        navigator.look(reading_at(2 * PERIOD)._replace(ranges=ranges), belief)
+        cell = navigator.map.cell(3.0 + BURGER.lidar.mount.x, 2.5)
+        assert navigator.candidates.costmap.costs[cell] == cost
