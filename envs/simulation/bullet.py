@@ -11,7 +11,7 @@ from envs.robots import RobotParams
 from envs.worlds import World
 
 from .bullet_robot import BulletRobot
-from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet, outlines
+from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
 from .crowd import Crowd
 from .crowd import records as crowd_at
 from .crowd.step import step_people
@@ -124,9 +124,8 @@ class BulletSimulator(Simulator):
         bullet.setGravity(0.0, 0.0, -GRAVITY)
         self._people = build_world(bullet, world, self.crowd.states[:, 2])
         self._nearby = NearbyWalls(bullet, world, self._reach) if has_many_walls(world) else None
-        walls = outlines(world)
         for robot in self.robots:
-            robot.build(bullet, walls)
+            robot.build(bullet, world)
         self._built = world
 
     def _place_people(self, part: float) -> None:

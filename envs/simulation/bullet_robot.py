@@ -9,6 +9,7 @@ from numba import njit
 
 from envs.geometry import Pose2D, wrap_angle
 from envs.robots import BodyParams, RobotParams
+from envs.worlds import World
 
 from . import records as at
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient
@@ -155,9 +156,10 @@ class BulletRobot:
         roll, pitch, _ = self._bullet.getEulerFromQuaternion(orientation)
         return roll, pitch
 
-    def build(self, bullet: BulletClient, walls: np.ndarray) -> None:
-        """Put the body into a simulation of a world with walls, see `outlines`."""
-        self._bullet, self._body, self._walls = bullet, build_robot(bullet, self._robot), walls
+    def build(self, bullet: BulletClient, world: World) -> None:
+        """Put the body into the simulation of a world."""
+        self._bullet, self._body = bullet, build_robot(bullet, self._robot)
+        self._walls = world.segments, world.circles
 
     def move_away(self, pose: Pose2D) -> None:
         """Reset the wheels high above a pose, where nothing is: contacts remember their impulses."""
@@ -245,7 +247,7 @@ class BulletRobot:
         """Tell whether a wall lies deep in the body, or between there and the pose before."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
         # A body that is larger than its footprint may have a wall in it from the start on, and has to get free.
-        return is_cut(pose, before, core, walls) and not is_cut(before, before, core, walls)
+        return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:
         orientation = [0.0, 0.0, math.sin(0.5 * pose.theta), math.cos(0.5 * pose.theta)]

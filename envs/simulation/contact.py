@@ -94,11 +94,12 @@ def leave(x, y, dx, dy, limit, radius, segments, near, num_near, circles):
 
 
 @njit(cache=True, error_model="numpy")
-def is_cut(pose, before, body, segments):
-    """Tell whether one of the segments, shape (n, 4) [m], lies in a body, or between there and where the body was.
+def is_cut(pose, before, body, segments, circles):
+    """Tell whether a segment or a circle lies in a body, or between there and where the body was before.
 
     `pose`, `before`: (x, y, theta) of the base; `body`: where the body's centre lies from there (x, y), and half the
-    length and width of a rectangle, or the radius of a circle and 0 [m].
+    length and width of a rectangle, or the radius of a circle and 0 [m]; `segments`, `circles`: of the world, shapes
+    (n, 4) and (m, 3), float64 [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
@@ -127,6 +128,20 @@ def is_cut(pose, before, body, segments):
         a, b = (-half_length - start_along) / along, (half_length - start_along) / along
         e, f = (-half_width - start_across) / across, (half_width - start_across) / across
         if max(0.0, min(a, b), min(e, f)) < min(1.0, max(a, b), max(e, f)):
+            return True
+    for i in range(circles.shape[0]):
+        dx, dy, radius = circles[i, 0] - x, circles[i, 1] - y, circles[i, 2]
+        if dx + radius < left or dx - radius > right or dy + radius < low or dy - radius > high:
+            continue
+        share = (dx * back_x + dy * back_y) / max(back_x * back_x + back_y * back_y, 1e-300)
+        share = min(max(share, 0.0), 1.0)
+        if math.hypot(dx - share * back_x, dy - share * back_y) < radius:
+            return True
+        if half_width == 0.0:
+            gap = math.hypot(dx, dy) - half_length
+        else:
+            gap = math.hypot(max(abs(c * dx + s * dy) - half_length, 0.0), max(abs(c * dy - s * dx) - half_width, 0.0))
+        if gap < radius:
             return True
     return False
 

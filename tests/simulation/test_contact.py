@@ -15,6 +15,7 @@ from envs.simulation.records import STATE_SIZE, robot_record
 from envs.worlds import FixedRoute
 from tests.rooms import BURGER, begin, square_room
 
+NO_CIRCLES = np.empty((0, 3))
 PERSON = FixedRoute(0.25, np.array([[-3.0, 0.0], [-3.0, 1.0]]), 0.5)
 
 
@@ -42,8 +43,25 @@ def test_walls_in_a_body_or_across_its_way_are_found(half_width):
         start = rng.uniform(-0.6, 0.6, 2)
         wall = np.concatenate([start, start + rng.uniform(-0.6, 0.6, 2)])
         expected = is_cut_slowly(pose, before, body, wall)
-        assert is_cut(tuple(pose), tuple(before), body, wall[None]) == expected
+        assert is_cut(tuple(pose), tuple(before), body, wall[None], NO_CIRCLES) == expected
         found += expected
+    assert 80 < found < 320
+
+
+@pytest.mark.parametrize("half_width", [0.2, 0.0])
+def test_circles_are_found_as_their_outlines_are(half_width):
+    rng, found = np.random.default_rng(5), 0
+    body, angles = (0.1, -0.05, 0.3, half_width), np.linspace(0.0, 2.0 * math.pi, 1001)
+    for _ in range(400):
+        pose, before = (tuple(rng.uniform([-0.5, -0.5, -math.pi], [0.5, 0.5, math.pi])) for _ in range(2))
+        x, y, radius = rng.uniform([-1.0, -1.0, 0.05], [1.0, 1.0, 0.3])
+        points = np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
+        outline = np.hstack([points[:-1], points[1:]])
+        is_round_it = is_cut(pose, before, body, outline, NO_CIRCLES)
+        is_in_it = math.dist(pose[:2], (x, y)) < radius - 0.15  # where body and way may touch no outline
+        is_found = is_cut(pose, before, body, np.empty((0, 4)), np.array([[x, y, radius]]))
+        assert is_found == is_round_it or (is_found and is_in_it)
+        found += is_found
     assert 80 < found < 320
 
 
@@ -53,7 +71,7 @@ def test_walls_parallel_to_a_side_are_found_inside_alone(theta):
         c, s = math.cos(theta), math.sin(theta)
         wall = np.array([[-5.0 * c - y * s, -5.0 * s + y * c, 5.0 * c - y * s, 5.0 * s + y * c]])
         pose = (0.0, 0.0, theta)
-        assert is_cut(pose, pose, (0.0, 0.0, 0.3, 0.2), wall) == expected
+        assert is_cut(pose, pose, (0.0, 0.0, 0.3, 0.2), wall, NO_CIRCLES) == expected
 
 
 def stand(simulator, x, y):
