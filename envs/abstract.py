@@ -179,7 +179,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]
-        rows, rng, before, world = simulator.rows, simulator.rngs[0], robot.belief.pose, explore.world
+        rows, rng, before = simulator.rows, simulator.rngs[0], robot.belief.pose
         kept = math.exp(-math.hypot(pose.x - before.x, pose.y - before.y) / DRIFT_LENGTH)
         renewed = math.sqrt(1.0 - kept * kept)
         draws = zip(self._error, self._drift, rng.standard_normal(3).tolist(), strict=True)
@@ -192,7 +192,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         rows.numbers[0, X : THETA + 1] = true_pose
         rows.go_to(rows.steps + count)
         for _ in range(count if len(simulator.crowd.rows) else 0):
-            step_people(*simulator.crowd.arrays, rows.numbers, world.segments, world.circles)
+            step_people(*simulator.crowd.arrays, rows.numbers)
         rows.draw([rng])
         simulator.sense()
         ranges = robot.ranges

@@ -43,12 +43,12 @@ def begin(world, crowd, seed=0, poses=(), radius=0.3):
     return people
 
 
-def walk(world, people, periods, robots=None):
+def walk(people, periods, robots=None):
     """Let people walk; return their rows after each period, shape (periods, n, PERSON_SIZE)."""
     robots = robots_at_poses(FAR_AWAY) if robots is None else robots
     rows = []
     for _ in range(periods):
-        step_people(*people.arrays, robots, world.segments, world.circles)
+        step_people(*people.arrays, robots)
         rows.append(people.rows.copy())
     return np.array(rows)
 
@@ -58,7 +58,7 @@ def watch(people, points, fields, setup, robots, segments, circles, periods):
     """Let people walk; return the deepest overlap of two, the deepest in a wall [m], and the longest slow time [s]."""
     overlap, in_wall, slow = -np.inf, -np.inf, 0.0
     for _ in range(periods):
-        step_people(people, points, fields, setup, robots, segments, circles)
+        step_people(people, points, fields, setup, robots)
         for i in range(people.shape[0]):
             x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
             in_wall = max(in_wall, radius - clearance(x, y, segments, circles))

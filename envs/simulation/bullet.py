@@ -85,7 +85,7 @@ class BulletSimulator(Simulator):
         rows.tick()
         numbers[:, TOUCHED] = 0.0
         if len(self.crowd.rows):
-            step_people(*self.crowd.arrays, numbers, world.segments, world.circles)
+            step_people(*self.crowd.arrays, numbers)
         for robot, row, draws in zip(self.robots, numbers, rows.draws, strict=True):
             robot.plan(row[COMMAND_V : COMMAND_W + 1], draws[int(row[DRAW])])
         if self._nearby is not None:

@@ -150,7 +150,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
         rows[k, at.TIME] = rows[k, at.STEPS] * robot.period
         rows[k, at.DRAW] += 1.0
     if people.shape[0] > 0:
-        step_people(people, points, fields, setup, rows, segments, circles)
+        step_people(people, points, fields, setup, rows)
     before, after = with_people(circles, people, crowd_at.BEFORE_X), with_people(circles, people, crowd_at.X)
     for k in range(rows.shape[0]):
         row = rows[k]

@@ -6,11 +6,10 @@ violates them least. Lines are (x, y, along_x, along_y): a point and a unit vect
 """
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
-from pydantic import Field
 
 from . import records as at
 from .social_force import Positive
@@ -26,8 +25,6 @@ class Orca(NamedTuple):
     """Time for which they avoid walls [s]."""
     sight: Positive = 5.0
     """Distance between centres up to which people see each other and robots [m]."""
-    max_neighbors: Annotated[float, Field(ge=1.0, le=100.0)] = 10.0
-    """How many of them, the nearest ones, are avoided."""
     margin: Positive = 0.05
     """Gap that is kept to others [m]."""
     excess: Positive = 1.3
@@ -47,21 +44,25 @@ def walk_by_orca(people, directions, robots, walls, model, dt):
     People do half of what avoids each other, and all of what avoids robots (attentive ones), who stands or walks along
     a fixed route, and walls, which no other half plane overrules.
     """
-    count, most, (segments, circles, near, grid) = people.shape[0], int(model.max_neighbors), walls
-    velocities, nearest, squares = np.zeros((count, 2)), np.empty(most, dtype=np.int64), np.empty(most)
-    lines = np.empty((segments.shape[0] + circles.shape[0] + most + robots.shape[0], 4))
+    count, (near, grid) = people.shape[0], walls
+    most = 0
+    for i in range(count):
+        first, end = near_list(near, grid, people[i, at.X], people[i, at.Y])
+        most = max(most, end - first)
+    velocities, lines = np.zeros((count, 2)), np.empty((most + count + robots.shape[0], 4))
     for i in range(count):
         if people[i, at.KIND] > at.BLIND:
             continue
         x, y, radius, speed = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], people[i, at.SPEED]
         own = (people[i, at.VX], people[i, at.VY])
-        num_lines = num_walls = _add_walls(lines, people, i, segments, circles, near, grid, model.wall_horizon, dt)
-        for k in range(_find_nearest(people, i, model.sight, nearest, squares)):
-            j = nearest[k]
+        num_lines = num_walls = _add_walls(lines, people, i, near, grid, model.wall_horizon, dt)
+        for j in range(count):
             away, velocity = (people[j, at.X] - x, people[j, at.Y] - y), (people[j, at.VX], people[j, at.VY])
-            reach, share = radius + people[j, at.RADIUS] + model.margin, 0.5 if people[j, at.KIND] <= at.BLIND else 1.0
-            avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, share)
-            num_lines += 1
+            if j != i and away[0] * away[0] + away[1] * away[1] < model.sight * model.sight:
+                reach = radius + people[j, at.RADIUS] + model.margin
+                share = 0.5 if people[j, at.KIND] <= at.BLIND else 1.0
+                avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, share)
+                num_lines += 1
         for k in range(robots.shape[0] if people[i, at.KIND] == at.ATTENTIVE else 0):
             away, velocity = (robots[k, 0] - x, robots[k, 1] - y), (robots[k, 3], robots[k, 4])
             if away[0] * away[0] + away[1] * away[1] < model.sight * model.sight:
@@ -77,44 +78,19 @@ def walk_by_orca(people, directions, robots, walls, model, dt):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def _find_nearest(people, i, sight, nearest, squares):
-    """Write to `nearest` who is nearest to person i within `sight` [m], and squared distances; return how many."""
-    x, y, found, most = people[i, at.X], people[i, at.Y], 0, nearest.shape[0]
-    farthest = sight * sight
-    for j in range(people.shape[0]):
-        dx, dy = people[j, at.X] - x, people[j, at.Y] - y
-        square = dx * dx + dy * dy
-        if square >= farthest or j == i:
-            continue
-        k = min(found, most - 1)
-        found = min(found + 1, most)
-        while k > 0 and squares[k - 1] > square:
-            squares[k], nearest[k] = squares[k - 1], nearest[k - 1]
-            k -= 1
-        squares[k], nearest[k] = square, j
-        if found == most:
-            farthest = squares[most - 1]
-    return found
-
-
-@njit(cache=True, error_model="numpy", inline="always")
-def _add_walls(lines, people, i, segments, circles, near, grid, horizon, dt):
+def _add_walls(lines, people, i, near, grid, horizon, dt):
     """Write the lines of near walls; return how many. Ends of segments and circles are round, segments straight."""
     x, y, radius, own = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], (people[i, at.VX], people[i, at.VY])
     first, end = near_list(near, grid, x, y)
     count = 0
     for k in range(first, end):
         item = int(near[k])
-        nx, ny, gap = offset(segments, circles, item, x, y)
+        nx, ny, gap = offset(near, item, x, y)
         if gap > radius + 2.0 * horizon * people[i, at.SPEED]:
             continue
-        is_round, extra = item >= segments.shape[0], 0.0
-        if is_round:
-            extra = circles[item - segments.shape[0], 2]
-        else:
-            ex, ey = segments[item, 2] - segments[item, 0], segments[item, 3] - segments[item, 1]
-            is_round = abs(nx * ex + ny * ey) > 1e-6 * math.hypot(ex, ey)
-        if is_round and gap > radius:
+        ex, ey, extra = near[item + 2] - near[item], near[item + 3] - near[item + 1], near[item + 4]
+        length = math.hypot(ex, ey)
+        if gap > radius and (length == 0.0 or abs(nx * ex + ny * ey) > 1e-6 * length):
             away = (-nx * (gap + extra), -ny * (gap + extra))
             avoid(lines, count, away, own, (0.0, 0.0), radius + extra, horizon, dt, 1.0)
         else:

@@ -73,13 +73,13 @@ def _fill(taken, first, tries, walls):
 
     A position that is too near for a large person is tried for nobody else: there are many.
     """
-    row, (segments, circles, near, grid) = first, walls
+    row, (near, grid) = first, walls
     for k in range(tries.shape[0]):
         if row == taken.shape[0]:
             break
         x, y = tries[k]
         radius = taken[row, 2]
-        has_room = clearance(segments, circles, near, grid, x, y) > radius
+        has_room = clearance(near, grid, x, y) > radius
         for j in range(row):
             has_room &= math.hypot(x - taken[j, 0], y - taken[j, 1]) > radius + taken[j, 2] + PEOPLE_GAP
         if has_room:

@@ -197,12 +197,12 @@ def _upwind(a, b, cost):
 @njit(cache=True, error_model="numpy")
 def _clearances(free, walls):
     """Return the distance from the centre of each cell to the nearest obstacle, up to `REACH` [m]; 0 if not free."""
-    gaps, (segments, circles, near, grid) = np.zeros(free.shape), walls
+    gaps, (near, grid) = np.zeros(free.shape), walls
     for row in range(free.shape[0]):
         for col in range(free.shape[1]):
             if free[row, col]:
                 x, y = grid[0] + (col + 0.5) * RESOLUTION, grid[1] + (row + 0.5) * RESOLUTION
-                gaps[row, col] = clearance(segments, circles, near, grid, x, y)
+                gaps[row, col] = clearance(near, grid, x, y)
     return gaps
 
 

@@ -29,14 +29,14 @@ def settle(people, starts, robots, walls, dt):
     `robots`: shape (m, 5), float64, see `social_forces`; `walls`: `Walls`; `dt`: how long the step takes [s]. Returns
     for each the robot that stopped it, or -1: shape (n,), int64; `BLOCKED` is written for these.
     """
-    count, (segments, circles, near, grid) = people.shape[0], walls
+    count, (near, grid) = people.shape[0], walls
     stopped_by, is_free = np.full(count, -1), False
     for _ in range(_ROUNDS):
         is_free = not _push_apart(people)
         for i in range(count):
             x, y = people[i, at.X], people[i, at.Y]
             if people[i, at.KIND] <= at.BLIND:
-                new_x, new_y, has_room = push_out(segments, circles, near, grid, x, y, people[i, at.RADIUS])
+                new_x, new_y, has_room = push_out(near, grid, x, y, people[i, at.RADIUS])
                 people[i, at.X], people[i, at.Y] = new_x, new_y
                 is_free &= has_room and new_x == x and new_y == y
         if is_free:
@@ -100,10 +100,10 @@ def _robot_ahead(people, i, starts, robots, dt):
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
     """Put those back where they came from who are in a wall or too deep in somebody; return whether any moved."""
-    moved, (segments, circles, near, grid) = False, walls
+    moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND
-        gap = clearance(segments, circles, near, grid, people[i, at.X], people[i, at.Y])
+        gap = clearance(near, grid, people[i, at.X], people[i, at.Y])
         if walks and gap < people[i, at.RADIUS] - _TOLERANCE:
             moved |= _put_back(people[i], starts[i])
         for j in range(i):

@@ -59,7 +59,7 @@ def social_forces(people, directions, robots, walls, model, forces):
     `people`: rows; `directions`: shape (n, 2), float64, unit vectors of where they walk; `robots`: shape (m, 5),
     float64, (x, y, radius, vx, vy); `walls`: `Walls`; `model`: `SocialForce`. All in the world frame [m, m/s].
     """
-    count, (segments, circles, near, grid) = people.shape[0], walls
+    count, (near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(NEGLIGIBLE)
     forces[:] = 0.0
     for i in range(count):  # by indices: making a view of a row takes as long as a push
@@ -89,7 +89,7 @@ def social_forces(people, directions, robots, walls, model, forces):
             if 0.0 < distance < touching + cutoff:
                 push = model.strength * math.exp((touching - distance) / model.reach)
                 _add(forces, i, push, dx / distance, dy / distance, people, directions, model)
-        push_x, push_y = wall_force(segments, circles, near, grid, x, y, radius, model)
+        push_x, push_y = wall_force(near, grid, x, y, radius, model)
         forces[i, 0] += push_x
         forces[i, 1] += push_y
         square = forces[i, 0] * forces[i, 0] + forces[i, 1] * forces[i, 1]
@@ -109,7 +109,7 @@ def _add(forces, i, push, nx, ny, people, directions, model):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def wall_force(segments, circles, near, grid, x, y, radius, model):
+def wall_force(near, grid, x, y, radius, model):
     """Return the push of the obstacles of `Walls` on a person at (x, y) with a radius [m]: (ax, ay) [m/s2].
 
     To the left and to the right, down and up, the strongest push counts: a wall of many pieces pushes like one.
@@ -117,7 +117,7 @@ def wall_force(segments, circles, near, grid, x, y, radius, model):
     left = right = down = up = 0.0
     first, end = near_list(near, grid, x, y)
     for k in range(first, end):
-        nx, ny, gap = offset(segments, circles, int(near[k]), x, y)
+        nx, ny, gap = offset(near, int(near[k]), x, y)
         push = model.wall_strength * math.exp((radius - gap) / model.wall_reach)
         left, right = min(left, push * nx), max(right, push * nx)
         down, up = min(down, push * ny), max(up, push * ny)

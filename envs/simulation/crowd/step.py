@@ -22,12 +22,11 @@ LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 
 
 @njit(cache=True, error_model="numpy")
-def step_people(people, points, fields, setup, robots, segments, circles):
+def step_people(people, points, fields, setup, robots):
     """Let people walk for one control period, before the robots move.
 
     `people`, `points`, `fields`, `setup`: see `People`, the first written; `robots`: rows of robots, see
-    `envs.simulation.records`, of which those in contact with a person that walked into them are marked as touched;
-    `segments`, `circles`: of the world, shapes (n, 4) and (m, 3), float64 [m].
+    `envs.simulation.records`, of which those in contact with a person that walked into them are marked as touched.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     num_steps = max(1, math.ceil(period / (ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP) - 1e-9))
@@ -38,7 +37,7 @@ def step_people(people, points, fields, setup, robots, segments, circles):
         discs[k, 0], discs[k, 1], discs[k, 2] = robot[robots_at.X], robot[robots_at.Y], radius
         discs[k, 3], discs[k, 4] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
-    walls = Walls(segments, circles, setup[at.WALLS :], grid)
+    walls = Walls(setup[at.WALLS :], grid)
     starts, directions = np.empty((count, 2)), np.empty((count, 2))
     for i in range(count):
         people[i, at.BEFORE_X], people[i, at.BEFORE_Y], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0

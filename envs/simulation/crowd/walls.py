@@ -6,8 +6,6 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry.clearance import segment_offset
-
 REACH = 0.9
 """Obstacles farther than this from a person's centre are not looked at [m]."""
 CELL = 0.25
@@ -24,13 +22,9 @@ class Walls(NamedTuple):
     These unpack it once: to take an array out of it for each person takes longer than all that is done with it.
     """
 
-    segments: np.ndarray
-    """Shape (n, 4), float64: (x0, y0, x1, y1) [m]."""
-    circles: np.ndarray
-    """Shape (m, 3), float64: (x, y, radius) [m]."""
     near: np.ndarray
-    """Shape (k,), float64: where each cell's list begins in this array, where the last one ends, then the lists:
-    indices of segments, and of circles after them."""
+    """Shape (k,), float64: where each cell's list begins in this array and where the last one ends; the lists, which
+    hold where obstacles begin in this array; and the obstacles: lines (x0, y0, x1, y1) and their radius [m]."""
     grid: tuple[float, float, float, float]
     """Where the first column and the first row begin [m], and how many rows and columns there are."""
 
@@ -41,60 +35,43 @@ def list_walls(segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, f
     `segments`, shape (n, 4), and `circles`, shape (m, 3), are float64 [m].
     """
     x_min, y_min, x_max, y_max = bounds
-    rows, cols = math.ceil((y_max - y_min) / CELL) + 1.0, math.ceil((x_max - x_min) / CELL) + 1.0
-    segments, circles = np.array(segments), np.array(circles)
-    return Walls(segments, circles, _lists(segments, circles, x_min, y_min, rows, cols), (x_min, y_min, rows, cols))
+    rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
+    bodies = np.vstack([np.column_stack([segments, np.zeros(len(segments))]), circles[:, [0, 1, 0, 1, 2]]])
+    cells, items = _pairs(bodies, bodies.ravel(), x_min, y_min, rows, cols)
+    order, first = np.argsort(cells, kind="stable"), rows * cols + 1
+    starts = first + np.searchsorted(cells[order], np.arange(first))
+    near = np.concatenate([starts, first + len(items) + items[order], bodies.ravel()])
+    return Walls(near, (x_min, y_min, float(rows), float(cols)))
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def offset(segments, circles, item, x, y):
+def offset(near, item, x, y):
     """Return the unit vector from the nearest point of an obstacle to (x, y), and the distance [m]."""
-    num_segments = segments.shape[0]
-    if item < num_segments:
-        dx, dy = segment_offset(x, y, segments, item)
-        distance = math.sqrt(dx * dx + dy * dy)
-        scale, gap = 1.0 / max(distance, 1e-300), distance
-    else:
-        circle = circles[item - num_segments]
-        dx, dy = x - circle[0], y - circle[1]
-        distance = math.sqrt(dx * dx + dy * dy)
-        scale, gap = 1.0 / max(distance, 1e-300), distance - circle[2]
-    return dx * scale, dy * scale, gap
+    ex, ey = near[item + 2] - near[item], near[item + 3] - near[item + 1]
+    dx, dy = x - near[item], y - near[item + 1]
+    along = min(max((dx * ex + dy * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
+    dx, dy = dx - along * ex, dy - along * ey
+    distance = math.sqrt(dx * dx + dy * dy)
+    scale = 1.0 / max(distance, 1e-300)
+    return dx * scale, dy * scale, distance - near[item + 4]
 
 
 @njit(cache=True, error_model="numpy")
-def _lists(segments, circles, origin_x, origin_y, rows, cols):
-    """Return `Walls.near`: first it is counted how long each list becomes, then they are written."""
-    num_items, num_cells, reach = segments.shape[0] + circles.shape[0], int(rows * cols), REACH + math.sqrt(0.5) * CELL
-    near = np.zeros(num_cells + 2)
-    for is_writing in (False, True):
-        for item in range(num_items):
-            if item < segments.shape[0]:
-                x0, y0, x1, y1 = segments[item]
-                size = 0.0
-            else:
-                x0, y0, size = circles[item - segments.shape[0]]
-                x1, y1 = x0, y0
-            left, low = min(x0, x1) - size - REACH - origin_x, min(y0, y1) - size - REACH - origin_y
-            right, high = max(x0, x1) + size + REACH - origin_x, max(y0, y1) + size + REACH - origin_y
-            for row in range(max(math.floor(low / CELL), 0), min(math.floor(high / CELL) + 1, int(rows))):
-                for col in range(max(math.floor(left / CELL), 0), min(math.floor(right / CELL) + 1, int(cols))):
-                    x, y = origin_x + (col + 0.5) * CELL, origin_y + (row + 0.5) * CELL
-                    if offset(segments, circles, item, x, y)[2] <= reach:
-                        cell = row * int(cols) + col
-                        if is_writing:
-                            near[int(near[cell + 1])] = item
-                            near[cell + 1] += 1
-                        else:
-                            near[cell + 2] += 1
-        if not is_writing:  # lists begin one entry late, and have moved to their place once they are written
-            near[0] = near[1] = num_cells + 1
-            for cell in range(num_cells):
-                near[cell + 2] += near[cell + 1]
-            lists = np.zeros(int(near[num_cells + 1]) + 1)
-            lists[: num_cells + 1] = near[: num_cells + 1]
-            near = lists
-    return near
+def _pairs(bodies, near, origin_x, origin_y, rows, cols):
+    """Return the indices of cells, and for each where an obstacle that is near it begins in `near`: shapes (n,)."""
+    reach = REACH + math.sqrt(0.5) * CELL
+    cells, items = [0 for _ in range(0)], [0 for _ in range(0)]
+    for k in range(bodies.shape[0]):
+        x0, y0, x1, y1, radius = bodies[k]
+        left, right = min(x0, x1) - radius - REACH - origin_x, max(x0, x1) + radius + REACH - origin_x
+        low, high = min(y0, y1) - radius - REACH - origin_y, max(y0, y1) + radius + REACH - origin_y
+        for row in range(max(math.floor(low / CELL), 0), min(math.floor(high / CELL) + 1, rows)):
+            for col in range(max(math.floor(left / CELL), 0), min(math.floor(right / CELL) + 1, cols)):
+                x, y = origin_x + (col + 0.5) * CELL, origin_y + (row + 0.5) * CELL
+                if offset(near, 5 * k, x, y)[2] <= reach:
+                    cells.append(row * cols + col)
+                    items.append(5 * k)
+    return np.array(cells), np.array(items)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
@@ -108,17 +85,17 @@ def near_list(near, grid, x, y):
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def clearance(segments, circles, near, grid, x, y):
+def clearance(near, grid, x, y):
     """Return the distance from (x, y) to the nearest obstacle of `Walls`, `REACH` where none is nearer [m]."""
     first, end = near_list(near, grid, x, y)
     nearest = REACH
     for k in range(first, end):
-        nearest = min(nearest, offset(segments, circles, int(near[k]), x, y)[2])
+        nearest = min(nearest, offset(near, int(near[k]), x, y)[2])
     return nearest
 
 
 @njit(cache=True, error_model="numpy", inline="always")
-def push_out(segments, circles, near, grid, x, y, radius):
+def push_out(near, grid, x, y, radius):
     """Push a disc out of the obstacles of `Walls` that it overlaps, the deepest overlap first.
 
     Returns its centre (x, y) [m], and whether it is free now; where it is wedged it is not.
@@ -127,7 +104,7 @@ def push_out(segments, circles, near, grid, x, y, radius):
         first, end = near_list(near, grid, x, y)
         deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0
         for k in range(first, end):
-            nx, ny, gap = offset(segments, circles, int(near[k]), x, y)
+            nx, ny, gap = offset(near, int(near[k]), x, y)
             if radius - gap > deepest:
                 deepest, push_x, push_y = radius - gap, nx, ny
         if deepest == _TOLERANCE:

@@ -47,11 +47,11 @@ def reference(people, directions, robots, walls, model):
         if person[at.KIND] == at.ATTENTIVE:
             force += sum(push(at_i - robot[:2], radius + robot[2], ahead, sideways) for robot in robots)
         first, end = near_list(walls.near, walls.grid, *at_i)
-        near = walls.near[first:end].astype(int)
-        offsets = [segment_offset(*at_i, walls.segments, k) for k in near[near < len(walls.segments)]]
-        for x, y, size in walls.circles[near[near >= len(walls.segments)] - len(walls.segments)]:
-            offset = at_i - (x, y)
-            offsets.append(offset * (1.0 - size / np.hypot(*offset)))
+        offsets = []
+        for k in walls.near[first:end].astype(int):
+            line = walls.near[k : k + 5]
+            offset = np.array(segment_offset(*at_i, line[None], 0))
+            offsets.append(offset * (1.0 - line[4] / np.hypot(*offset)))
         offsets.append((100.0, 100.0))
         gaps = np.hypot(*np.transpose(offsets))
         pushes = np.transpose(offsets) / gaps * model.wall_strength * np.exp((radius - gaps) / model.wall_reach)
@@ -194,4 +194,4 @@ def test_lanes_form_in_a_corridor():
     for seed in range(3):
         people = begin(corridor, crowd, seed)
         assert lane_order(people.rows) < 0.2
-        assert np.mean([lane_order(rows) for rows in walk(corridor, people, 600)[200:]]) > 0.35
+        assert np.mean([lane_order(rows) for rows in walk(people, 600)[200:]]) > 0.35

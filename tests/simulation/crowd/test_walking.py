@@ -30,7 +30,7 @@ def test_nobody_is_in_a_wall_or_in_somebody_in_250_000_steps(scene, model):
 @pytest.mark.parametrize("model", MODELS)
 def test_people_walk_at_about_their_desired_speed(model):
     people = begin(HALL, Crowd(number=10, model=model, speed=(0.8, 1.2)))
-    rows = walk(HALL, people, 600)
+    rows = walk(people, 600)
     speeds = np.hypot(rows[..., at.VX], rows[..., at.VY])
     assert 0.8 < (speeds / rows[..., at.SPEED]).mean() < 1.05
     assert (speeds <= 1.5 * rows[..., at.SPEED]).all()
@@ -39,7 +39,7 @@ def test_people_walk_at_about_their_desired_speed(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_everybody_gets_through_a_door_that_lets_one_pass(model):
     people = begin(DOORWAY, Crowd(number=8, model=model, flow="along"))
-    side = np.sign(walk(DOORWAY, people, 1500)[..., at.X])
+    side = np.sign(walk(people, 1500)[..., at.X])
     crossings = (side[1:] != side[:-1]).sum(axis=0)
     assert crossings.min() >= 2
     assert crossings.sum() >= 40
@@ -48,7 +48,7 @@ def test_everybody_gets_through_a_door_that_lets_one_pass(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_the_same_seed_gives_the_same_people(model):
     first, second, third = (
-        walk(DOORWAY, begin(DOORWAY, Crowd(number=(3, 9), model=model, standing=0.2), seed), 100) for seed in (3, 3, 4)
+        walk(begin(DOORWAY, Crowd(number=(3, 9), model=model, standing=0.2), seed), 100) for seed in (3, 3, 4)
     )
     assert first.tobytes() == second.tobytes()
     assert first.tobytes() != third.tobytes()
@@ -58,8 +58,8 @@ def test_the_same_seed_gives_the_same_people(model):
 @pytest.mark.parametrize("attentive", [0.0, 1.0])
 def test_attentive_people_give_way_to_robots_and_blind_people_do_not(model, attentive):
     crowd = Crowd(number=6, model=model, attentive=attentive)
-    alone = walk(HALL, begin(HALL, crowd), 100)
-    beside = walk(HALL, begin(HALL, crowd), 100, robots_at_poses((0.0, 0.0, 0.0, 0.0)))
+    alone = walk(begin(HALL, crowd), 100)
+    beside = walk(begin(HALL, crowd), 100, robots_at_poses((0.0, 0.0, 0.0, 0.0)))
     touches = (beside[..., at.BLOCKED] > 0.0).any(axis=1)
     if attentive:
         assert not np.allclose(alone, beside)
@@ -75,7 +75,7 @@ def test_who_walks_into_a_robot_stops_there(model):
     corridor = make_room(-5, -0.4, 5, 0.4)
     crowd = Crowd(number=1, model=model, attentive=0.0, flow="along")
     robots = robots_at_poses((0.0, 0.0, 0.0, 0.0))
-    rows = walk(corridor, begin(corridor, crowd, poses=[(0.0, 0.0, 0.0)]), 400, robots)
+    rows = walk(begin(corridor, crowd, poses=[(0.0, 0.0, 0.0)]), 400, robots)
     gaps = np.abs(rows[:, 0, at.X]) - 0.6
     assert gaps.min() > -1e-9
     assert gaps[rows[:, 0, at.BLOCKED] > 0.0].max() < 0.15
@@ -87,7 +87,7 @@ def test_standing_people_stand_and_others_walk_around_them(model):
     people = begin(CORRIDOR, Crowd(number=8, model=model, standing=0.4, flow="along"), seed=2)
     stands = people.rows[:, at.KIND] == at.STANDING
     assert 0 < stands.sum() < 8
-    rows = walk(CORRIDOR, people, 600)
+    rows = walk(people, 600)
     assert (np.ptp(rows[:, stands, at.X], axis=0) == 0.0).all()
     assert (np.ptp(rows[:, ~stands, at.X], axis=0) > 10.0).all()
 
@@ -95,7 +95,7 @@ def test_standing_people_stand_and_others_walk_around_them(model):
 @pytest.mark.parametrize("model", MODELS)
 def test_people_walk_from_end_to_end_or_from_side_to_side(model):
     for world, flow, num_axes in ((CORRIDOR, "along", 1), (HALL, "across", 2)):
-        rows = walk(world, begin(world, Crowd(number=8, model=model, flow=flow)), 900)
+        rows = walk(begin(world, Crowd(number=8, model=model, flow=flow)), 900)
         spans = np.ptp(rows[..., [at.X, at.Y]], axis=0)
         assert (spans.max(axis=1) > 8.0).all()
         assert (spans > 8.0).any(axis=0).sum() == num_axes
