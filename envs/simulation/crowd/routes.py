@@ -56,7 +56,7 @@ class Routes(NamedTuple):
     """Obstacles, whose grid begins where that of the fields does."""
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=64)
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
     """Return the routes of people of a radius [m] who walk `anywhere`, `along` or `across` a world.
 

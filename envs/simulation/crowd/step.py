@@ -11,7 +11,7 @@ from envs.simulation import records as robots_at
 from . import records as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
 from .routes import choose_directions
-from .settling import settle
+from .settling import MAX_HASTE, settle
 from .social_force import NUM_FORCES, SocialForce, walk_by_forces
 from .walls import Walls
 
@@ -29,8 +29,6 @@ def step_people(people, points, fields, setup, robots):
     `envs.simulation.records`, of which those in contact with a person that walked into them are marked as touched.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
-    num_steps = max(1, math.ceil(period / (ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP) - 1e-9))
-    dt = period / num_steps
     discs = np.empty((robots.shape[0], 5))
     for k in range(robots.shape[0]):
         robot, v = robots[k], robots[k, robots_at.V]
@@ -39,8 +37,13 @@ def step_people(people, points, fields, setup, robots):
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
     walls = Walls(setup[at.WALLS :], grid)
     starts, directions = np.empty((count, 2)), np.empty((count, 2))
+    longest = ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP
     for i in range(count):
         people[i, at.BEFORE_X], people[i, at.BEFORE_Y], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
+        if people[i, at.KIND] <= at.BLIND:  # nobody gets through a thin wall in a step
+            longest = min(longest, people[i, at.RADIUS] / (MAX_HASTE * people[i, at.SPEED]))
+    num_steps = max(1, math.ceil(period / longest - 1e-9))
+    dt = period / num_steps
     for _ in range(num_steps):
         for i in range(count):
             starts[i, 0], starts[i, 1] = people[i, at.X], people[i, at.Y]

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from envs.geometry import Pose2D
 from envs.simulation.crowd import Crowd
 from envs.simulation.crowd import records as at
 from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, SCENES, begin, robots_at_poses, walk, watch
@@ -99,3 +100,11 @@ def test_people_walk_from_end_to_end_or_from_side_to_side(model):
         spans = np.ptp(rows[..., [at.X, at.Y]], axis=0)
         assert (spans.max(axis=1) > 8.0).all()
         assert (spans > 8.0).any(axis=0).sum() == num_axes
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_the_fast_and_thin_do_not_get_through_walls(model):
+    """At 5 m/s they would be on the other side of a wall before they touch it."""
+    halves = make_room(-2, -2, 2, 2, [(0, -2, 0, 2)], spawn=Pose2D(-1.0, 0.0, 0.0))
+    people = begin(halves, Crowd(number=8, model=model, speed=(4.5, 5.0), radius=(0.1, 0.1)))
+    assert (walk(people, 500)[..., at.X] < -0.09).all()
