@@ -102,9 +102,10 @@ def test_people_walk_from_end_to_end_or_from_side_to_side(model):
         assert (spans > 8.0).any(axis=0).sum() == num_axes
 
 
-@pytest.mark.parametrize("model", MODELS)
-def test_the_fast_and_thin_do_not_get_through_walls(model):
-    """At 5 m/s they would be on the other side of a wall before they touch it."""
+def test_the_fast_and_thin_do_not_get_through_walls():
+    """At 6 m/s they would be on the other side of a wall before they touch it."""
     halves = make_room(-2, -2, 2, 2, [(0, -2, 0, 2)], spawn=Pose2D(-1.0, 0.0, 0.0))
-    people = begin(halves, Crowd(number=8, model=model, speed=(4.5, 5.0), radius=(0.1, 0.1)))
-    assert (walk(people, 500)[..., at.X] < -0.09).all()
+    people = begin(halves, Crowd(number=8, speed=(5.0, 5.0), radius=(0.1, 0.1)))
+    for _ in range(20):
+        people.rows[:, at.VX], people.rows[:, at.VY] = 6.0, 0.0
+        assert (walk(people, 1)[..., at.X] <= -0.1 + 1e-5).all()
