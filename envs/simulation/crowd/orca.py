@@ -23,7 +23,7 @@ class Orca(NamedTuple):
     """Time for which people avoid each other and robots [s]."""
     wall_horizon: Positive = 0.5
     """Time for which they avoid walls [s]."""
-    sight: Positive = 5.0
+    sight: Positive = 4.0
     """Distance between centres up to which people see each other and robots [m]."""
     margin: Positive = 0.05
     """Gap that is kept to others [m]."""

@@ -174,7 +174,7 @@ def test_attentive_people_do_all_for_robots_and_blind_people_nothing():
 
 
 def test_only_those_in_sight_count():
-    crowd = people_at((0, 0, 1, 0, 0), (1.2, 0.1, 0, 0, at.STANDING), (4.0, -0.1, 0, 0, at.STANDING))
+    crowd = people_at((0, 0, 1, 0, 0), (1.2, 0.1, 0, 0, at.STANDING), (3.5, -0.1, 0, 0, at.STANDING))
     near = velocities(crowd[:2].copy(), [(1, 0)] * 2)[0]
     assert np.hypot(*(near - (1.0, 0.0))) > 0.1
     np.testing.assert_array_equal(velocities(crowd.copy(), [(1, 0)] * 3, model=Orca(sight=3.0))[0], near)
