@@ -243,6 +243,8 @@ class Robot:
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
         """Return a scan without the beams that end at peers or people."""
         if self.tracker is not None:
+            if isinstance(self.estimator, KeyScanSlam):
+                self.estimator.unmapped = self.tracker.is_on_person(ranges, surely=False)
             ranges = np.where(self.tracker.is_on_person(ranges), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges

@@ -311,12 +311,16 @@ class PeopleTracker:
         """Shape (n, TRACK_SIZE), float64: all tracks, also those of which it is not yet known; see `X`; a view."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
-    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1) -> np.ndarray:
+    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, surely: bool = True) -> np.ndarray:
         """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool.
 
-        So do those on what is as large as a person, unless it has been seen to stand there for some time.
+        Unless it has to be so `surely`, those count that end at what is as large as a person, too, and has not been
+        seen to stand there for some time.
         """
         mask = np.empty(len(ranges), dtype=np.bool_)
+        if surely:
+            on_people(ranges, self._directions, self.people, margin, self._numbers, mask)
+            return mask
         clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
         clusters = clusters[
             (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams) & (clusters[:, 5] == 0.0)

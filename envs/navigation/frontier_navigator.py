@@ -171,13 +171,16 @@ class FrontierNavigator:
         Frontiers that were given up are looked for again. A drive there that `goes_on` does not count.
         """
         planning = self.map
-        is_hopeless = not self._has_start or self._num_looks == self.params.max_looks
-        if is_hopeless or not self._met or not (planning.frontier.any() or len(self._given_up)):
+        is_left = planning.frontier.any() or len(self._given_up) > 0
+        if self._num_looks == self.params.max_looks or not self._met or not is_left:
             return False
         self._num_looks += not goes_on
         planning.look_again_at(self._given_up)
         self._given_up, self._failures = NO_POINTS, NO_POINTS
         height, width = planning.joined.shape
+        if not self._has_start:
+            self.navigator.spin()
+            return True
         reached = np.argwhere(planning.expansion.travel.reshape(height + 2, width + 2)[1:-1, 1:-1] < UNREACHED)
         met = np.array(list(self._met.values()))
         gaps, nearest = cKDTree(planning.grid.centers(reached)).query(met)

@@ -81,6 +81,6 @@ class NavigatorParams:
     """Goals that failed count as the same goal within this distance [m]."""
     max_failures: int = 3
     """Failures after which a frontier is ignored."""
-    max_looks: int = 20
+    max_looks: int = 40
     """How often a robot that has met people looks again where it gets no further, before it says so: somebody may have
     stood in a door."""
