@@ -28,12 +28,11 @@ class Hector(KeyScanSlam):
 
     params: HectorParams
     map: LogOddsMap
-    _is_found_by_fit = True  # its map bends, and robots are lost without having been kidnapped
 
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._loss = LossTracker(lidar, params.lost_scans, self._is_found_by_fit)
+        self._loss = LossTracker(lidar, params.lost_scans, params.uses_odometry)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
@@ -51,8 +50,9 @@ class Hector(KeyScanSlam):
         if self.last_key_pose is None:
             return predicted, 1.0
         match = self._match_map(ranges, predicted)
-        instead = self._track_loss(ranges, predicted, match.fits if match.is_judged else None)
-        return (Pose2D(match.x, match.y, match.theta), 1.0) if instead is None else (instead, None)
+        pose = Pose2D(match.x, match.y, match.theta)
+        instead = self._track_loss(ranges, predicted, pose, match.fits if match.is_judged else None)
+        return (pose, 1.0) if instead is None else (instead, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
         """Match a scan to the map; `belief.covariance` becomes that of the match."""
@@ -64,10 +64,10 @@ class Hector(KeyScanSlam):
         match: Match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
         return match
 
-    def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None) -> Pose2D | None:
+    def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
         """Set `belief.is_lost` by a key scan; arguments and result are those of `LossTracker.update`."""
         belief = self.belief
-        instead = self._loss.update(ranges, predicted, fits, belief.grid)
+        instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
         if self._loss.is_found:
             belief.covariance = np.diag(FOUND_STD) ** 2
         belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > self.params.max_position_std

@@ -1,26 +1,28 @@
 """Relocalization: finding the pose of a robot on its own map again, as after it was kidnapped.
 
 Scans since the loss are joined by odometry, and searched at all poses of the map by branch and bound (Hess et al.,
-Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar fits in many places, ten seldom do.
+Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar fits in many places, twenty seldom do.
 """
 
 import math
-from collections.abc import Iterator
+from typing import NamedTuple, Self
 
 import numpy as np
 
+from envs.estimation import ORIGIN
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
 from envs.robots import LidarParams
 
 from .key_scans import KeyScans, has_moved
-from .matching.branch_and_bound import SearchWindow, angle_step, search
-from .matching.fields import Field, build_pyramid, hit_shares, is_accepted
+from .matching.branch_and_bound import EVERYWHERE, SearchResult, SearchWindow, angle_step, search
+from .matching.fields import Field, HitShares, Pyramid, build_pyramid, count_crossings, hit_shares, is_accepted
 from .params import LoopClosureParams
+from .scans import ScanGeometry
 
-NUM_SCANS = 10
+NUM_SCANS = 20
 """Key scans that are searched together."""
-LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 32
+LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
 """Key scans since the loss before the first search, and between two searches; after a search in vain twice as many as
 before, up to the last number: a search costs as much as a hundred matches."""
 COARSE_CELL = 0.1
@@ -36,35 +38,46 @@ FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 NEAR = 2.0
 """Distance from the pose by odometry up to which a pose is near [m]: a robot is lost more often because its map bends
 than because it was kidnapped."""
-CONFIRMATIONS, FAR_CONFIRMATIONS = 3, 8
-"""Searches in succession that must agree on a pose that is near, and on another one: places that look alike seldom do
-for so long."""
+ENOUGH, FAR_ENOUGH, MAX_LEAD = 0.5, 1.0, 0.25
+"""Sum of leads, in searches in succession that agree on a pose, which makes a near one certain, and another one; and
+what counts at most of the lead of one search."""
 SAME_PLACE, SAME_HEADING = 0.3, 0.1
 """By how much poses that agree differ at most [m], [rad]."""
-LEAST_LEAD = 0.02
-"""By how much the share of hits on occupied cells, less that on free ones, must exceed that of the next best pose."""
+RIVAL_PLACE, RIVAL_HEADING, RIVAL_SCORE = 0.5, 0.2, 0.15
+"""How far rivals of a pose are from it at least in coarse cells [m], [rad], and by how much their score may be less."""
+LEAST_LEAD = 0.05
+"""By how much the merit of a pose must exceed that of its rivals: its lead."""
+MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.4, 40, 4
+"""Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
+scans in succession above it after which the robot is lost, however well their hits fit. Where odometry has drifted, it
+is up to 0.37 before a loop is closed."""
+QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+"""Headings around which the map is searched [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviation of a pose that was found [m, m, rad]."""
-ACCEPTED = LoopClosureParams(min_score=0.45, min_occupied=0.7, max_free=0.15, min_agreement=0.8)
+ACCEPTED = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
 """What a pose must reach; see `is_accepted`."""
+ACCEPTED_CROSSING = 0.08
+"""Share of the beams of the joined scans that may pass through occupied cells at a pose that is taken."""
 
 
 class LossTracker:
     """Tells when scans in succession do not fit the map, and relocalizes the robot."""
 
-    def __init__(self, lidar: LidarParams, lost_scans: int, is_found_by_fit: bool = False) -> None:
+    def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
         """Track a SLAM for one lidar; the robot is lost after `lost_scans` key scans in succession that do not fit.
 
-        Where `is_found_by_fit`, one scan that fits ends a loss. Else only relocalization does: sooner or later a scan
-        fits where a kidnapped robot is not.
+        Only relocalization ends a loss: sooner or later a single scan fits where a kidnapped robot is not. Without
+        odometry, which joins scans, one that fits has to do.
         """
-        self._is_found_by_fit, self._lost_scans = is_found_by_fit, lost_scans
+        self._lost_scans, self._has_odometry = lost_scans, has_odometry
+        self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.reset()
 
     def reset(self) -> None:
         """Start with a robot that is not lost."""
-        self._mismatches = 0
+        self._mismatches = self._num_crossing = 0
         self.is_found = False
         """Whether the last key scan has relocalized the robot."""
         self._relocalizer.reset()
@@ -79,17 +92,32 @@ class LossTracker:
         """Whether scans in succession have not fitted."""
         return self._mismatches >= self._lost_scans
 
-    def update(self, ranges: np.ndarray, predicted: Pose2D, fits: bool | None, grid: OccupancyGrid) -> Pose2D | None:
-        """Process a key scan, shape (num_beams,), float32 [m], at a pose predicted by odometry.
+    def update(
+        self,
+        ranges: np.ndarray,
+        predicted: Pose2D,
+        pose: tuple[float, float, float],
+        fits: bool | None,
+        grid: OccupancyGrid,
+    ) -> Pose2D | None:
+        """Process a key scan, shape (num_beams,), float32 [m], at a pose predicted by odometry and that of its match.
 
         A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry. `fits` is
         None where too little of the map, `grid`, is known to tell. Returns the pose to go on with, map frame, if the
-        scan must not be integrated; None if the pose of its match is taken.
+        scan must not be integrated; None if that of its match is taken.
         """
         self.is_found = False
-        if fits and (self._is_found_by_fit or not self.is_lost):
+        if self._has_odometry and not self.is_lost:
+            field = Field(grid.data, *grid.origin, grid.resolution)
+            crossing, judged = count_crossings(field, ranges, self._geometry, pose)
+            is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
+            self._num_crossing = self._num_crossing + 1 if is_crossing else 0
+            if self._num_crossing >= CROSSING_SCANS:
+                fits, self._mismatches = False, self._lost_scans
+        if fits and not (self.is_lost and self._has_odometry):
             if self.is_in_doubt:
-                self.reset()
+                self._mismatches = 0
+                self._relocalizer.reset()
             return None
         if fits is None and not self.is_in_doubt:
             return None
@@ -109,72 +137,131 @@ class Relocalizer:
 
     def __init__(self, lidar: LidarParams) -> None:
         """Start without scans of a lidar."""
-        self._lidar = lidar
+        self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
         self.reset()
 
     def reset(self) -> None:
         """Forget all scans: the robot is not lost, or no longer."""
         self._scans = KeyScans(self._lidar)
         self._next, self._interval = LEAST_SCANS, SEARCH_EVERY
-        self._found: list[tuple[Pose2D, Pose2D]] = []
+        self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
         """Add a key scan, shape (num_beams,), float32 [m], and its pose by odometry; search the map when it is due.
 
-        Without a map nothing is searched. Returns the pose of the scan, map frame, once searches in succession agree.
+        Without a map nothing is searched. Returns the pose of the scan, map frame, once searches in succession agree,
+        and nothing else on the map is like it.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
             return None
-        found = self.search(grid)
+        found, lead = self.search(grid)
         self._interval = SEARCH_EVERY if found is not None else min(2 * self._interval, MAX_INTERVAL)
         self._next = len(self._scans) + self._interval
         if found is None:
-            self._found.clear()
+            self._evidence = 0.0
             return None
-        if self._found:
-            before, there = self._found[-1]
-            if has_moved(*before.compose(there.between(pose)), *found, SAME_PLACE, SAME_HEADING):
-                self._found.clear()
-        self._found.append((found, pose))
+        before, there = self._found
+        if has_moved(*before.compose(there.between(pose)), *found, SAME_PLACE, SAME_HEADING):
+            self._evidence = 0.0
+        self._found, self._evidence = (found, pose), self._evidence + min(lead, MAX_LEAD)
         is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR
-        return found if len(self._found) >= (CONFIRMATIONS if is_near else FAR_CONFIRMATIONS) else None
+        return found if self._evidence >= (ENOUGH if is_near else FAR_ENOUGH) else None
 
-    def search(self, grid: OccupancyGrid) -> Pose2D | None:
-        """Return the pose of the robot at the last key scan, map frame; None where no pose or more than one will do."""
+    def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
+        """Return the pose of the robot at the last key scan, map frame, and its lead.
+
+        The pose is None where none or more than one will do.
+        """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
         if len(points) < LEAST_POINTS:
-            return None
-        field = Field.of(grid)
-        pyramid = build_pyramid(field, 3, FINE_WIDTH)
-        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
-        fits: list[tuple[float, Pose2D]] = []
-        for rough in _search_everywhere(field, points):
-            pose = search(pyramid, points, rough, around, 0.0, MAX_EVALUATIONS).pose
-            if pose is not None and is_accepted(shares := hit_shares(field, points, pose), ACCEPTED):
-                fits.append((shares.occupied - shares.free, pose))
-        fits.sort(reverse=True)
-        is_clear = len(fits) == 1 or (len(fits) > 1 and fits[0][0] >= fits[1][0] + LEAST_LEAD)
-        return fits[0][1] if is_clear else None
+            return None, 0.0
+        over = _Search.of(Field.of(grid), points)
+        found = [over.coarse(heading) for heading in QUARTERS]
+        fits = [self._fit(over, result.pose) for result in found if result.pose]
+        best = max(fits, default=None)
+        if best is None or best.crossing > ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTED):
+            return None, 0.0
+        least = max(result.score for result in found) - RIVAL_SCORE
+        for heading, result in zip(QUARTERS, found):
+            if result.pose and result.score >= least:
+                rival = over.coarse(heading, least, (*result.pose, RIVAL_PLACE, RIVAL_HEADING)).pose
+                fits += [self._fit(over, rival)] if rival else []
+        rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, SAME_PLACE, SAME_HEADING))
+        lead = best.merit - max(rivals, default=-math.inf)
+        return (best.pose if lead >= LEAST_LEAD else None), lead
+
+    def _fit(self, over: "_Search", rough: Pose2D) -> "_Fit":
+        """Return how the joined scans fit at the best pose near one that was found in coarse cells."""
+        pose = over.fine(rough)
+        shares, crossing = hit_shares(over.field, over.points, pose), self._crossing(over.field, pose)
+        known = max(shares.occupied + shares.free, 1e-9)
+        return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
+
+    def _crossing(self, field: Field, pose: Pose2D) -> float:
+        """Return the share of the joined scans' beams that pass through occupied cells, at a pose of the last."""
+        last = len(self._scans) - 1
+        to_map = pose.compose(Pose2D(*self._scans.poses[last].tolist()).inverse())
+        counts = np.zeros(2)
+        for k in range(max(last + 1 - NUM_SCANS, 0), last + 1):
+            there = to_map.compose(Pose2D(*self._scans.poses[k].tolist()))
+            counts += count_crossings(field, self._scans.ranges[k], self._geometry, tuple(there))
+        return float(counts[0] / max(counts[1], 1.0))
 
 
-def _search_everywhere(field: Field, points: np.ndarray) -> Iterator[Pose2D]:
-    """Yield the poses at which points fit a field best, one for each quarter of headings, where any will do.
+class _Fit(NamedTuple):
+    """How scans fit at a pose."""
 
-    Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
+    merit: float
+    """Share of points on known cells at walls, less that in free ones, less that of beams through walls.
+
+    What is unknown does not tell a pose from its rivals: the robot may be where the map is not complete.
     """
-    block = max(1, round(COARSE_CELL / field.resolution))
-    height, width = field.occupancy.shape
-    padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
-    rows, cols = padded.shape[0] // block, padded.shape[1] // block
-    coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
-    side = block * field.resolution
-    reach = 0.5 * max(rows, cols) * side
-    pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
-    x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
-    window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
-    for heading in (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi):
-        start = Pose2D(x, y, heading)
-        if pose := search(pyramid, points, start, window, ACCEPTED.min_score, MAX_EVALUATIONS).pose:
-            yield pose
+    crossing: float
+    """Share of beams that pass through occupied cells."""
+    shares: HitShares
+    pose: Pose2D
+
+
+class _Search(NamedTuple):
+    """Points, and the field that they are searched in, with its pyramid of coarse cells and that of its own ones."""
+
+    points: np.ndarray
+    field: Field
+    pyramid: Pyramid
+    fine_pyramid: Pyramid
+    center: tuple[float, float]
+    window: SearchWindow
+
+    @classmethod
+    def of(cls, field: Field, points: np.ndarray) -> Self:
+        block = max(1, round(COARSE_CELL / field.resolution))
+        height, width = field.occupancy.shape
+        padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
+        rows, cols = padded.shape[0] // block, padded.shape[1] // block
+        coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
+        side = block * field.resolution
+        reach = 0.5 * max(rows, cols) * side
+        pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
+        window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
+        center = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
+        return cls(points, field, pyramid, build_pyramid(field, 3, FINE_WIDTH), center, window)
+
+    def coarse(
+        self,
+        heading: float,
+        min_score: float = ACCEPTED.min_score,
+        left_out: tuple[float, float, float, float, float] = EVERYWHERE,
+    ) -> SearchResult:
+        """Search the whole map in coarse cells, at the quarter of headings around one [rad].
+
+        Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
+        """
+        start = Pose2D(*self.center, heading)
+        return search(self.pyramid, self.points, start, self.window, min_score, MAX_EVALUATIONS, left_out)
+
+    def fine(self, rough: Pose2D) -> Pose2D:
+        """Return the best pose near one that was found in coarse cells."""
+        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
+        return search(self.fine_pyramid, self.points, rough, around, 0.0, MAX_EVALUATIONS).pose or rough

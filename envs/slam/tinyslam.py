@@ -75,7 +75,7 @@ class TinySlam(KnownPoses):
                 wide = self._search_pose(ranges, predicted, self._wide_search)
                 if self._fits(ranges, wide, LEAST_WIDE_SCORE):
                     pose, fits = wide, True
-            instead = self._loss.update(ranges, predicted, fits, belief.grid)
+            instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
             belief.is_lost = self._loss.is_lost
             if instead is not None:
                 return instead, None

@@ -5,9 +5,10 @@ import pytest
 
 from benchmarks.drives.slams import kidnap
 from envs.geometry import Pose2D
-from envs.slam import make_slam
+from envs.slam import HectorParams, make_slam
+from envs.slam.log_odds_map import LogOddsMap
 from envs.slam.relocalization import LossTracker, Relocalizer
-from tests.slam.rooms import LIDAR, ROOM, STAY, follow, scan, see
+from tests.slam.rooms import BOX, LIDAR, ROOM, STAY, follow, scan, see
 
 MOTION = Pose2D(0.15, 0.0, -0.25)
 
@@ -44,22 +45,47 @@ def test_another_room_is_not_taken_for_this_one(grid):
 NOTHING = np.full(LIDAR.num_beams, np.nan, dtype=np.float32)
 
 
-def test_scans_in_succession_that_do_not_fit_make_a_robot_lost_and_one_that_fits_ends_it(grid):
-    tracker = LossTracker(LIDAR, 3, is_found_by_fit=True)
-    lost = []
-    for fits in (None, False, False, None, False, None, True, False):
-        tracker.update(NOTHING, STAY, fits, grid)
-        lost.append(tracker.is_lost)
-    assert lost == [False, False, False, False, True, True, False, False]
-
-
 def test_a_scan_that_fits_ends_the_doubt_but_not_a_loss(grid):
     tracker, seen = LossTracker(LIDAR, 2), []
-    for fits in (None, False, True, False, False, True, None):
-        instead = tracker.update(NOTHING, MOTION, fits, grid)
+    for fits in (None, False, True, False, None, False, True, None):
+        instead = tracker.update(NOTHING, MOTION, MOTION, fits, grid)
         seen.append((instead, tracker.is_in_doubt, tracker.is_lost))
     free, doubt, lost = (None, False, False), (MOTION, True, False), (MOTION, True, True)
-    assert seen == [free, doubt, free, doubt, lost, lost, lost]
+    assert seen == [free, doubt, free, doubt, (None, True, False), lost, lost, lost]
+
+
+def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
+    tracker, lost = LossTracker(LIDAR, 3, has_odometry=False), []
+    for fits in (False, False, None, False, None, True, False):
+        tracker.update(NOTHING, STAY, STAY, fits, grid)
+        lost.append(tracker.is_lost)
+    assert lost == [False, False, False, True, True, False, False]
+
+
+def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
+    tracker, outside = LossTracker(LIDAR, 3), Pose2D(2.6, 0.0, 0.0)  # next to a wall, looking at it
+    inside = scan(STAY)
+    lost = []
+    for ranges in [inside] * 3 + [scan(outside)] + [inside] * 6:
+        pose = STAY if ranges is not inside else outside
+        tracker.update(ranges, pose, pose, True, grid)
+        lost.append(tracker.is_lost)
+    assert lost == [False] * 7 + [True] * 3
+
+
+def test_a_pose_is_taken_only_where_no_other_one_is_like_it():
+    steps, found = [Pose2D(0.1 * k - 0.5, 0.1 * (k % 3), 0.5 * k) for k in range(14)], []
+    for width in (1.0, 1.3):  # of a second room at 12 m, to that of the first
+        map = LogOddsMap(HectorParams(map_width=40.0, map_height=20.0), LIDAR)
+        for pose in steps:
+            map.integrate(scan(pose), pose)
+            walls = [(width * x0, y0, width * x1, y1) for x0, y0, x1, y1 in ROOM + BOX]
+            map.integrate(scan(pose, walls=walls), pose._replace(x=pose.x + 12.0))
+        relocalizer = Relocalizer(LIDAR)
+        found.append([relocalizer.update(scan(pose), steps[0].between(pose), map.grid) for pose in steps])
+    assert found[0] == [None] * len(steps)
+    best = next(k for k, pose in enumerate(found[1]) if pose)
+    assert math.dist(found[1][best][:2], steps[best][:2]) < 0.1
 
 
 @pytest.mark.parametrize("name", ["hector", "graph", "gmapping"])

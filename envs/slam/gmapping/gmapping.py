@@ -130,7 +130,8 @@ class GMapping(KeyScanSlam):
         else:
             motion = last.between(predicted)
             fits = self._propose(ranges, motion)
-            instead = self._loss.update(ranges, predicted, fits, belief.grid)
+            mode = Pose2D(*self._proposals.modes[self.best].tolist())
+            instead = self._loss.update(ranges, predicted, mode, fits, belief.grid)
             if instead is None:
                 self._draw()
                 parents = self._weigh()

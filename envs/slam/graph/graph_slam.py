@@ -46,7 +46,6 @@ class GraphSlam(Hector):
     shares_maps = False
     params: GraphSlamParams
     map: LogOddsMap
-    _is_found_by_fit = False
 
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
         """Build a SLAM for one lidar."""
@@ -144,14 +143,14 @@ class GraphSlam(Hector):
         points = self._points[:, : match.num_hits]
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
-        instead = self._track_loss(ranges, predicted, fits)
+        pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
+        instead = self._track_loss(ranges, predicted, pose, fits)
         if instead is not None:
             in_local_frame = self._correction.inverse().compose(instead)
             if self._loss.is_found:
                 self.local.relocate(in_local_frame)
             self.local.pose = in_local_frame
             return instead, None
-        pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
         self._correction = pose.compose(self.local.pose.inverse())
         return pose, 1.0
 

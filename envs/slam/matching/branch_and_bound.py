@@ -17,6 +17,8 @@ from envs.geometry.lookup import load
 
 from .fields import FULL, Pyramid
 
+EVERYWHERE = (0.0, 0.0, 0.0, -1.0, -1.0)
+"""The circle and headings that are left out where none are: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
 """Rank of a leaf that was not found."""
 
@@ -152,8 +154,12 @@ def _score_top(levels, width, grid, least, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def _descend(levels, width, grid, node, best, budget):
-    """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`."""
+def _descend(levels, width, grid, node, best, budget, left_out):
+    """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`.
+
+    Leaves are `left_out` whose column, row and turn differ by at most a radius and a number from given ones.
+    """
+    far, turn_out, max_turn = left_out[3] * left_out[3], left_out[2], left_out[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
     stack[0, :4], stack[0, 4] = node, top
@@ -164,6 +170,9 @@ def _descend(levels, width, grid, node, best, budget):
         if total < best.total:
             continue
         if level == 0:
+            dx, dy = col - left_out[0], row - left_out[1]
+            if abs(turn - turn_out) <= max_turn and dx * dx + dy * dy <= far:
+                continue
             rank = _rank(grid, turn, row, col)
             if total > best.total or rank < best.rank:
                 best = _Best(total, rank, turn, row, col)
@@ -190,14 +199,14 @@ def _descend(levels, width, grid, node, best, budget):
 
 
 @njit(cache=True, error_model="numpy")
-def _search_below(levels, width, grid, nodes, least, budget):
+def _search_below(levels, width, grid, nodes, least, budget, left_out):
     """Search below nodes of the top level, best first; for the result see `_descend`."""
     best = _Best(least, NO_RANK, 0, 0, 0)
     evaluations = 0
     for k in range(nodes.shape[0]):
         if nodes[k, 0] < best.total:
             break
-        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations)
+        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, left_out)
         evaluations += scored
         if not is_complete:
             return best, evaluations, False
@@ -205,14 +214,21 @@ def _search_below(levels, width, grid, nodes, least, budget):
 
 
 def search(
-    pyramid: Pyramid, points: np.ndarray, pose: Pose2D, window: SearchWindow, min_score: float, max_evaluations: int
+    pyramid: Pyramid,
+    points: np.ndarray,
+    pose: Pose2D,
+    window: SearchWindow,
+    min_score: float,
+    max_evaluations: int,
+    left_out: tuple[float, float, float, float, float] = EVERYWHERE,
 ) -> SearchResult:
     """Search the pose in a window at which points, shape (n, 2), float32, base frame [m], fit a field best.
 
     The grid of poses has steps of one cell and of `window.angle_step`, with the predicted `pose`, frame of the field,
     in the middle. Among equal scores the pose nearest to it wins. `min_score`: least mean of the cells in which points
-    fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points. ValueError
-    if the window is larger than the pyramid was built for.
+    fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points;
+    `left_out`: a place that is not searched, see `EVERYWHERE`. ValueError if the window is larger than the pyramid was
+    built for.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
@@ -221,7 +237,11 @@ def search(
     if not is_complete:
         return SearchResult(None, 0.0, evaluations, False)
     nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
-    best, scored, is_complete = _search_below(levels, width, grid, nodes, least, max_evaluations - evaluations)
+    x, y, theta, radius, angle = left_out
+    center = (x - pose[0]) / pyramid.resolution, (y - pose[1]) / pyramid.resolution
+    turn = wrap_angle(theta - pose[2]) / window.angle_step + grid.num_turns
+    out = (*center, turn, radius / pyramid.resolution, angle / window.angle_step)
+    best, scored, is_complete = _search_below(levels, width, grid, nodes, least, max_evaluations - evaluations, out)
     if best.rank == NO_RANK:
         return SearchResult(None, 0.0, evaluations + scored, is_complete)
     x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution

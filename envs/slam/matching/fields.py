@@ -20,6 +20,10 @@ LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
 """Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
 
 
+GRAZING = 0.3
+"""Ends of beams that are not asked for what they pass: those along a wall touch its cells before they hit it [m]."""
+
+
 class Field(NamedTuple):
     """Occupancies, and how their cells lie in the frame of a map."""
 
@@ -103,6 +107,38 @@ def fits_map(
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
     occupied, free, _ = count_hits(Field(grid.data, 0.0, 0.0, 1.0), points.T, in_cells)
     return None if occupied + free < LEAST_HITS else bool(occupied >= least_share * (occupied + free))
+
+
+@njit(cache=True, error_model="numpy")
+def count_crossings(field, ranges, geometry, pose):
+    """Count the beams of a scan that pass through occupied cells, and all of which most cells passed are known.
+
+    A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
+    `GRAZING` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
+    `pose`: x, y, heading of the base in the frame of the field [m, m, rad].
+    """
+    occupancy, side = field.occupancy, field.resolution
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    x = (pose[0] - field.x + c * geometry.mount_x - s * geometry.mount_y) / side
+    y = (pose[1] - field.y + s * geometry.mount_x + c * geometry.mount_y) / side
+    crossing = judged = 0
+    for k in range(ranges.shape[0]):
+        if not ranges[k] > 0.0:
+            continue
+        dx = c * geometry.directions[0, k] - s * geometry.directions[1, k]
+        dy = s * geometry.directions[0, k] + c * geometry.directions[1, k]
+        count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING) / side)
+        known = 0
+        for step in range(1, count + 1):
+            col, row = math.floor(x + step * dx), math.floor(y + step * dy)
+            if 0 <= row < occupancy.shape[0] and 0 <= col < occupancy.shape[1] and occupancy[row, col] >= 0:
+                known += 1
+                if occupancy[row, col] > UNKNOWN_PERCENT:
+                    known = count
+                    crossing += 1
+                    break
+        judged += count > 0 and 2 * known >= count
+    return crossing, judged
 
 
 def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:

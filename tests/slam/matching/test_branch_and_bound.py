@@ -56,6 +56,11 @@ def test_result_equals_brute_force_ties_included(seed):
     assert found.is_complete
     assert found.score == score
     np.testing.assert_allclose(found.pose, expected, atol=1e-9)
+    # Without what is near the best, another one is found: at least as far away, and not better.
+    other = search(pyramid, points, pose, window, 0.0, NO_LIMIT, (*found.pose, 0.35, 0.05))
+    apart = math.dist(other.pose[:2], found.pose[:2]) > 0.35 or abs(other.pose.theta - found.pose.theta) > 0.05
+    assert apart
+    assert other.score <= score
     # The score itself is still found, and nothing above it.
     assert search(pyramid, points, pose, window, score, NO_LIMIT).pose == found.pose
     missed = search(pyramid, points, pose, window, score + 1e-6, NO_LIMIT)

@@ -6,7 +6,8 @@ import pytest
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.slam import HectorParams, LoopClosureParams
 from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.fields import Field, HitShares, count_hits, fits_map, hit_shares, is_accepted
+from envs.slam.matching.fields import Field, HitShares, count_crossings, count_hits, fits_map, hit_shares, is_accepted
+from envs.slam.scans import ScanGeometry
 
 from ..rooms import LIDAR
 
@@ -24,6 +25,23 @@ def test_hits_next_to_occupied_cells_agree_and_those_on_free_ones_do_not():
     many = np.repeat(points, 10, axis=1)
     assert fits_map(grid, many, pose, 0.75) is True
     assert fits_map(grid, many, pose, 0.76) is False
+
+
+def test_beams_are_asked_for_the_walls_that_they_pass_through():
+    occupancy = np.full((40, 40), -1, dtype=np.int8)
+    occupancy[:, :30] = 0
+    occupancy[:, 20] = 90
+    # Four beams from (1, 1): along x at the wall, 0.5 m away, and along y, where there is none.
+    angles = np.array([0.0, 0.0, 0.0, 0.5 * math.pi, -0.5 * math.pi])
+    geometry = ScanGeometry(np.array([np.cos(angles), np.sin(angles)]), 0.1, 0.0, 3.0, 1.0)
+    field, pose = Field(occupancy, 0.0, 0.0, 0.05), (0.45, 1.0, 0.0)
+    at_wall, just_behind, through, no_return, ignored = 0.47, 0.7, 0.9, np.inf, np.nan
+    for ranges, expected in (
+        ([at_wall] * 3 + [0.8, 0.8], (0, 5)),
+        ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than what is left out at the end, ignored
+        ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its way, of which little is known
+    ):
+        assert count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
 
 
 def test_a_field_is_what_is_known_of_a_map():
