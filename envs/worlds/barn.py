@@ -9,18 +9,12 @@ import numpy as np
 from envs.files import open_archive
 from envs.geometry import Pose2D
 
-from .world import World
+from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
 """Names of BARN's worlds."""
-SOURCE = (
-    "Daffan/the-barn-challenge (2022); D. Perille, A. Truong, X. Xiao and P. Stone, Benchmarking Metric Ground "
-    "Navigation, SSRR 2020"
-)
-LICENCE = "MIT"
-NOTES = "The source is open beyond the goal: a rectangle 5 m from cylinders, start and goal closes it."
-PERIOD = 0.5
-"""Optimal times of the benchmark are path lengths at 2 m/s [s/m]."""
+_SPEED = 2.0
+"""Optimal times of the benchmark are those of paths at this speed [m/s]."""
 _MARGIN = 5.0
 
 
@@ -35,20 +29,20 @@ def barn_world(name: str) -> World:
         first, last = archive["offsets"][number : number + 2]
         centres, radius = archive["centres"][first:last].astype(np.float64).round(3), round(float(archive["radius"]), 3)
         ends = np.array([archive["start"][:2], archive["goal"]], dtype=np.float64)
-        length = float(archive["optimal_time"][number]) / PERIOD
+        length = float(archive["optimal_time"][number]) * _SPEED
     points = np.vstack([centres, ends])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
-    start, goal = (Pose2D(x, y, math.pi / 2) for x, y in ends.tolist())
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     return World(
         name=name,
-        segments=np.hstack([corners, np.roll(corners, -1, axis=0)]),
+        segments=edges(corners),
         circles=np.column_stack([centres, np.full(len(centres), radius)]),
-        spawns=(start,),
+        spawns=(Pose2D(*ends[0].tolist(), math.pi / 2),),
         bounds=(float(x_min), float(y_min), float(x_max), float(y_max)),
-        goals=(goal,),
+        goals=(Pose2D(*ends[1].tolist(), math.pi / 2),),
         optimal_length=length,
-        source=SOURCE,
-        licence=LICENCE,
-        notes=NOTES,
+        source="Daffan/the-barn-challenge (2022); D. Perille, A. Truong, X. Xiao and P. Stone, Benchmarking Metric "
+        "Ground Navigation, SSRR 2020",
+        licence="MIT",
+        notes="The source is open beyond the goal: a rectangle 5 m from cylinders, start and goal closes it.",
     )

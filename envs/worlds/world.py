@@ -70,3 +70,14 @@ class World:
         if not self.people:
             return self.circles
         return np.vstack([self.circles, [(*person.waypoints[0], person.radius) for person in self.people]])
+
+
+def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
+    """Return the corners of a rectangle around (x, y), counter-clockwise, shape (4, 2) [m]."""
+    corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
+    return Pose2D(x, y, yaw).transform(corners)
+
+
+def edges(points: np.ndarray) -> np.ndarray:
+    """Return the segments from each of n points to the next, and from the last to the first: shape (n, 4) [m]."""
+    return np.hstack([points, np.roll(points, -1, axis=0)])

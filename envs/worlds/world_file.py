@@ -10,7 +10,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 from envs.geometry import Pose2D
 
 from .raster import check_world
-from .world import MAX_COORDINATE, FixedRoute, World
+from .world import MAX_COORDINATE, FixedRoute, World, box, edges
 
 MAX_SPEED = 100.0
 """Greatest speed of a person on a fixed route [m/s]."""
@@ -95,27 +95,15 @@ class WorldFile(BaseModel):
     """Thin walls that the source does not have, added so that nothing leaks out."""
 
 
-def _box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
-    """Return the corners of a rectangle, counter-clockwise, shape (4, 2)."""
-    corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
-    return Pose2D(x, y, yaw).transform(corners)
-
-
 def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
     """Return the corners of a straight wall, half its thickness longer at both ends so that corners close."""
     length = math.hypot(x1 - x0, y1 - y0) + thickness
-    return _box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
-
-
-def _edges(points: np.ndarray, closed: bool) -> np.ndarray:
-    """Return the segments along a list of points, shape (n, 4)."""
-    following = np.roll(points, -1, axis=0) if closed else points[1:]
-    return np.hstack([points[: len(following)], following])
+    return box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
 
 
 def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
     """Tell whether a point lies inside a polygon (even-odd rule)."""
-    x0, y0, x1, y1 = _edges(polygon, closed=True).T
+    x0, y0, x1, y1 = edges(polygon).T
     crosses = (y0 > y) != (y1 > y)
     with np.errstate(divide="ignore", invalid="ignore"):
         right = x < x0 + (y - y0) * (x1 - x0) / (y1 - y0)
@@ -128,14 +116,14 @@ def build_world(name: str, file: WorldFile) -> World:
     Raises:
         ValueError: if a spawn lies in or on something solid, or the outside can be reached.
     """
-    solids = [_box(*row) for row in file.boxes]
+    solids = [box(*row) for row in file.boxes]
     solids += [np.array(loop) for loop in file.polygons]
     solids += [_thick_wall(*row) for row in file.segments if len(row) == 5]
     thin = [row for row in file.segments if len(row) == 4] + file.closures
-    edges = [_edges(solid, closed=True) for solid in solids]
-    edges += [_edges(np.array(line), closed=False) for line in file.polylines]
-    edges += [np.array(thin)] if thin else []
-    segments = np.concatenate(edges) if edges else np.empty((0, 4))
+    walls = [edges(solid) for solid in solids]
+    walls += [edges(np.array(line))[:-1] for line in file.polylines]
+    walls += [np.array(thin)] if thin else []
+    segments = np.concatenate(walls) if walls else np.empty((0, 4))
     segments = segments[(segments[:, :2] != segments[:, 2:]).any(axis=1)]
     circles = np.array(file.cylinders, dtype=np.float64).reshape(-1, 3)
     if len(segments) + len(circles) == 0:

@@ -1,6 +1,5 @@
 """Endless worlds by seed."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -18,7 +17,7 @@ class _Family:
     """How the worlds of a family are made."""
 
     build: Callable[..., World]
-    """Makes a world from its name, a generator and its outer size, and from its difficulty if there are such."""
+    """Makes a world from its name, a generator and its outer size."""
     smallest: Size
     """Smallest outer size [m]."""
     low: Size
@@ -27,7 +26,6 @@ class _Family:
     """Up to where they are drawn [m]."""
     radius: float = 0.25
     """Robots up to this radius get everywhere that they should [m]; see `plan.REACH`."""
-    has_difficulty: bool = False
 
 
 _FAMILIES = {
@@ -37,7 +35,7 @@ _FAMILIES = {
     "caves": _Family(caves.build, (4.0, 4.0), (9.0, 9.0), (16.0, 16.0)),
     "wings": _Family(wings.build, (7.0, 7.0), (12.0, 10.0), (30.0, 24.0)),
     "halls": _Family(halls.build, (4.0, 4.0), (6.0, 6.0), (24.0, 18.0)),
-    "clutter": _Family(clutter.build, (12.0, 21.0), (14.5, 23.0), (14.5, 23.0), 0.333, has_difficulty=True),
+    "clutter": _Family(clutter.build, (12.0, 21.0), (14.5, 23.0), (14.5, 23.0), 0.333),
     "hall": _Family(passages.build_hall, (5.0, 5.0), (10.0, 10.0), (14.0, 14.0), 0.4),
     "corridor": _Family(passages.build_corridor, (4.2, 4.2), (15.0, 4.8), (25.0, 5.7), 0.4),
     "doorway": _Family(passages.build_doorway, (5.5, 3.5), (9.0, 6.0), (14.0, 9.0), 0.4),
@@ -64,31 +62,21 @@ def _generate(
     smallest = (one.smallest[0] * scale, one.smallest[1] * scale)
     rng = np.random.default_rng(seed)
     if size is None:
-        drawn = (float(rng.uniform(one.low[0], one.high[0])), float(rng.uniform(one.low[1], one.high[1])))
-        size = (max(drawn[0], smallest[0]), max(drawn[1], smallest[1]))
+        size = tuple(np.maximum(rng.uniform(one.low, one.high), smallest).tolist())
     if not _is_size(size, smallest):
         larger = f" for a robot of a radius of {radius:g} m" if scale > 1.0 else ""
         least = f"{smallest[0]:g} x {smallest[1]:g} m{larger}"
         raise ValueError(f"size must be (width, height), from {least} to 200 x 200 m, got {size!r}")
-    options: dict[str, float] = {}
-    if difficulty is not None:
-        if not one.has_difficulty:
-            having = ", ".join(name for name, other in _FAMILIES.items() if other.has_difficulty)
-            raise ValueError(f"difficulty is for {having}; {family!r} has none")
-        if not 0.0 <= difficulty <= 1.0:
-            raise ValueError(f"difficulty must lie in [0, 1], got {difficulty!r}")
-        options["difficulty"] = float(difficulty)
-    world = one.build(
-        f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT), **options
-    )
+    if difficulty is not None and family != "clutter":
+        raise ValueError(f"difficulty is for clutter; {family!r} has none")
+    build = partial(clutter.build, difficulty=difficulty) if family == "clutter" else one.build
+    world = build(f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT))
     return world.scaled(scale) if scale > 1.0 else world
 
 
 def _is_size(size: Any, smallest: Size) -> bool:
     try:
-        return len(size) == 2 and all(
-            math.isfinite(side) and least <= side <= 200 for side, least in zip(size, smallest)
-        )
+        return len(size) == 2 and all(least <= side <= 200 for side, least in zip(size, smallest))
     except TypeError:  # no sequence, or one of something else than numbers
         return False
 

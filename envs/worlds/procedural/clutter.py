@@ -22,8 +22,8 @@ _REACH = 0.36
 """Radius of a circle that gets through [m]: what the Jackal's of 0.333 m needs, and the error of rasters."""
 _FILL = 0.15, 0.28
 """Initial share of filled cells at difficulties 0 and 1."""
-_SMOOTHINGS = 2, 4
-"""Least and greatest number of smoothing iterations."""
+_SMOOTHINGS = 2, 5
+"""Range of the number of smoothing iterations, the last not included."""
 _AROUND = 8
 """Number of rows that are looked at before and beyond a field."""
 
@@ -39,19 +39,16 @@ def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | N
     width, height = size
     rows = int((height - 2.0 * _MARGIN - _BEYOND) / (UNIT * _CELL) + 1e-6) - 1 - _RUN_IN
     cols = int((width - 2.0 * _MARGIN) / (UNIT * _CELL) + 1e-6)
-    hardness = float(rng.random()) if difficulty is None else difficulty
-    fill, smoothings = (
-        _FILL[0] + hardness * (_FILL[1] - _FILL[0]),
-        int(rng.integers(_SMOOTHINGS[0], _SMOOTHINGS[1] + 1)),
-    )
-    field = _grow(rng, (rows, cols), fill, smoothings)
-    while not _has_a_way_through(field):
+    if difficulty is not None and not 0.0 <= difficulty <= 1.0:
+        raise ValueError(f"difficulty must lie in [0, 1], got {difficulty!r}")
+    hardness = float(rng.random() if difficulty is None else difficulty)
+    fill, smoothings = _FILL[0] + hardness * (_FILL[1] - _FILL[0]), int(rng.integers(*_SMOOTHINGS))
+    while not _has_a_way_through(field := _grow(rng, (rows, cols), fill, smoothings)):
         fill *= 0.99
-        field = _grow(rng, (rows, cols), fill, smoothings)
     filled = np.zeros((1 + _RUN_IN + rows, cols), dtype=bool)
     filled[1 + _RUN_IN :] = field
     filled[0] = filled[:, [0, -1]] = True
-    filled &= _neighbors(np.pad(filled, 1)) < 8  # nobody meets the others
+    filled &= _neighbors(filled) < 8  # nobody meets the others
     left = UNIT * ((units(width) - _CELL * cols) // 2)
     centres = (left, _MARGIN) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
     circles = np.ascontiguousarray(np.column_stack([centres, np.full(len(centres), _RADIUS)]))
@@ -60,10 +57,9 @@ def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | N
     return with_goals(world_within(name, size, rng, start, np.empty((0, 4)), circles), [(start, goal)])
 
 
-def _neighbors(padded: np.ndarray) -> np.ndarray:
-    """Count the filled ones among the eight cells around each but those of the edge: shape (rows - 2, cols - 2)."""
-    sums = padded[:-2].astype(np.int8) + padded[1:-1] + padded[2:]
-    return sums[:, :-2] + sums[:, 1:-1] + sums[:, 2:] - padded[1:-1, 1:-1]
+def _neighbors(cells: np.ndarray) -> np.ndarray:
+    """Count the filled ones among the eight cells around each; beyond the edge none is."""
+    return ndimage.convolve(cells.astype(np.int8), [[1, 1, 1], [1, 0, 1], [1, 1, 1]], mode="constant")
 
 
 def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
@@ -71,11 +67,10 @@ def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothi
 
     A cell with more than four filled neighbours becomes filled, one with fewer than two empty.
     """
-    cells = np.zeros((shape[0] + 2, shape[1] + 2), dtype=bool)
-    cells[1:-1, 1:-1] = rng.random(shape) < fill
+    cells = np.pad(rng.random(shape) < fill, 1)
     cells[:, [0, 1, -2, -1]] = True
     for _ in range(smoothings):
-        number = _neighbors(cells)
+        number = _neighbors(cells)[1:-1, 1:-1]
         cells[1:-1, 1:-1] = (number > 4) | (cells[1:-1, 1:-1] & (number >= 2))
     return cells[1:-1, 1:-1]
 

@@ -4,10 +4,8 @@ import math
 
 import numpy as np
 
-from envs.geometry import Pose2D
-
 from ..raster import outline
-from ..world import World
+from ..world import World, box, edges
 from .plan import UNIT, Point, Size, units, with_goals, world_within
 
 _GAP = 1.0
@@ -19,8 +17,6 @@ _END = 1.0
 
 Area = tuple[float, float, float, float]
 """Rectangle (x0, y0, x1, y1) [m]."""
-Bodies = tuple[np.ndarray, np.ndarray]
-"""Segments (n, 4) and circles (m, 3) [m]."""
 
 
 def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -102,8 +98,11 @@ def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
     return outline(solid, UNIT * np.arange(width + 1), UNIT * np.arange(height + 1))
 
 
-def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Point]) -> Bodies:
-    """Return up to a number of pillars and boxes in an area, with room to pass everywhere, and around some points."""
+def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
+    """Return up to a number of boxes and pillars in an area, with room to pass everywhere, and around some points.
+
+    As segments, shape (n, 4), and circles, shape (m, 3) [m].
+    """
     taken = [(*point, 0.0) for point in points]
     segments, circles = [np.empty((0, 4))], []
     for _ in range(8 * number):
@@ -117,9 +116,7 @@ def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Poi
             continue
         taken.append((x, y, radius))
         if is_box:
-            corners = np.array([[-length, -depth], [length, -depth], [length, depth], [-length, depth]]) / 2.0
-            corners = Pose2D(x, y, angle).transform(corners)
-            segments.append(np.hstack([corners, np.roll(corners, -1, axis=0)]))
+            segments.append(edges(box(x, y, length, depth, angle)))
         else:
             circles.append((x, y, radius))
         if len(taken) == len(points) + number:

@@ -11,7 +11,7 @@ from scipy import ndimage
 from envs.geometry import Pose2D
 
 from ..raster import outline
-from ..world import World
+from ..world import World, box, edges
 
 UNIT = 0.05
 """Side of a unit square of a plan [m]."""
@@ -175,8 +175,7 @@ def world_within(
     """Return a generated world with a rectangle of the given size around it; the heading of its spawn is drawn."""
     x, y = map(float, spawn)
     width, height = map(float, size)
-    corners = np.array([[0.0, 0.0], [width, 0.0], [width, height], [0.0, height]])
-    around = np.hstack([corners, np.roll(corners, -1, axis=0)])
+    around = edges(box(0.5 * width, 0.5 * height, width, height))
     return World(
         name=name,
         segments=np.vstack([around, segments]),
