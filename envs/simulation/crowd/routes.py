@@ -12,7 +12,7 @@ from envs.worlds import World
 from envs.worlds.raster import rasterize
 
 from . import records as at
-from .walls import Walls, clearance, list_walls
+from .walls import REACH, Walls, clearance, list_walls
 
 RESOLUTION = 0.15
 """Side of the cells of cost-to-go fields [m]."""
@@ -29,8 +29,6 @@ SLOW = 0.2
 """Share of the desired speed below which progress is slow."""
 NEXT_BY_DRAW = -1.0
 """Stands in `points` for the next destination where a person draws it."""
-_ROOMY = 0.8
-"""Clearance of a destination from obstacles, where there is so much [m]."""
 _PRECISION = 1e-3
 """Smaller improvements of costs-to-go are left out [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -64,9 +62,9 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
         ValueError: nobody of this radius fits anywhere that can be reached from the world's first spawn.
     """
     grid = rasterize(world, RESOLUTION)
-    walls = list_walls(world.segments, world.circles, grid.bounds)
+    walls = list_walls(world.segments, world.circles, grid.bounds, radius)
     free = grid.data == 0
-    gaps = _clearances(free, walls)
+    gaps = np.minimum(_clearances(free, walls), radius + REACH)
     # Not all of the radius: in doors that are just wide enough, no cell lies in the middle.
     labels, _ = ndimage.label(gaps > radius - 0.25 * RESOLUTION)
     spawn = np.array(world.spawns[0][:2])
@@ -95,7 +93,7 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
 
     They are as far apart as people walk, not as far as can be: those would all lie in corners.
     """
-    roomy = np.argwhere(fits & (gaps >= min(_ROOMY, np.quantile(gaps[fits], 0.6))))
+    roomy = np.argwhere(fits & (gaps >= np.quantile(gaps[fits], 0.6)))
     k = int(np.argmin(np.hypot(*(roomy - first).T)))
     chosen: list[np.ndarray] = []
     fields: list[np.ndarray] = []
@@ -196,7 +194,7 @@ def _upwind(a, b, cost):
 
 @njit(cache=True, error_model="numpy")
 def _clearances(free, walls):
-    """Return the distance from the centre of each cell to the nearest obstacle, up to `REACH` [m]; 0 if not free."""
+    """Return the distance from the centre of each cell to the nearest obstacle [m]; 0 if not free."""
     gaps, (near, grid) = np.zeros(free.shape), walls
     for row in range(free.shape[0]):
         for col in range(free.shape[1]):

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-REACH = 0.9
-"""Obstacles farther than this from a person's centre are not looked at [m]."""
+REACH = 0.4
+"""Obstacles farther than this from a person's body are not looked at [m]."""
 CELL = 0.25
 """Side of the cells that list the obstacles near them [m]."""
 _MAX_PUSHES = 12
@@ -29,15 +29,18 @@ class Walls(NamedTuple):
     """Where the first column and the first row begin [m], and how many rows and columns there are."""
 
 
-def list_walls(segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, float, float, float]) -> Walls:
-    """List the obstacles within `REACH` of every cell of a grid over `bounds`, (x_min, y_min, x_max, y_max) [m].
+def list_walls(
+    segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, float, float, float], radius: float
+) -> Walls:
+    """List the obstacles within `REACH` of a body of a radius [m] in each cell of a grid.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), are float64 [m].
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), are float64 [m]; `bounds`: of the grid, (x_min, y_min, x_max,
+    y_max) [m].
     """
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
     bodies = np.vstack([np.column_stack([segments, np.zeros(len(segments))]), circles[:, [0, 1, 0, 1, 2]]])
-    cells, items = _pairs(bodies, bodies.ravel(), x_min, y_min, rows, cols)
+    cells, items = _pairs(bodies, bodies.ravel(), radius + REACH, x_min, y_min, rows, cols)
     order, first = np.argsort(cells, kind="stable"), rows * cols + 1
     starts = first + np.searchsorted(cells[order], np.arange(first))
     near = np.concatenate([starts, first + len(items) + items[order], bodies.ravel()])
@@ -57,14 +60,14 @@ def offset(near, item, x, y):
 
 
 @njit(cache=True, error_model="numpy")
-def _pairs(bodies, near, origin_x, origin_y, rows, cols):
+def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
     """Return the indices of cells, and for each where an obstacle that is near it begins in `near`: shapes (n,)."""
-    reach = REACH + math.sqrt(0.5) * CELL
+    reach += math.sqrt(0.5) * CELL
     cells, items = [0 for _ in range(0)], [0 for _ in range(0)]
     for k in range(bodies.shape[0]):
         x0, y0, x1, y1, radius = bodies[k]
-        left, right = min(x0, x1) - radius - REACH - origin_x, max(x0, x1) + radius + REACH - origin_x
-        low, high = min(y0, y1) - radius - REACH - origin_y, max(y0, y1) + radius + REACH - origin_y
+        left, right = min(x0, x1) - radius - reach - origin_x, max(x0, x1) + radius + reach - origin_x
+        low, high = min(y0, y1) - radius - reach - origin_y, max(y0, y1) + radius + reach - origin_y
         for row in range(max(math.floor(low / CELL), 0), min(math.floor(high / CELL) + 1, rows)):
             for col in range(max(math.floor(left / CELL), 0), min(math.floor(right / CELL) + 1, cols)):
                 x, y = origin_x + (col + 0.5) * CELL, origin_y + (row + 0.5) * CELL
@@ -86,9 +89,9 @@ def near_list(near, grid, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def clearance(near, grid, x, y):
-    """Return the distance from (x, y) to the nearest obstacle of `Walls`, `REACH` where none is nearer [m]."""
+    """Return the distance from (x, y) to the nearest obstacle of `Walls` [m]; inf where none is near."""
     first, end = near_list(near, grid, x, y)
-    nearest = REACH
+    nearest = np.inf
     for k in range(first, end):
         nearest = min(nearest, offset(near, int(near[k]), x, y)[2])
     return nearest

@@ -138,7 +138,7 @@ def test_where_no_velocity_is_allowed_the_least_bad_one_is_taken():
         assert depths[num_hard:].max() == pytest.approx(least_violation(lines, num_hard), abs=1e-7)
 
 
-NO_WALLS = list_walls(np.empty((0, 4)), np.empty((0, 3)), (-9.0, -9.0, 9.0, 9.0))
+NO_WALLS = list_walls(np.empty((0, 4)), np.empty((0, 3)), (-9.0, -9.0, 9.0, 9.0), 0.3)
 NO_ROBOTS = np.empty((0, 5))
 
 
@@ -183,7 +183,7 @@ def test_only_those_in_sight_count():
 
 def test_walls_are_not_walked_into_within_their_horizon():
     segments = np.array([(-5.0, 1.0, 5.0, 1.0)])
-    walls = list_walls(segments, np.array([(1.0, 0.0, 0.2)]), (-5.0, -5.0, 5.0, 5.0))
+    walls = list_walls(segments, np.array([(1.0, 0.0, 0.2)]), (-5.0, -5.0, 5.0, 5.0), 0.3)
     up = velocities(people_at((-1.0, 0.5, 0, 1, 0)), [(0, 1)], walls=walls)[0]
     np.testing.assert_allclose(up, (0.0, 0.2 / 0.5), atol=1e-9)
     toward_cylinder = velocities(people_at((0.3, 0.0, 1, 0, 0)), [(1, 0)], walls=walls)[0]

@@ -68,3 +68,9 @@ def test_a_reset_takes_little_time():
         begin(HALL, Crowd(number=20), seed)
         times.append(time.process_time() - start)
     assert min(times) < 0.02
+
+
+def test_the_largest_people_find_room():
+    rows = begin(HALL, Crowd(number=5, radius=(1.0, 1.0))).rows
+    assert len(rows) == 5
+    assert (np.abs(rows[:, :2]) < 5.0).all()

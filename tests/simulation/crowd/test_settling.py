@@ -8,7 +8,7 @@ from envs.simulation.crowd.settling import settle
 from envs.simulation.crowd.walls import list_walls
 
 NO_ROBOTS = np.empty((0, 5))
-WALLS = list_walls(np.array([(-5.0, 0.0, 5.0, 0.0)]), np.empty((0, 3)), (-5.0, -5.0, 5.0, 5.0))
+WALLS = list_walls(np.array([(-5.0, 0.0, 5.0, 0.0)]), np.empty((0, 3)), (-5.0, -5.0, 5.0, 5.0), 0.3)
 
 
 def people_at(*positions, kind=at.ATTENTIVE):

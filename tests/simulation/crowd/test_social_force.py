@@ -78,7 +78,7 @@ def forces_of(people, directions, robots, walls, model):
 @pytest.mark.parametrize("model", [SocialForce(), SocialForce(strength=2.1, behind=0.1, sideways=0.0, braking=3.0)])
 def test_forces_are_those_of_the_reference(model):
     rng = np.random.default_rng(0)
-    walls = list_walls(CYLINDERS.segments, CYLINDERS.circles, CYLINDERS.bounds)
+    walls = list_walls(CYLINDERS.segments, CYLINDERS.circles, CYLINDERS.bounds, 0.3)
     robots = np.array([(0.5, 0.2, 0.3, 1.0, 0.0), (-2.0, 3.0, 0.2, 0.0, 0.0)])
     for seed in range(10):
         people, directions = random_people(rng, seed)
@@ -108,7 +108,7 @@ def test_forces_are_those_of_pysocialforce():
     plain = SocialForce(
         strength=1e-12, reach=0.3, behind=1.0, sideways=0.0, braking=1e9, wall_strength=1e-12, max_acceleration=1e9
     )
-    point = list_walls(np.empty((0, 4)), np.array([(0.5, 1.0, 0.0)]), (-2.0, -2.0, 3.0, 3.0))
+    point = list_walls(np.empty((0, 4)), np.array([(0.5, 1.0, 0.0)]), (-2.0, -2.0, 3.0, 3.0), 0.8)
 
     def forces(**changes):
         return forces_of(people, directions, NO_ROBOTS, point, plain._replace(**changes))
@@ -159,7 +159,7 @@ def test_speed_falls_with_density_as_measured():
     angles = np.linspace(0.0, 2.0 * math.pi, 97)
     rings = [size * np.column_stack([np.cos(angles), np.sin(angles)]) for size in (inner, outer)]
     segments = np.vstack([np.column_stack([ring[:-1], ring[1:]]) for ring in rings])
-    walls = list_walls(segments, np.empty((0, 3)), (-7.0, -7.0, 7.0, 7.0))
+    walls = list_walls(segments, np.empty((0, 3)), (-7.0, -7.0, 7.0, 7.0), radius)
     spots = [
         (size * math.cos(angle), size * math.sin(angle))
         for size in np.arange(inner + radius + 0.02, outer - radius, 2.0 * radius + 0.01)
