@@ -24,7 +24,7 @@ Summary = dict[str, dict[str, dict[str, Estimate]]]
 
 def case_of(row: Row) -> Case:
     """Return where, and under which conditions."""
-    return row["world"], row["robot"], row["physics"], row["slam"], f"{row['people']} people"
+    return row["world"], row["robot"], row["physics"], row["slam"], f"{row.get('people', 0)} people"
 
 
 def start_of(row: Row) -> tuple[Case, int]:

@@ -47,10 +47,10 @@ RIVAL_PLACE, RIVAL_HEADING, RIVAL_SCORE = 0.5, 0.2, 0.15
 """How far rivals of a pose are from it at least in coarse cells [m], [rad], and by how much their score may be less."""
 LEAST_LEAD = 0.05
 """By how much the merit of a pose must exceed that of its rivals: its lead."""
-MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.4, 40, 4
+MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
 """Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
-scans in succession above it after which the robot is lost, however well their hits fit. Where odometry has drifted, it
-is up to 0.37 before a loop is closed."""
+scans in succession above it after which the robot is lost, however well their hits fit. On the log of a real robot it
+is up to 0.5 before a loop is closed."""
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 """Headings around which the map is searched [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
