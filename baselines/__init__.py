@@ -55,7 +55,8 @@ ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
 DRIVES = {
     "pursuit": GoalParams(max_recoveries=50, max_searches=20),
     "pursuit:fast": GoalParams(local_planner="rpp:fast", max_recoveries=50, max_searches=20),
-    "dwb": GoalParams(local_planner="dwb", max_recoveries=50, max_searches=20),
+    "dwb": GoalParams(local_planner="dwb", track_people=True, max_recoveries=50, max_searches=20),
+    "mppi": GoalParams(local_planner="mppi", track_people=True, max_recoveries=50, max_searches=20),
 }
 """Drives to goals by name. They do not give up soon: what blocks the path may be somebody who walks on."""
 OFFERED: Mapping[str, Makers] = {

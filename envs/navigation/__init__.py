@@ -16,6 +16,7 @@ from .dwb import DwbPlanner
 from .frontier_navigator import FrontierNavigator
 from .frontiers import frontier_mask
 from .goal_navigator import GoalNavigator, GoalParams, HomeNavigator
+from .mppi import MppiParams, MppiPlanner
 from .navigator import Navigator
 from .obstacles import NO_POINTS, free_distance
 from .params import NavigatorParams, PlanningParams
@@ -44,6 +45,8 @@ __all__ = [
     "GoalNavigator",
     "GoalParams",
     "HomeNavigator",
+    "MppiParams",
+    "MppiPlanner",
     "Navigator",
     "NavigatorParams",
     "PathFollower",

@@ -148,6 +148,23 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
 
 
 @njit(cache=True, error_model="numpy")
+def meets_people(poses, num_steps, people, sim_time, radius):
+    """Tell whether a footprint of a radius [m] would touch people who walk on as they do.
+
+    `people`: see `envs.estimation.tracking.PeopleTracker.people`; `sim_time`: time that the trajectory takes [s].
+    """
+    for i in range(people.shape[0]):
+        x, y, v_x, v_y, r = people[i]
+        now = math.hypot(x, y)
+        for k in range(num_steps):
+            time = sim_time * (k + 1) / num_steps
+            away = math.hypot(x + time * v_x - poses[k, 0], y + time * v_y - poses[k, 1])
+            if away < r + radius and away < now:
+                return True
+    return False
+
+
+@njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
     """Return the cost of a trajectory's last cell; NaN if it touches something, or leads off the raster.
 
@@ -179,9 +196,10 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, motion, ending, rasters, scores):
+def judge(twists, banned, motion, ending, rasters, people, radius, scores):
     """Score twists, shape (n, 2) [m/s, rad/s], by every critic; lower is better, NaN is out of the question.
 
+    `people` are those of `meets_people`, `radius` is that of the footprint [m].
     `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth. `scores`, shape (n, 7), is
     written; see `ROTATE_TO_GOAL` and its neighbours.
     """
@@ -195,7 +213,7 @@ def judge(twists, banned, motion, ending, rasters, scores):
             continue
         num_steps = roll_out(v, w, motion, poses)
         cost = _clearance_cost(poses, num_steps, rasters)
-        if math.isnan(cost):
+        if math.isnan(cost) or meets_people(poses, num_steps, people, motion.sim_time, radius):
             continue
         x, y, theta = poses[num_steps - 1]
         front_x, front_y = x + AHEAD * math.cos(theta), y + AHEAD * math.sin(theta)

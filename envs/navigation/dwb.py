@@ -18,6 +18,7 @@ from envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
 from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
+from .obstacles import without_people
 
 # Nav2's bring-up file; speeds and accelerations are the robot's.
 MAX_W = 1.0
@@ -52,7 +53,8 @@ class DwbPlanner:
         self._horizon = robot.max_v * SIM_TIME + AHEAD
         half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
         self._side = 2 * half + 1
-        costmap = CostmapParams(robot.radius, robot.radius + INFLATION)
+        # Obstacles lie anywhere in their cells.
+        costmap = CostmapParams(robot.radius + 0.5 * RESOLUTION, robot.radius + INFLATION)
         self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
         # Scores of rasters count cells; half a cell's side per step, as Nav2 has it.
         steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
@@ -65,6 +67,8 @@ class DwbPlanner:
         self._index = 0
         self._heading: float | None = None
         self._has_no_path = False
+        self.tracks = np.empty((0, 5))
+        """People around, see `PeopleTracker.people`; to be set before each `command`. Nav2's DWB knows none."""
         self.blocked = False
         """Whether the last command did not drive on because of obstacles."""
 
@@ -83,7 +87,7 @@ class DwbPlanner:
         """Return the twist to command for the next period; see `LocalPlanner`."""
         window = self._path[self._index : self._index + 40]
         self._index += int(np.argmin(((window - pose[:2]) ** 2).sum(axis=1)))
-        costs, squared = self._look(obstacles)
+        costs, squared = self._look(without_people(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
         limits = self._robot.max_acc_v, self._robot.max_acc_w
@@ -94,7 +98,8 @@ class DwbPlanner:
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
-        judge(twists, bans, motion, ending, Rasters(costs, squared, self._rasters, RESOLUTION), scores)
+        rasters = Rasters(costs, squared, self._rasters, RESOLUTION)
+        judge(twists, bans, motion, ending, rasters, self.tracks, self._robot.radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:

@@ -9,10 +9,11 @@ from typing import Protocol
 import numpy as np
 
 from envs.estimation import Belief
-from envs.estimation.tracking import PeopleTracker
+from envs.estimation.tracking import PeopleTracker, TrackerParams
 from envs.files import resolve
 from envs.geometry import Pose2D, wrap_angle
 from envs.navigation.dwb import DwbPlanner
+from envs.navigation.mppi import MppiPlanner
 from envs.navigation.navigator import Navigator
 from envs.navigation.navigator_kernels import FAILED
 from envs.navigation.params import NavigatorParams, PlanningParams
@@ -32,6 +33,8 @@ MARGIN, MAX_MARGIN = 3.0, 12.0
 first, and at most, since it is doubled where there is no path."""
 EDGE = 1.0
 """Planning cells reach at least this far beyond the robot [m]."""
+EAGER = TrackerParams(min_hits=2, min_travel=0.1, significance=1.0)
+"""Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
 HOME = (0.0, 0.0)
@@ -71,8 +74,9 @@ LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "rpp": lambda robot, period, _: PathFollower(robot, period),
     "rpp:fast": lambda robot, period, _: PathFollower(robot, period, FAST),
     "dwb": lambda robot, period, _: DwbPlanner(robot, period),
+    "mppi": MppiPlanner,
 }
-"""Regulated pure pursuit, the same with numbers for fast robots, and DWB."""
+"""Regulated pure pursuit, the same with numbers for fast robots, DWB and MPPI."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +84,7 @@ class GoalParams:
     """How to drive to a goal."""
 
     local_planner: str = "rpp"
-    """What follows paths: `rpp`, `rpp:fast`, `dwb`, or `module:attribute` of a `LocalPlanner`."""
+    """What follows paths: `rpp`, `rpp:fast`, `dwb`, `mppi`, or `module:attribute` of a `LocalPlanner`."""
     track_people: bool = False
     """Whether people are tracked in the scans, for planners that predict where they will be."""
     allow_unknown: bool | None = None
@@ -141,7 +145,7 @@ class GoalNavigator:
         self._navigator = Navigator(robot, control_period, limits)
         make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
         self._planner = make_planner(robot, control_period, rng)
-        self._tracker = PeopleTracker(robot.lidar, control_period) if self.params.track_people else None
+        self._tracker = PeopleTracker(robot.lidar, control_period, EAGER) if self.params.track_people else None
         self.tracks = NO_TRACKS
         """People that are tracked; see `PeopleTracker.people`."""
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)

@@ -126,3 +126,14 @@ def free_distance(points, curvature, radius, distance):
             if squared < radius * radius and math.sqrt(squared) < math.hypot(points[k, 0], points[k, 1]) - 1e-3:
                 return abs(distance) * (step - 1) / num_steps
     return abs(distance)
+
+
+def without_people(points, people, margin=0.15):
+    """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m].
+
+    `people`: see `envs.estimation.tracking.PeopleTracker.people`.
+    """
+    if not len(people):
+        return points
+    gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]
+    return points[(gaps > margin).all(axis=1)]

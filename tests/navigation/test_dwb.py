@@ -31,6 +31,7 @@ NOTHING = np.empty((0, 2))
 SIDE, RESOLUTION = 41, 0.05
 MIDDLE = SIDE // 2
 AWAY = Ending(False, 0.0, True)
+NOBODY = np.empty((0, 5))
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
@@ -59,13 +60,15 @@ def rasters(costs=None, path_row=MIDDLE, goal=(MIDDLE, SIDE - 1)):
     return costs, to_path, to_goal
 
 
-def scores_of(twists, *, costs=None, squared=None, banned=(False,) * 4, now=STANDING, ending=AWAY, **kwargs):
+def scores_of(
+    twists, *, costs=None, squared=None, banned=(False,) * 4, now=STANDING, ending=AWAY, people=NOBODY, **kwargs
+):
     costs, to_path, to_goal = rasters(costs, **kwargs)
     squared = np.full((SIDE, SIDE), 100, dtype=np.uint16) if squared is None else squared
     scores = np.empty((len(twists), 7))
     twists = np.array(twists, dtype=np.float64)
     steps = np.stack([to_path, to_goal, to_goal])
-    judge(twists, banned, now, ending, Rasters(costs, squared, steps, RESOLUTION), scores)
+    judge(twists, banned, now, ending, Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
     return scores
 
 
@@ -113,6 +116,14 @@ def test_a_robot_that_touches_something_may_leave_but_not_approach():
     costs = np.where(squared <= (MIDDLE + 1) ** 2, 253, 0).astype(np.uint8)
     scores = scores_of([(0.2, 0.0), (0.0, 0.5), (-0.2, 0.0)], costs=costs, squared=squared, goal=(MIDDLE, 0))
     assert list(np.isnan(scores[:, BASE_OBSTACLE])) == [True, False, False]
+
+
+def test_who_would_meet_somebody_is_out_of_the_question():
+    # Somebody crosses the path at x = 0.4 m when the faster trajectory is there, and the slower one is not.
+    people = np.array([[0.4, -0.8, 0.0, 0.8, 0.1]])
+    scores = scores_of([(0.4, 0.0), (0.05, 0.0)], people=people, now=motion(0.4))
+    assert list(np.isnan(scores[:, PATH_DIST])) == [True, False]
+    assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=motion(0.4))).any()
 
 
 def test_near_the_goal_the_robot_stops_and_then_turns():

@@ -97,7 +97,7 @@ def test_goals_that_are_not_finite_are_refused_and_the_old_one_stays():
         with pytest.raises(ValueError, match="finite"):
             navigator.set_goal(goal, heading)
         assert navigator.goal == (1.0, 0.0)
-    with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, rpp:fast, dwb"):
+    with pytest.raises(ValueError, match=r"'teb'; allowed are rpp, rpp:fast, dwb, mppi"):
         navigator_to((1.0, 0.0), local_planner="teb")
 
 

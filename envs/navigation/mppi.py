@@ -1,0 +1,241 @@
+"""Model predictive path integral control: sample sequences of twists, and take their mean, weighted by their costs.
+
+After Williams et al., "Information theoretic MPC for model-based reinforcement learning" (ICRA 2017), algorithm 2, with
+the critics of Nav2's MPPI controller in seconds and metres. As there, noise is drawn once. Obstacles are those of the
+scan; people that are tracked are predicted with constant velocity, and their points in the scan left out.
+"""
+
+import math
+from collections import namedtuple
+from dataclasses import dataclass, fields
+from operator import attrgetter
+from typing import Any
+
+import numpy as np
+from numba import njit
+
+from envs.geometry import Pose2D, wrap_angle
+from envs.geometry.distance_transform import squared_distances
+from envs.geometry.lines import lengths_along
+from envs.navigation.obstacles import without_people
+from envs.robots import RobotParams
+from envs.simulation import Twist
+
+TOUCHED = 1e5
+"""Cost of a sequence that touches something, more the sooner; see `rate`."""
+TURNING = 10
+"""Of so many sequences, one turns on the spot, which chance hardly ever does."""
+AHEAD = 10
+"""The point of the path that a sequence should head for in the end, counted from the nearest."""
+NO_ANGLE = 0.2
+"""Up to this distance from there, any angle will do [m]."""
+NO_HEADING = math.nan
+"""Any heading will do."""
+
+
+@dataclass(frozen=True, slots=True)
+class MppiParams:
+    """How many sequences are sampled, and what they cost. Defaults are tuned in the families `clutter` and `hall`."""
+
+    num_samples: int = 400
+    """Number of sequences (Nav2: 2,000)."""
+    num_steps: int = 20
+    """Control periods that each lasts (Nav2: 56 of 0.05 s)."""
+    v_std: float = 0.3
+    """Standard deviation of forward speeds, as a share of the robot's greatest (Nav2: 0.4)."""
+    w_std: float = 0.3
+    """Standard deviation of yaw rates, as a share of `max_rotation` (Nav2: 0.2)."""
+    correlation: float = 0.7
+    """Correlation of the noise from one period to the next; Nav2's is white."""
+    temperature: float = 0.3
+    """Difference in cost that divides a weight by e (lambda of Williams et al.)."""
+    gamma: float = 0.015
+    """Weight of the cost of deviations from the last mean."""
+    max_rotation: float = 3.0
+    """Greatest yaw rate, where the robot has it [rad/s]."""
+    backwards: float = 0.0
+    """Greatest speed backwards, as a share of the greatest speed (Nav2: 0.7)."""
+    follow: float = 10.0
+    """Cost of each second that the rest of the path would take at full speed, on average over the sequence."""
+    align: float = 2.0
+    """Cost of a mean distance from the path of 1 m."""
+    angle: float = 3.0
+    """Cost of an angle of 1 rad between the last pose and the path ahead of it."""
+    heading: float = 3.0
+    """Cost of a turn of 1 rad from the goal's heading, near the goal."""
+    nearness: float = 4.0
+    """Cost of each second at an obstacle; falls with the square of the distance."""
+    margin: float = 0.25
+    """Distance from obstacles from which on that costs nothing [m]."""
+    people: float = 20.0
+    """The same for people."""
+    people_margin: float = 0.6
+    """Distance from people from which on that costs nothing [m]."""
+    people_touched: float = 400.0
+    """Cost of touching a person where it will be; falls with the time until then."""
+    doubt_time: float = 3.0
+    """Time in which that cost falls to 1 / e [s]: people turn."""
+    twirl: float = 0.1
+    """Cost of a mean yaw rate of 1 rad/s."""
+    reverse: float = 2.0
+    """Cost of each second of driving backwards."""
+    resolution: float = 0.03
+    """Side of a cell of the raster of distances from obstacles [m]."""
+    max_range: float = 4.0
+    """How far that reaches [m]."""
+
+
+_OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
+_OWN = tuple(field.name for field in fields(MppiParams))
+MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[misc]
+"""Robot and `MppiParams` as kernels take them, all of it float."""
+
+
+def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
+    """Return the numbers of a robot that is commanded every `period` seconds."""
+    limits = robot.max_v, -params.backwards * robot.max_v, min(params.max_rotation, robot.max_w)
+    of_robot = period, robot.radius, *limits, robot.max_acc_v, robot.max_acc_w
+    return MppiNumbers(*map(float, (*of_robot, *attrgetter(*_OWN)(params))))
+
+
+@njit(cache=True, error_model="numpy")
+def rate(controls, mean, now, path, along, heading, squared, tracks, p, costs):
+    """Write what sequences of twists cost: `costs`, shape (n,), float64.
+
+    `controls`: shape (n, num_steps, 2) [m/s, rad/s], `mean`: shape (num_steps, 2), around which they were drawn; `now`:
+    forward speed and yaw rate; `path`: shape (k, 2), k > 0, `along`: its length up to each point [m]; `heading`: at its
+    end, NaN for any; `squared`: squared distances from obstacles [cells2], the robot in the middle; `tracks`: see
+    `PeopleTracker.people`. Everything in the base frame.
+    """
+    side, last = squared.shape[0], path.shape[0] - 1
+    half, dt = 0.5 * side, p.period
+    here = math.sqrt(squared[side // 2, side // 2]) * p.resolution
+    for i in range(controls.shape[0]):
+        x = y = theta = cost = away = left = turned = 0.0
+        v, w = now
+        nearest, best = 0, math.hypot(path[0, 0], path[0, 1])
+        for t in range(controls.shape[1]):
+            v += min(max(controls[i, t, 0] - v, -p.max_acc_v * dt), p.max_acc_v * dt)
+            w += min(max(controls[i, t, 1] - w, -p.max_acc_w * dt), p.max_acc_w * dt)
+            x += v * dt * math.cos(theta + 0.5 * w * dt)
+            y += v * dt * math.sin(theta + 0.5 * w * dt)
+            theta += w * dt
+            turned += abs(w)
+            cost -= p.reverse * dt * min(v, 0.0) / p.max_v
+            cost += p.gamma * (mean[t, 0] * (controls[i, t, 0] - mean[t, 0]) / (p.v_std * p.max_v) ** 2)
+            cost += p.gamma * (mean[t, 1] * (controls[i, t, 1] - mean[t, 1]) / (p.w_std * p.max_w) ** 2)
+            row, col = math.floor(y / p.resolution + half), math.floor(x / p.resolution + half)
+            if 0 <= row < side and 0 <= col < side:
+                distance = math.sqrt(squared[row, col]) * p.resolution
+                if distance < p.radius + 0.5 * p.resolution and distance <= here:
+                    cost += TOUCHED * (2.0 - t / controls.shape[1])
+                    break
+                cost += p.nearness * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / p.margin) ** 2
+            cost += _cost_of_people(x, y, (t + 1) * dt, tracks, p)
+            best = math.hypot(path[nearest, 0] - x, path[nearest, 1] - y)
+            while nearest < last:
+                following = math.hypot(path[nearest + 1, 0] - x, path[nearest + 1, 1] - y)
+                if following > best:
+                    break
+                nearest, best = nearest + 1, following
+            away += best
+            left += along[last] - along[nearest] + best
+        cost += p.follow * left / p.max_v / controls.shape[1]
+        cost += (p.align * away + p.twirl * turned) / controls.shape[1]
+        ahead = min(nearest + AHEAD, last)
+        dx, dy = path[ahead, 0] - x, path[ahead, 1] - y
+        if math.hypot(dx, dy) > NO_ANGLE:
+            cost += p.angle * abs(wrap_angle(math.atan2(dy, dx) - theta))
+        if not math.isnan(heading) and along[last] < p.max_v:
+            cost += p.heading * abs(wrap_angle(heading - theta))
+        costs[i] = cost
+
+
+@njit(cache=True, error_model="numpy")
+def _cost_of_people(x, y, time, tracks, p):
+    """Return what it costs to be at (x, y) after a time [s], among people who walk on as they do."""
+    cost = 0.0
+    for k in range(tracks.shape[0]):
+        away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
+        gap = away - tracks[k, 4] - p.radius
+        if gap < p.people_margin:
+            share = 1.0 - max(gap, 0.0) / p.people_margin
+            touched = p.people_touched * math.exp(-time / p.doubt_time) if gap < 0.0 else 0.0
+            cost += touched + p.people * p.period * share * share
+    return cost
+
+
+class MppiPlanner:
+    """Drives along one path at a time; a `LocalPlanner`."""
+
+    def __init__(
+        self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
+    ) -> None:
+        """Prepare for a robot; `control_period` is the time between two calls of `command` [s], `rng` draws noise."""
+        self._numbers = mppi_numbers(robot, control_period, params)
+        self._params, self._horizon = params, params.num_steps * control_period
+        noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
+        for t in range(1, params.num_steps):
+            noise[t] = params.correlation * noise[t - 1] + math.sqrt(1.0 - params.correlation**2) * noise[t]
+        noise *= params.v_std * robot.max_v, params.w_std * self._numbers.max_w
+        noise[:, 0] = 0.0  # the last mean itself
+        self._noise = np.ascontiguousarray(noise.transpose(1, 0, 2))
+        self._mean = np.zeros((params.num_steps, 2))
+        reach = min(robot.max_v * self._horizon + robot.radius, params.max_range)
+        self._side = 2 * math.ceil(reach / params.resolution) + 1
+        self._reach = min(math.ceil((robot.radius + params.margin) / params.resolution), 180)
+        self._path = np.empty((0, 2))
+        self._index = 0
+        self._heading = NO_HEADING
+        self.tracks = np.empty((0, 5))
+        """People around, see `PeopleTracker.people`; to be set before each `command`."""
+        self.blocked = False
+        """Whether the last command did not drive on because of obstacles."""
+
+    @property
+    def remaining(self) -> np.ndarray:
+        """The rest of the path, shape (n, 2), map frame [m]."""
+        return self._path[self._index :]
+
+    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+        """Follow another path from now on; see `LocalPlanner`."""
+        self._path, self._index = path, 0
+        self._heading = NO_HEADING if heading is None else heading
+
+    def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
+        """Return the twist to command for the next period; see `LocalPlanner`."""
+        p = self._numbers
+        window = self._path[self._index : self._index + 40]
+        self._index += int(np.argmin(((window - pose[:2]) ** 2).sum(axis=1)))
+        path = pose.inverse().transform(self.remaining)
+        along = lengths_along(path)
+        count = max(1, int(np.searchsorted(along, p.max_v * self._horizon + 0.5)))
+        scene = path[:count], along[:count], self._heading - pose.theta, self._look(obstacles), self.tracks, p
+        self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
+        controls = self._mean + self._noise
+        controls[1] = 0.0  # braking
+        controls[2::TURNING, :, 0] = 0.0
+        np.clip(controls, (p.min_v, -p.max_w), (p.max_v, p.max_w), out=controls)
+        costs = np.empty(len(controls))
+        rate(controls, self._mean, tuple(twist), *scene, costs)
+        weights = np.exp((costs.min() - costs) / p.temperature)
+        mean = np.tensordot(weights / weights.sum(), controls, axes=1)
+        best = controls[int(costs.argmin())]
+        # The mean of two ways around something may lead into it.
+        pair = np.stack([mean, best])
+        rate(pair, self._mean, tuple(twist), *scene, costs)
+        self._mean = mean if costs[0] < costs[1] + p.temperature else best
+        if costs[:2].min() >= TOUCHED:
+            self._mean = np.zeros_like(mean)
+        v, w = self._mean[0].tolist()
+        self.blocked = abs(v) < 0.05 * p.max_v and abs(w) < 0.1 and float(along[-1]) > p.radius
+        return Twist(v, w)
+
+    def _look(self, obstacles: np.ndarray) -> np.ndarray:
+        """Return the squared distances from obstacles around the robot, shape (side, side), uint16 [cells2]."""
+        points = without_people(obstacles, self.tracks)
+        cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
+        cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
+        data = np.zeros((self._side, self._side), dtype=np.bool_)
+        data[cells[:, 1], cells[:, 0]] = True
+        return squared_distances(data, self._reach)
