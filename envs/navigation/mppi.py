@@ -35,7 +35,7 @@ NO_HEADING = math.nan
 
 @dataclass(frozen=True, slots=True)
 class MppiParams:
-    """How many sequences are sampled, and what they cost. Defaults are tuned in the families `clutter` and `hall`."""
+    """How many sequences are sampled, and what they cost. Defaults are those of drives in the family `hall`."""
 
     num_samples: int = 400
     """Number of sequences (Nav2: 2,000)."""
@@ -59,17 +59,17 @@ class MppiParams:
     """Cost of each second that the rest of the path would take at full speed, on average over the sequence."""
     align: float = 2.0
     """Cost of a mean distance from the path of 1 m."""
-    angle: float = 3.0
+    angle: float = 1.0
     """Cost of an angle of 1 rad between the last pose and the path ahead of it."""
     heading: float = 3.0
     """Cost of a turn of 1 rad from the goal's heading, near the goal."""
-    nearness: float = 4.0
+    nearness: float = 2.0
     """Cost of each second at an obstacle; falls with the square of the distance."""
     margin: float = 0.25
     """Distance from obstacles from which on that costs nothing [m]."""
     people: float = 20.0
     """The same for people."""
-    people_margin: float = 0.6
+    people_margin: float = 0.8
     """Distance from people from which on that costs nothing [m]."""
     people_touched: float = 400.0
     """Cost of touching a person where it will be; falls with the time until then."""

@@ -276,8 +276,10 @@ class PlanningMap:
         self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
         self._known = None
         if len(marked):
-            first, last = marked.min(axis=0).tolist(), marked.max(axis=0).tolist()
-            self._known = (*self.cell(*first), *(k + 1 for k in self.cell(*last)))
+            (top, left), (row, col) = (
+                self.cell(*corner.tolist()) for corner in (marked.min(axis=0), marked.max(axis=0))
+            )
+            self._known = top, left, row + 1, col + 1
 
     def _spoil(self, window: Window) -> None:
         """Take note that map or marks have changed in a window."""

@@ -64,8 +64,13 @@ class FollowerParams:
 
 
 FAST = FollowerParams(
-    **{"lookahead_time": 0.6, "max_lookahead": 1.2, "rotate_from": 1.2, "max_rotation": 4.0},
-    **{"min_turn_time": 0.6, "min_speed": 0.25, "nearness_time": 0.3},
+    lookahead_time=0.6,
+    max_lookahead=1.2,
+    rotate_from=1.2,
+    max_rotation=4.0,
+    min_turn_time=0.6,
+    min_speed=0.25,
+    nearness_time=0.3,
 )
 """For robots of some m/s that turn fast, and do not match scans; tuned in the family `clutter`."""
 
