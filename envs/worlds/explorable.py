@@ -1,8 +1,8 @@
 """The part of a world that a robot can explore."""
 
 import math
-from dataclasses import dataclass, field
-from functools import lru_cache
+from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy import ndimage
@@ -16,7 +16,7 @@ from .visibility import visible_from
 from .world import World
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ExplorableArea:
     """The part of a world that a robot could see, on a raster in the world frame."""
 
@@ -32,24 +32,19 @@ class ExplorableArea:
     """Name of the world."""
     lidar_reach: float
     """Range of the lidar [cells]."""
-    _explorable: np.ndarray | None = field(default=None, init=False, repr=False)
 
-    @property
+    @cached_property
     def explorable(self) -> np.ndarray:
         """Shape of `walls`, bool: free cells visible from a traversable one; found when first asked for.
 
         That takes two to six times as long as all else, and tasks with a goal have no use for it.
         """
-        if self._explorable is None:
-            free = self.walls.data == 0
-            # Only free cells connected to a traversable one can be seen from it.
-            pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
-            touches = np.zeros(num_pieces + 1, dtype=bool)
-            touches[pieces[self.traversable]] = True
-            seen = visible_from(free, self.traversable, free & touches[pieces], self.lidar_reach, self.name)
-            object.__setattr__(self, "_explorable", seen)
-        assert self._explorable is not None
-        return self._explorable
+        free = self.walls.data == 0
+        # Only free cells connected to a traversable one can be seen from it.
+        pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
+        touches = np.zeros(num_pieces + 1, dtype=bool)
+        touches[pieces[self.traversable]] = True
+        return visible_from(free, self.traversable, free & touches[pieces], self.lidar_reach, self.name)
 
     @property
     def area(self) -> float:

@@ -99,9 +99,9 @@ def world_sampler(
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
     if isinstance(world, str) and world in FAMILIES:
-        # What the family refuses should fail here, not at the first reset.
-        FAMILIES[world](0, size, radius, difficulty)
-        return partial(_draw, world, split == "test", size, radius, difficulty)
+        generate = partial(FAMILIES[world], size=size, radius=radius, difficulty=difficulty)
+        generate(0)  # what the family refuses should fail here, not at the first reset
+        return partial(_draw, generate, split == "test")
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
@@ -113,15 +113,8 @@ def world_sampler(
 
 
 # Functions of the module and not closures, so that environments can be pickled.
-def _draw(
-    family: str,
-    is_test: bool,
-    size: tuple[float, float] | None,
-    radius: float,
-    difficulty: float | None,
-    rng: np.random.Generator,
-) -> World:
-    return FAMILIES[family](2 * int(rng.integers(2**31)) + is_test, size, radius, difficulty)
+def _draw(generate: Callable[[int], World], is_test: bool, rng: np.random.Generator) -> World:
+    return generate(2 * int(rng.integers(2**31)) + is_test)
 
 
 def _sample(sample: WorldSampler, rng: np.random.Generator) -> World:
