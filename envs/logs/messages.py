@@ -88,46 +88,15 @@ def people(time: float, states: np.ndarray, num_before: int = 0) -> Any:
     Each is a cylinder, and an arrow to where it will be in a second. Of `num_before` markers of either kind in the
     message before, those that are no longer there are deleted.
     """
-    kinds = typestore().types["visualization_msgs/msg/Marker"]
-    markers = []
+    kinds, markers = typestore().types["visualization_msgs/msg/Marker"], []
     for k in range(max(len(states), num_before)):
-        is_there = k < len(states)
-        x, y, vx, vy, radius = states[k].tolist() if is_there else (0.0,) * 5
+        x, y, vx, vy, radius = states[k].tolist() if k < len(states) else (0.0,) * 5
         arrow = [_make("geometry_msgs/msg/Point", *point, 0.1) for point in ((x, y), (x + vx, y + vy))]
-        for name, kind, sizes, points in (
-            ("people", kinds.CYLINDER, (2.0 * radius, 2.0 * radius, 0.2), []),
-            ("velocities", kinds.ARROW, (0.05, 0.1, 0.1), arrow),
-        ):
-            pose = _pose(Pose2D(0.0, 0.0, 0.0) if points else Pose2D(x, y, 0.0))
-            size, colour = (
-                _make("geometry_msgs/msg/Vector3", *sizes),
-                _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8),
-            )
-            action = kinds.ADD if is_there else kinds.DELETE
-            first = (_header(time, MAP), name, k, kind, action, pose, size, colour)
-            nothing = np.array([], dtype=np.uint8)
-            texture = _make("sensor_msgs/msg/CompressedImage", _header(time, MAP), "", nothing)
-            forever, mesh = (
-                _make("builtin_interfaces/msg/Duration", 0, 0),
-                _make("visualization_msgs/msg/MeshFile", "", nothing),
-            )
-            markers.append(
-                _make(
-                    "visualization_msgs/msg/Marker",
-                    *first,
-                    forever,
-                    False,
-                    points,
-                    [],
-                    "",
-                    texture,
-                    [],
-                    "",
-                    "",
-                    mesh,
-                    False,
-                )
-            )
+        width, action = 2.0 * radius, kinds.ADD if k < len(states) else kinds.DELETE
+        markers += [
+            _marker(time, "people", k, kinds.CYLINDER, action, Pose2D(x, y, 0.0), (width, width, 0.2), []),
+            _marker(time, "velocities", k, kinds.ARROW, action, Pose2D(0.0, 0.0, 0.0), (0.05, 0.1, 0.1), arrow),
+        ]
     return _make("visualization_msgs/msg/MarkerArray", markers)
 
 
@@ -162,6 +131,16 @@ def _pose(pose: Pose2D) -> Any:
 def _twist(twist: Twist) -> Any:
     vectors = [_make("geometry_msgs/msg/Vector3", *values) for values in ((twist.v, 0.0, 0.0), (0.0, 0.0, twist.w))]
     return _make("geometry_msgs/msg/Twist", *vectors)
+
+
+def _marker(time: float, name: str, k: int, kind: int, action: int, pose: Pose2D, size: Any, points: Any) -> Any:
+    header, nothing = _header(time, MAP), np.array([], dtype=np.uint8)
+    look = _make("geometry_msgs/msg/Vector3", *size), _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8)
+    forever = _make("builtin_interfaces/msg/Duration", 0, 0)
+    texture = _make("sensor_msgs/msg/CompressedImage", header, "", nothing)
+    mesh = _make("visualization_msgs/msg/MeshFile", "", nothing)
+    rest = False, points, [], "", texture, [], "", "", mesh, False
+    return _make("visualization_msgs/msg/Marker", header, name, k, kind, action, _pose(pose), *look, forever, *rest)
 
 
 def _transform(time: float, parent: str, child: str, mount: Mount) -> Any:

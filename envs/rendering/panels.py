@@ -45,8 +45,8 @@ _PALETTE = _palette()
 def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
     """Draw the ground truth: walls and bodies, robots at their true poses, their beams, and their true paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
-    for x, y, radius, vx, vy in scene.people.tolist():
-        _draw_person(surface, view, (x, y), (vx, vy), radius, width=0)
+    for person in scene.people[:, [0, 1, 3, 4, 2]]:
+        _draw_person(surface, view, person, width=0)
     if scene.goal is not None:
         _draw_goal(surface, view, scene.start.compose(scene.goal))
     for one in (scene, *scene.peers):
@@ -56,17 +56,10 @@ def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
         draw_robot(surface, view, one.robot, one.pose, style.TRUE)
 
 
-def _draw_person(
-    surface: pygame.Surface,
-    view: View,
-    position: tuple[float, float],
-    velocity: tuple[float, float],
-    radius: float,
-    width: int,
-) -> None:
-    """Draw a person, filled for a width of 0, else as an outline [px], with where it will be in a second."""
-    centre, ahead = view.pixels(np.array([position, np.add(position, velocity)]))
-    pygame.draw.circle(surface, style.PERSON, centre, max(radius * view.scale, 6.0), width)
+def _draw_person(surface: pygame.Surface, view: View, person: np.ndarray, width: int) -> None:
+    """Draw a person (x, y, vx, vy, radius), filled for a width of 0 [px], and where it will be in a second."""
+    centre, ahead = view.pixels(np.array([person[:2], person[:2] + person[2:4]]))
+    pygame.draw.circle(surface, style.PERSON, centre, max(float(person[4]) * view.scale, 6.0), width)
     pygame.draw.line(surface, style.PERSON, centre, ahead, 3)
 
 
@@ -139,8 +132,8 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if not (grid.data >= 0).any():  # no map is kept: show at least what the robot sees
         draw_dots(beam_ends(scene.robot, scene.belief.pose, scene.ranges)[1][np.isfinite(scene.ranges)], 5, style.LIDAR)
     if scene.tracks is not None:
-        for x, y, vx, vy, radius in people_in(scene.tracks, start).tolist():
-            _draw_person(surface, view, (x, y), (vx, vy), radius, width=3)
+        for person in people_in(scene.tracks, start):
+            _draw_person(surface, view, person, width=3)
     if scene.goal is not None:
         _draw_goal(surface, view, start.compose(scene.goal))
     if scene.pose_graph is not None:
