@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,6 @@ its true position."""
 
 FAR, LATE = 10.0, 10.0
 """Gaps to people and times to collision beyond this count as this [m, s]."""
-KEEPS_NO_SCANS = SimpleNamespace(min_travel_distance=math.inf, min_travel_angle=math.inf)
-"""When the next key scan of dead reckoning is due."""
 
 
 class Setup(NamedTuple):
@@ -97,7 +94,7 @@ class Robot:
         """Tracks people in the scans, and keeps them out of the map; None for a robot that does not."""
         self.follows_odometry = _follows_odometry(estimator)
         """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
-        slam: Any = getattr(estimator, "params", KEEPS_NO_SCANS) if self.follows_odometry else None
+        slam: Any = getattr(estimator, "params", None)  # dead reckoning has none, and no key scans
         self._reading: Reading
         self._has_begun = False
         self._setup = Setup(
@@ -106,8 +103,8 @@ class Robot:
             uses_gyro=float(params.odometry.uses_gyro),
             gyro_variance=params.imu.gyro_std**2,
             uses_truth=float(uses_true_motion),
-            min_travel_distance=slam.min_travel_distance if self.follows_odometry else -1.0,
-            min_travel_angle=slam.min_travel_angle if self.follows_odometry else 0.0,
+            min_travel_distance=getattr(slam, "min_travel_distance", math.inf) if self.follows_odometry else -1.0,
+            min_travel_angle=getattr(slam, "min_travel_angle", math.inf) if self.follows_odometry else 0.0,
         )
 
     @property

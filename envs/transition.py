@@ -173,13 +173,11 @@ def note_positions(rows, active, positions, counts):
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:
     """Return what rows tell of people at the end of an episode, of all robots of a team together."""
-    hits = {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
-    return {
-        "intrusion_time": float(rows[:, at.INTRUSION].sum()),
-        "least_gap": float(rows[:, at.LEAST_GAP].min()),
-        "least_time_to_collision": float(rows[:, at.LEAST_TIME].min()),
-        **{name: float(rows[:, k].sum()) for name, k in hits.items()},
-    }
+    least = {"least_gap": at.LEAST_GAP, "least_time_to_collision": at.LEAST_TIME}
+    total = {"intrusion_time": at.INTRUSION}
+    total |= {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
+    numbers = {name: float(rows[:, k].min()) for name, k in least.items()}
+    return numbers | {name: float(rows[:, k].sum()) for name, k in total.items()}
 
 
 @njit(cache=True, error_model="numpy")

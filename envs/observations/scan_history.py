@@ -125,7 +125,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 
 @njit(cache=True, error_model="numpy")
-def write_history(rows, ranges, memory, lags, sectors, compensates, active, out):
+def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
     """Remember the scans of active rows, and write past ones to `out`, shape (n, number of lags * sectors), float32.
 
     `memory`: shape (n, slots * (MOTION + number of sectors)), float32: a ring of scans; `lags`: shape (k,), int64, ages
@@ -185,7 +185,7 @@ class ScanHistory:
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
         self._memory = "scan_history", self._ages, self._num_sectors
-        self._sectors: Sectors
+        self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
@@ -198,25 +198,22 @@ class ScanHistory:
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode, before which all scans were as the first one."""
-        self._lags = np.array([round(age / robot.control_period) for age in self._ages])
-        if self._lags[-1] > MAX_LAG:
+        lags = np.array([round(age / robot.control_period) for age in self._ages])
+        if lags[-1] > MAX_LAG:
             raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
-        self._sectors = Sectors.of(robot.params, self._num_sectors)
-        size = (self._lags[-1] + 1) * (MOTION + self._num_sectors)
-        memory = robot.rows.remember(self._memory, size, np.float32)[robot.index]
-        ring = memory.reshape(-1, MOTION + self._num_sectors)
-        ring[:, :MOTION] = 0.0
-        pool_scan(robot.ranges, self._sectors.beams, ring[0, MOTION:])
-        ring[:, MOTION:] = ring[0, MOTION:]
+        sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
+        self._shown = lags, sectors, self._compensates
+        ring = robot.rows.remember(self._memory, (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
+        ring[0, :MOTION] = 0.0
+        pool_scan(robot.ranges, sectors.beams, ring[0, MOTION:])
+        ring[:] = ring[0]
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the scans to `out`."""
         memory = robot.rows.memory[self._memory][robot.index, None]
-        self._write(robot.row[None], robot.ranges[None], memory, ONE, out[None])
+        write_history(robot.row[None], robot.ranges[None], memory, ONE, out[None], *self._shown)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         """Write the scans of many robots; see `ObservationPart`."""
-        self._write(batch.numbers, batch.ranges, batch.memory[self._memory], batch.active, out)
-
-    def _write(self, rows: Any, ranges: Any, memory: Any, active: Any, out: Any) -> None:
-        write_history(rows, ranges, memory, self._lags, self._sectors, self._compensates, active, out)
+        memory = batch.memory[self._memory]
+        write_history(batch.numbers, batch.ranges, memory, batch.active, out, *self._shown)

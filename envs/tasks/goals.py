@@ -17,14 +17,12 @@ from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, Trav
 from envs.robot import Robot
 from envs.robots import LidarParams, RobotParams
 from envs.simulation import Simulator
-from envs.worlds import ExplorableArea, World
+from envs.worlds import ExplorableArea
 
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
 """Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
-MIN_DISTANCE = 1.0
-"""Least distance from the start to a random goal [m]."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -40,7 +38,7 @@ class GoalTask(WorldTask):
     episode."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
-    min_distance: float = MIN_DISTANCE
+    min_distance: float = 1.0
     """Least distance from the start to a random goal [m]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
@@ -48,11 +46,6 @@ class GoalTask(WorldTask):
         check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
         self._goal = read_goal(self.goal)
         super().attach(robot, control_period, physics)
-
-    def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robot starts; see `Task`."""
-        self._world = world
-        return super().choose_starts(world, start, rng)
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
@@ -63,7 +56,11 @@ class GoalTask(WorldTask):
         if goal == "random":
             goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng, self.min_distance))
         elif goal == "world":
-            goal = self.map_pose.between(self._own_goal())
+            goals, spawns = self._world.goals, self._world.spawns
+            if not goals:
+                raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
+            nearest = min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))
+            goal = self.map_pose.between(goals[nearest])
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: tuple[float, float, float]) -> float:
@@ -85,13 +82,6 @@ class GoalTask(WorldTask):
     def _usual_time(self, length: float) -> float:
         """Return four times what a path of a length [m] takes at full speed, and half a minute [s]."""
         return 30.0 + 4.0 * length / self.robot.max_v
-
-    def _own_goal(self) -> Pose2D:
-        """Return the world's goal of the spawn nearest to the start."""
-        goals, spawns = self._world.goals, self._world.spawns
-        if not goals:
-            raise ValueError(f"world {self._world.name!r} has no goals; choose goal='random' or (x, y, theta)")
-        return goals[min(range(len(spawns)), key=lambda k: math.dist(spawns[k][:2], self._true_pose[:2]))]
 
 
 def read_goal(goal: Any) -> str | Pose2D:
@@ -128,24 +118,17 @@ class GeodesicDistance:
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
-        free: np.ndarray = area.traversable
-        walls = area.walls
-        if pooled > 1:
-            free = np.pad(free, [(0, -size % pooled) for size in free.shape])
-            parts = [free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)]
-            free = np.logical_or.reduce(parts)
-            walls = OccupancyGrid(free.astype(np.int8), pooled * walls.resolution, walls.origin)
+        free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
+        height, width = np.array(free.shape) // pooled
+        free = free.reshape(height, pooled, width, pooled).any(axis=(1, 3))
+        side = pooled * area.walls.resolution
+        self.grid = OccupancyGrid(np.where(free, np.int8(FREE), np.int8(OCCUPIED)), side, area.walls.origin)
+        """The raster on which distances are known."""
         costs = np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
-        costmap = Costmap(costs, walls, CostmapParams(walls.resolution, walls.resolution))
-        field = travel_field(costmap, goal[:2], cost_weight=0.0)
+        field = travel_field(Costmap(costs, self.grid, CostmapParams(side, side)), goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
         self._last = math.inf
-
-    @property
-    def grid(self) -> OccupancyGrid:
-        """The raster on which distances are known."""
-        return self._field.costmap.grid
 
     @property
     def lengths(self) -> np.ndarray:
@@ -154,17 +137,14 @@ class GeodesicDistance:
 
     def length(self, pose: Pose2D) -> float:
         """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""
-        walls = self.grid
-        cell = walls.cells(np.array(pose[:2]))
-        if walls.contains(cell):
+        cell = self.grid.cells(np.array(pose[:2]))
+        if self.grid.contains(cell):
             length = float(self._field.cost(cell))
             self._last = length if math.isfinite(length) else self._last
         return self._last
 
 
-def draw_goal(
-    area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = MIN_DISTANCE
-) -> Pose2D:
+def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = 1.0) -> Pose2D:
     """Draw a collision-free goal (world frame), at least `min_distance` [m] from the start in a straight line.
 
     In a world too small for that, the farthest of a hundred.

@@ -30,10 +30,20 @@ BENCHMARK_LIMIT = 100.0
 BARN_SPEED = 2.0
 """Speed at which the ideal time of a benchmark's world is counted [m/s]."""
 QUANTITIES = {
-    name: getattr(own_at, name.upper()) for name in ("progress", "time", "collision", "reached", "clearance", "people")
+    "progress": own_at.PROGRESS,
+    "time": own_at.TIME,
+    "collision": own_at.COLLISION,
+    "reached": own_at.SUCCESS,
+    "clearance": own_at.CLEARANCE,
+    "people": own_at.PEOPLE,
 }
 """Entries of the task's row by reward term."""
-METRICS = {"distance_to_goal": own_at.DISTANCE, "geodesic_distance": own_at.LEFT, "progress": own_at.SHARE}
+METRICS = {
+    "distance_to_goal": own_at.DISTANCE,
+    "geodesic_distance": own_at.LEFT,
+    "progress": own_at.SHARE,
+    "is_success": own_at.SUCCESS,
+}
 """Entries of the task's row by what `info` tells."""
 
 
@@ -154,10 +164,14 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]
         geodesic = GeodesicDistance(self.area, self._true_goal, max(1, round(CELL / self.area.walls.resolution)))
-        self.arrays = (geodesic.lengths,)
-        own[own_at.GOAL_X : own_at.TRUE_Y + 1] = *self.goal[:2], *self._true_goal[:2]
-        own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
-        own[own_at.FIELD_X : own_at.FIELD_SIDE + 1] = *geodesic.grid.origin, geodesic.grid.resolution
+        self.arrays, grid = (geodesic.lengths,), geodesic.grid
+        own[: own_at.TOLERANCE] = *self.goal[:2], *self._true_goal[:2]
+        own[own_at.TOLERANCE : own_at.LENGTH] = (
+            self.goal_tolerance,
+            self.contact == "ends",
+            *grid.origin,
+            grid.resolution,
+        )
         measure_goal(row, own, self.arrays[0])
         own[own_at.LENGTH], own[own_at.END], own[own_at.SHARE] = own[own_at.LEFT], 0.0, own[own_at.SUCCESS]
         return float(own[own_at.LENGTH])
@@ -173,15 +187,17 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         """Measure how far many robots came; see `Task`."""
         owns, (segments, circles, *_) = batch.memory[GOAL_MEMORY], batch.around
         update_goals(batch.numbers, owns, batch.task_arrays[0], segments, circles, batch.active)
-        return _quantities(owns), _metrics(owns), owns[:, own_at.END] > 0.0
+        quantities, metrics = ({name: owns[:, k] for name, k in names.items()} for names in (QUANTITIES, METRICS))
+        return quantities, metrics, owns[:, own_at.END] > 0.0
 
     def quantities(self) -> dict[str, float]:
         """Return progress [m], time [s], contact, whether the goal is reached, and nearness times time [s]."""
-        return {name: float(value) for name, value in _quantities(self._own).items()}
+        return {name: float(self._own[k]) for name, k in QUANTITIES.items()}
 
     def metrics(self) -> dict[str, Any]:
         """Return how far it is to the goal; see `Task`."""
-        return {name: value.item() for name, value in _metrics(self._own).items()}
+        metrics = {name: float(self._own[k]) for name, k in METRICS.items()}
+        return metrics | {"is_success": metrics["is_success"] > 0.0}
 
     def final_metrics(self) -> dict[str, Any]:
         """Return how smoothly the robot drove, and BARN's metric; see `Task`."""
@@ -194,14 +210,3 @@ class ReachGoal(GoalTask, UnknownWorldTask):
             "jerk": float(own[own_at.JERK] / max(row[at.STEPS], 1.0)),
             "barn_metric": float(barn_metric(own[own_at.SUCCESS] > 0.0, time, ideal)),
         }
-
-
-def _quantities(own: np.ndarray) -> dict[str, Any]:
-    """Return the quantities in a task's row, or those in each of many rows."""
-    return {name: own[..., k] for name, k in QUANTITIES.items()}
-
-
-def _metrics(own: np.ndarray) -> dict[str, Any]:
-    """Return the metrics in a task's row, or those in each of many rows."""
-    metrics = {name: own[..., k] for name, k in METRICS.items()}
-    return metrics | {"is_success": own[..., own_at.SUCCESS] > 0.0}

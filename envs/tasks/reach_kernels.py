@@ -16,14 +16,14 @@ GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Distance that counts as reached [m], 1 if contact ends the episode, corner and side of a cell of the geodesic field
 [m], and geodesic distance from where the goal was set [m]."""
-PROGRESS, TIME, COLLISION, REACHED, CLEARANCE, PEOPLE = range(10, 16)
+PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
 """Quantities of the last period; see `ReachGoal.weights`."""
-END, DISTANCE, LEFT, SHARE, SUCCESS = range(16, 21)
+END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Index of the end reason, straight and geodesic distance to the goal [m], share of the path driven, 1 at the goal."""
-MOVED_AT, JERK, LAST_V, LAST_ACC = range(21, 25)
+MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
 """Time at which the robot had moved [s], 0 before; jerk summed over periods [m/s3]; forward speed and acceleration of
 the controller [m/s, m/s2]."""
-SIZE = 25
+SIZE = 24
 """Number of these entries."""
 END_REASONS = (None, "reached", "wall", "person")
 """By `END`."""
@@ -73,7 +73,6 @@ def update_goal(row, own, lengths, segments, circles):
     if touched and own[ENDS] > 0.0:
         own[END] = AT_PERSON if row[at.TOUCHED_BY] >= BY_ROBOT else AT_WALL
         own[SUCCESS], own[COLLISION] = 0.0, 1.0
-    own[REACHED] = own[SUCCESS]
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     num_near = select_near(x, y, radius + MARGIN, segments, near)
     free = clearance(x, y, segments[near[:num_near]], circles) - radius

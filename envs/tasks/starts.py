@@ -59,8 +59,7 @@ class WorldTask(Task):
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
         sample = self._sample
         if world is not None:
-            is_family = isinstance(world, str) and world in FAMILIES
-            size = self.world_size if is_family else None
+            size = self.world_size if isinstance(world, str) and world in FAMILIES else None
             difficulty = self.difficulty if world == "clutter" else None
             sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius, difficulty=difficulty)
         drawn = sample(rng)
@@ -75,9 +74,10 @@ class WorldTask(Task):
         Raises:
             ValueError: if a robot does not fit there, or there is no room for the others.
         """
-        self.area = area = explorable_area(world, self.robot, self.map_resolution)
+        self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
         """The true part of the world that can be reached."""
-        robot, wanted = self.robot, self._start if start is None else read_start(start, self.num_robots)
+        robot, area = self.robot, self.area
+        wanted = self._start if start is None else read_start(start, self.num_robots)
         if wanted == "random":
             chosen = [area.draw_pose(rng)]
         else:

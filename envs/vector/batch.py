@@ -68,23 +68,23 @@ class Batch:
                 arrays[i] = array
             self._is_new[robots], self._counts[robots] = True, 0
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
+            is_unobserved = not env.sensors and env.on_period is None
             self._are_alike[i] = (
                 type(rewards).terms is Rewards.terms and rewards.weights == weights,
-                _updates_rows(env),
+                is_unobserved and _has_own(env.task, "update_rows", "update", "quantities", "metrics", "end_reason"),
                 all(type(robot.estimator) is DeadReckoning for robot in env.robots) and env.priors[0].map is None,
             )
             self._time_limits[i] = env.time_limit
             follows = all(robot.follows_odometry and robot.tracker is None for robot in env.robots)
-            rests = env.task.rests_between_scans and not env.sensors and env.on_period is None
-            self._rests[i] = follows and (rests or self._are_alike[i, 1])
+            self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
         alike: Any = self._are_alike.all(axis=0)
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     @staticmethod
     def _surroundings(env: Any) -> tuple[np.ndarray, ...]:
         """Return what kernels need of an environment: own copies of its world, arrays of its people, and the task's."""
-        around = np.array(env.world.segments), np.array(env.world.circles), *env.simulator.crowd.arrays
-        return *around, *env.task.arrays
+        world = np.array(env.world.segments), np.array(env.world.circles)
+        return *world, *env.simulator.crowd.arrays, *env.task.arrays
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
@@ -129,10 +129,7 @@ class Batch:
         if self._has_no_maps:
             self._extend_trails(indices)
         for i in indices:
-            if self._updates_rows:
-                self._envs[i].locate()
-            else:
-                self._envs[i].finish()
+            self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
 
     def _extend_trails(self, indices: Sequence[int]) -> None:
         """Let the robots of environments remember the positions that kernels have noted."""
@@ -242,9 +239,3 @@ def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
     return by_rows in vars(kind)
-
-
-def _updates_rows(env: Any) -> bool:
-    """Tell whether the task of an environment updates many rows at once, and nothing needs its objects meanwhile."""
-    names = ("update", "quantities", "metrics", "end_reason")
-    return _has_own(env.task, "update_rows", *names) and not env.sensors and env.on_period is None
