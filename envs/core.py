@@ -16,7 +16,7 @@ from envs.estimation import Belief, DeadReckoning
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.measures import PEOPLE
-from envs.observations import Observations, make_parts
+from envs.observations import Observations, Tracks, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene, scene_of
 from envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
@@ -139,7 +139,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         space = self.observation_space
         for one in self.robots:
             has_map = self.simulator.crowd.crowd is not None and not isinstance(one.estimator, DeadReckoning)
-            if has_map if track_people is None else track_people:
+            is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
+            if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
         self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
         self._action_shape = (num_robots, 2) if self._is_team else (2,)

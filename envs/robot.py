@@ -96,7 +96,6 @@ class Robot:
         """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
         slam: Any = getattr(estimator, "params", None)  # dead reckoning has none, and no key scans
         self._reading: Reading
-        self._has_begun = False
         self._setup = Setup(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
@@ -192,7 +191,6 @@ class Robot:
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
         row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
-        self._has_begun = True
         if self.tracker is not None:
             self.tracker.reset()
             self.belief.people = self.tracker.update(reading.ranges, ORIGIN)
@@ -201,13 +199,10 @@ class Robot:
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest
 
     def track_people(self) -> None:
-        """Track people from this scan on, or from the first of the next episode on, and in those that follow."""
-        if self.tracker is None:
-            self.tracker = PeopleTracker(self.params.lidar, self.control_period)
-            if isinstance(self.estimator, KeyScanSlam):
-                self.estimator.meets_people = True
-            if self._has_begun:
-                self.belief.people = self.tracker.update(self.ranges, ORIGIN)
+        """Track people from the first scan of the next episode on."""
+        self.tracker = PeopleTracker(self.params.lidar, self.control_period)
+        if isinstance(self.estimator, KeyScanSlam):
+            self.estimator.meets_people = True
 
     def locate(self, flags: int) -> None:
         """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.

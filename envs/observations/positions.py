@@ -154,7 +154,7 @@ class Tracks:
     """People that the robot tracks by its scans, the nearest first, five numbers for each, zeros where there are fewer.
 
     Position forward and to the left over 8 m, velocity over the ground along the same axes over 2.5 m/s, radius over
-    1 m; see `envs.estimation.tracking`.
+    1 m; see `envs.estimation.tracking`. Environments let robots track people where this is observed.
     """
 
     def __init__(self, num_people: int = 8) -> None:
@@ -166,10 +166,6 @@ class Tracks:
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(-1, 1, (5 * num_people,), float32)`."""
         return spaces.Box(-1.0, 1.0, (5 * self._num_people,), np.float32)
-
-    def reset(self, robot: Robot) -> None:
-        """Let the robot track people from its first scan on."""
-        robot.track_people()
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the people to `out`."""
