@@ -139,7 +139,7 @@ def _marker(time: float, name: str, k: int, kind: int, action: int, pose: Pose2D
     forever = _make("builtin_interfaces/msg/Duration", 0, 0)
     texture = _make("sensor_msgs/msg/CompressedImage", header, "", nothing)
     mesh = _make("visualization_msgs/msg/MeshFile", "", nothing)
-    rest = False, points, [], "", texture, [], "", "", mesh, False
+    rest: Any = False, points, [], "", texture, [], "", "", mesh, False
     return _make("visualization_msgs/msg/Marker", header, name, k, kind, action, _pose(pose), *look, forever, *rest)
 
 

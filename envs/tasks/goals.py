@@ -119,8 +119,7 @@ class GeodesicDistance:
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
         free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
-        height, width = np.array(free.shape) // pooled
-        free = free.reshape(height, pooled, width, pooled).any(axis=(1, 3))
+        free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
         side = pooled * area.walls.resolution
         self.grid = OccupancyGrid(np.where(free, np.int8(FREE), np.int8(OCCUPIED)), side, area.walls.origin)
         """The raster on which distances are known."""

@@ -32,14 +32,15 @@ def barn_world(name: str) -> World:
         length = float(archive["optimal_time"][number]) * _SPEED
     points = np.vstack([centres, ends])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    start, goal = (Pose2D(x, y, math.pi / 2) for x, y in ends.tolist())
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     return World(
         name=name,
         segments=edges(corners),
         circles=np.column_stack([centres, np.full(len(centres), radius)]),
-        spawns=(Pose2D(*ends[0].tolist(), math.pi / 2),),
+        spawns=(start,),
         bounds=(float(x_min), float(y_min), float(x_max), float(y_max)),
-        goals=(Pose2D(*ends[1].tolist(), math.pi / 2),),
+        goals=(goal,),
         optimal_length=length,
         source="Daffan/the-barn-challenge (2022); D. Perille, A. Truong, X. Xiao and P. Stone, Benchmarking Metric "
         "Ground Navigation, SSRR 2020",
