@@ -11,7 +11,7 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.core import lidar_env_of
+from envs.core import NO_TRACKS, lidar_env_of
 from envs.files import explain_unknown
 from envs.measures import Course, CourseRecorder, measures_of
 from envs.navigation import HomeNavigator
@@ -197,8 +197,10 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
             return np.stack([to_action(twist, inner.robot) for twist in twists])
         action = to_action(policy.act(inner.reading, inner.belief), inner.robot)
         inner.plans[:] = [policy.plan]
-        tracks = getattr(policy, "tracks", inner.belief.people)
-        inner.tracks = people_in(np.reshape(tracks, (-1, 5)), inner.belief.pose)
+        if len(tracks := getattr(policy, "tracks", getattr(inner.belief, "people", NO_TRACKS))):
+            inner.tracks = people_in(tracks, inner.belief.pose)
+        else:
+            inner.tracks = NO_TRACKS
         return action
 
     return act

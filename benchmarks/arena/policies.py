@@ -93,6 +93,8 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
             return _checked(Policy(label, make), make)
         except (TypeError, ValueError) as error:
             raise ValueError(f"policy {name!r}: {error}") from error
+    if what in classic:
+        return _checked(Policy(label, classic[what]), classic[what])
     if kind in ("ppo", "learned", "pursuit") and rest:
         from agents.learned import find_policy, fingerprint
 
@@ -100,8 +102,6 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
         policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit")
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
-    if what in classic:
-        return _checked(Policy(label, classic[what]), classic[what])
     if what in CLASSIC:
         raise ValueError(f"policy {what!r} cannot do this task; allowed are {', '.join(classic)}, and your own")
     if not rest:

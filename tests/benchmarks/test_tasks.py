@@ -69,7 +69,11 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
 @pytest.mark.parametrize(
     ("id", "policy", "says"),
     [
-        ("lidarnaut/Navigate-v0", "nearest", "'nearest' cannot do this task; allowed are pursuit, dwb, random, wall"),
+        (
+            "lidarnaut/Navigate-v0",
+            "nearest",
+            "'nearest' cannot do this task; allowed are pursuit, pursuit:fast, dwb, mppi, random",
+        ),
         ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
         ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
         ("lidarnaut/ExploreFrontiers-v0", "ppo:pretrained/twist", "by twists, and lidarnaut/ExploreFrontiers-v0 takes"),

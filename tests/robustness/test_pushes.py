@@ -108,7 +108,7 @@ def push_bullet(robot, world, mode, rate, aside, monkeypatch):
     """Let a person walk who does not stop at robots."""
     walked = itertools.count()
 
-    def walk(people, points, fields, setup, robots, segments, circles):
+    def walk(people, points, fields, setup, robots):
         k = next(walked)
         before, after = (np.array(circle_at(robot, j / rate, aside)[:2]) for j in (k, k + 1))
         people[0, [crowd_at.BEFORE_X, crowd_at.BEFORE_Y]], people[0, [crowd_at.X, crowd_at.Y]] = before, after
