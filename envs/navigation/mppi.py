@@ -37,13 +37,13 @@ NO_HEADING = math.nan
 class MppiParams:
     """How many sequences are sampled, and what they cost. Defaults are those of drives in the family `hall`."""
 
-    num_samples: int = 400
+    num_samples: int = 800
     """Number of sequences (Nav2: 2,000)."""
     num_steps: int = 20
     """Control periods that each lasts (Nav2: 56 of 0.05 s)."""
-    v_std: float = 0.3
+    v_std: float = 0.5
     """Standard deviation of forward speeds, as a share of the robot's greatest (Nav2: 0.4)."""
-    w_std: float = 0.3
+    w_std: float = 0.4
     """Standard deviation of yaw rates, as a share of `max_rotation` (Nav2: 0.2)."""
     correlation: float = 0.7
     """Correlation of the noise from one period to the next; Nav2's is white."""
@@ -51,7 +51,7 @@ class MppiParams:
     """Difference in cost that divides a weight by e (lambda of Williams et al.)."""
     gamma: float = 0.015
     """Weight of the cost of deviations from the last mean."""
-    max_rotation: float = 3.0
+    max_rotation: float = 4.0
     """Greatest yaw rate, where the robot has it [rad/s]."""
     backwards: float = 0.0
     """Greatest speed backwards, as a share of the greatest speed (Nav2: 0.7)."""

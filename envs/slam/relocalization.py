@@ -51,6 +51,9 @@ MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
 """Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
 scans in succession above it after which the robot is lost, however well their hits fit. On the log of a real robot it
 is up to 0.5 before a loop is closed."""
+RIGHT_SCANS = 4
+"""Key scans in succession that fit where odometry leads, without beams through walls, after which a robot is no longer
+lost: people who stood around it have left."""
 QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 """Headings around which the map is searched [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
@@ -67,8 +70,8 @@ class LossTracker:
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
         """Track a SLAM for one lidar; the robot is lost after `lost_scans` key scans in succession that do not fit.
 
-        Only relocalization ends a loss: sooner or later a single scan fits where a kidnapped robot is not. Without
-        odometry, which joins scans, one that fits has to do.
+        Relocalization ends a loss, or scans in succession that fit: sooner or later a single one fits where a kidnapped
+        robot is not. Without odometry, which joins scans, one that fits has to do.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
@@ -77,7 +80,7 @@ class LossTracker:
 
     def reset(self) -> None:
         """Start with a robot that is not lost."""
-        self._mismatches = self._num_crossing = 0
+        self._mismatches = self._num_crossing = self._num_right = 0
         self.is_found = False
         """Whether the last key scan has relocalized the robot."""
         self._relocalizer.reset()
@@ -107,13 +110,21 @@ class LossTracker:
         scan must not be integrated; None if that of its match is taken.
         """
         self.is_found = False
-        if self._has_odometry and not self.is_lost:
+        if self._has_odometry:
             field = Field(grid.data, *grid.origin, grid.resolution)
             crossing, judged = count_crossings(field, ranges, self._geometry, pose)
-            is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
-            self._num_crossing = self._num_crossing + 1 if is_crossing else 0
-            if self._num_crossing >= CROSSING_SCANS:
-                fits, self._mismatches = False, self._lost_scans
+            if self.is_lost:
+                is_right = fits and judged >= LEAST_JUDGED and crossing <= ACCEPTED_CROSSING * judged
+                self._num_right = self._num_right + 1 if is_right else 0
+            else:
+                is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
+                self._num_crossing = self._num_crossing + 1 if is_crossing else 0
+                if self._num_crossing >= CROSSING_SCANS:
+                    fits, self._mismatches = False, self._lost_scans
+        if self.is_lost and self._num_right >= RIGHT_SCANS:
+            self.reset()
+            self.is_found = True
+            return None
         if fits and not (self.is_lost and self._has_odometry):
             if self.is_in_doubt:
                 self._mismatches = 0

@@ -14,13 +14,15 @@ _ROUNDS = 6
 """How often people are pushed apart in a step."""
 MAX_HASTE = 1.5
 """Greatest speed at which a person moves, pushed or not, over the desired one."""
+TOUCH = 1e-4
+"""Gap to a robot at which a person stops [m]."""
 _TOLERANCE = 2e-6
 """Overlap with walls that does not count [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def settle(people, starts, robots, walls, dt):
-    """Move people apart who overlap, and out of walls; who still has no room, or met a robot, stays where it came from.
+    """Move people apart who overlap, and out of walls; who has no room goes back, and who meets a robot stops at it.
 
     So nobody ends in a wall, and two people no deeper in each other than `MAX_OVERLAP`, as long as they began so.
     People on fixed routes make way for nobody; they walk through walls, each other and who stands, and wait for others.
@@ -50,7 +52,9 @@ def settle(people, starts, robots, walls, dt):
             is_free = False
         stopped_by[i] = _robot_ahead(people, i, starts, robots, dt)
         if stopped_by[i] >= 0:
-            people[i, at.X], people[i, at.Y] = starts[i, 0], starts[i, 1]
+            share = _share_until(people[i], starts[i], robots[stopped_by[i]])
+            people[i, at.X] = starts[i, 0] + share * (people[i, at.X] - starts[i, 0])
+            people[i, at.Y] = starts[i, 1] + share * (people[i, at.Y] - starts[i, 1])
             is_free = False
     while not is_free:
         is_free = not _take_back(people, starts, walls)
@@ -95,6 +99,16 @@ def _robot_ahead(people, i, starts, robots, dt):
                 people[i, at.BLOCKED] = max(people[i, at.BLOCKED], closer / dt)
                 return k
     return -1
+
+
+@njit(cache=True, error_model="numpy")
+def _share_until(person, start, robot):
+    """Return the share of its way from `start` after which a person touches a robot; 0 if it does from the start."""
+    dx, dy, away_x, away_y = person[at.X] - start[0], person[at.Y] - start[1], start[0] - robot[0], start[1] - robot[1]
+    reach = robot[2] + person[at.RADIUS] + TOUCH
+    gap, closing, length = away_x**2 + away_y**2 - reach * reach, away_x * dx + away_y * dy, dx * dx + dy * dy
+    root = closing * closing - length * gap
+    return 0.0 if gap <= 0.0 or root < 0.0 else min(max((-closing - math.sqrt(root)) / length, 0.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")

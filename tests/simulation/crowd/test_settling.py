@@ -58,7 +58,8 @@ def test_a_robot_stops_who_walks_into_it_and_nobody_who_leaves():
     starts = [(0.62, 2.0), (-0.58, 2.0)]
     people, stopped_by = settled(starts, [(0.57, 2.0), (-0.59, 2.0)], robots=robots)
     assert stopped_by.tolist() == [0, -1]
-    np.testing.assert_array_equal(people[:, :2], [(0.62, 2.0), (-0.59, 2.0)])
+    np.testing.assert_allclose(people[:, :2], [(0.6, 2.0), (-0.59, 2.0)], atol=1.1e-4)
+    assert people[0, at.X] > 0.6
     assert people[0, at.BLOCKED] == pytest.approx(0.5)
     assert people[1, at.BLOCKED] == 0.0
 

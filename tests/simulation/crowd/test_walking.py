@@ -77,7 +77,7 @@ def test_who_walks_into_a_robot_stops_there(model):
     crowd = Crowd(number=1, model=model, attentive=0.0, flow="along")
     robots = robots_at_poses((0.0, 0.0, 0.0, 0.0))
     rows = walk(begin(corridor, crowd, poses=[(0.0, 0.0, 0.0)]), 400, robots)
-    gaps = np.abs(rows[:, 0, at.X]) - 0.6
+    gaps = np.hypot(rows[:, 0, at.X], rows[:, 0, at.Y]) - 0.6
     assert gaps.min() > -1e-9
     assert gaps[rows[:, 0, at.BLOCKED] > 0.0].max() < 0.15
     assert rows[:, 0, at.TRIP].max() >= 4.0  # it turns round after some seconds
