@@ -12,8 +12,8 @@ from ..params import LoopClosureParams
 
 FULL = 100
 """Field value that scores 1 [percent]."""
-UNKNOWN_PERCENT = 50
-"""Cells above this are occupied, known ones below it free."""
+UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
+"""Cells above the first are occupied, known ones below it free; above the second they surely are, as for ROS maps."""
 LEAST_HITS = 40
 """Hits on known cells from which on `fits_map` judges a scan."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
@@ -111,7 +111,7 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count the beams of a scan that pass through occupied cells, and all of which most cells passed are known.
+    """Count the beams of a scan that pass through what surely is occupied, and all of which most cells passed are known.
 
     A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
     `GRAZING` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
@@ -133,7 +133,7 @@ def count_crossings(field, ranges, geometry, pose):
             col, row = math.floor(x + step * dx), math.floor(y + step * dy)
             if 0 <= row < occupancy.shape[0] and 0 <= col < occupancy.shape[1] and occupancy[row, col] >= 0:
                 known += 1
-                if occupancy[row, col] > UNKNOWN_PERCENT:
+                if occupancy[row, col] > OCCUPIED_PERCENT:
                     known = count
                     crossing += 1
                     break
