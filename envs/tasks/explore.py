@@ -88,13 +88,14 @@ class Explore(UnknownWorldTask):
 
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, or a `World` |
+    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, or a `World`; or a list of these, one of which is drawn for each episode |
     | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
     | `difficulty` | `None` | of the worlds of `clutter`, from 0 to 1; `None` draws it for each |
+    | `num_worlds` | `None` | how many worlds a procedural family has, each of which is made once, which makes resets faster; `None` draws without end |
     | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
     | `map_resolution` | `0.05` | side of a map cell [m] |
     | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |

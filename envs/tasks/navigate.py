@@ -80,7 +80,7 @@ class Navigate(GoalTask):
     `randomized`: what the episode has drawn, by name.
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty` and `reward` of `Explore`, and
+    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and `reward` of `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|

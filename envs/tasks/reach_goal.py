@@ -99,8 +99,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     also `randomized`: what the episode has drawn, by name.
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `map_resolution`
-    and `reward` of `Explore`, and
+    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,
+    `map_resolution` and `reward` of `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|

@@ -16,7 +16,8 @@ from envs.geometry.lines import cell_along
 from envs.robots import RobotParams
 from envs.slam import DEFAULT_SLAM, make_slam
 from envs.task import Task
-from envs.worlds import FAMILIES, ExplorableArea, World, explorable_area, world_sampler
+from envs.worlds import ExplorableArea, World, explorable_area, world_sampler
+from envs.worlds.library import WorldSampler
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
@@ -32,13 +33,15 @@ class WorldTask(Task):
     needs_explorable = True
     """Whether what can be seen from where the robot fits is worked out before an episode begins."""
     world: Any = "turtlebot3_world"
-    """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`."""
+    """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`; or several."""
     split: Literal["train", "test"] = "train"
     """Which seeds of a procedural family."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None leaves it to the family."""
     difficulty: float | None = None
     """Difficulty of the worlds of `clutter`, from 0 to 1; None draws it for each."""
+    num_worlds: int | None = None
+    """How many worlds of a procedural family there are, each of which is made once; None draws without end."""
     start: Any = "random"
     """`"random"`, `"spawn"`, a pose (x, y, theta), or one for each robot of a team; world frame."""
     map_resolution: float = 0.05
@@ -51,18 +54,16 @@ class WorldTask(Task):
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
-        self._sample = world_sampler(
-            self.world, split=self.split, size=self.world_size, radius=robot.radius, difficulty=self.difficulty
-        )
+        self._sample = self._sampler(self.world)
+
+    def _sampler(self, world: Any) -> WorldSampler:
+        settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
+        return world_sampler(world, **settings, difficulty=self.difficulty, num_worlds=self.num_worlds)
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
-        sample = self._sample
-        if world is not None:
-            size = self.world_size if isinstance(world, str) and world in FAMILIES else None
-            difficulty = self.difficulty if world == "clutter" else None
-            sample = world_sampler(world, split=self.split, size=size, radius=self.robot.radius, difficulty=difficulty)
-        drawn = sample(rng)
+        # Size and difficulty are for those of several worlds which take them.
+        drawn = (self._sample if world is None else self._sampler([world]))(rng)
         area = explorable_area(drawn, self.robot, self.map_resolution)
         if self.needs_explorable:
             _ = area.explorable  # here, since worlds are drawn ahead of time

@@ -2,7 +2,7 @@
 
 import math
 from dataclasses import dataclass
-from functools import cached_property, lru_cache
+from functools import cached_property
 
 import numpy as np
 from scipy import ndimage
@@ -13,7 +13,7 @@ from envs.robots import RobotParams
 
 from .raster import rasterize
 from .visibility import visible_from
-from .world import World
+from .world import World, kept_with_world
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,7 +96,7 @@ class ExplorableArea:
         return Pose2D(float(x), float(y), float(rng.uniform(-math.pi, math.pi)))
 
 
-@lru_cache(maxsize=16)
+@kept_with_world
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
     """Find where the footprint of `robot` fits, on cells of a side `resolution` [m], and what it can see from there.
 

@@ -1,7 +1,8 @@
 """Finding a world by what users call it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
+from numbers import Integral
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -73,35 +74,60 @@ def _read(path: Path, modified: int) -> World:
 
 
 def world_sampler(
-    world: str | Path | World | WorldSampler,
+    world: str | Path | World | WorldSampler | Sequence[Any],
     *,
     split: Split = "train",
     size: tuple[float, float] | None = None,
     radius: float = 0.0,
     difficulty: float | None = None,
+    num_worlds: int | None = None,
 ) -> WorldSampler:
     """Return a function that gives the world of the next episode.
 
     Args:
         world: name of a library world, of one of BARN's (`barn:12`) or of a procedural family, path of a world file or
             of a `map_server` YAML, a world, a function from a random generator to a world, or `module:attribute` of
-            either. Worlds and files give the same object each time.
+            either; or several of these, one of which is drawn. Worlds and files give the same object each time.
         split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
         size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
         radius: of the robot that a family's worlds are to fit [m].
         difficulty: of the worlds of `clutter`, from 0 to 1; `None` draws it for each.
+        num_worlds: how many worlds a family has, each of which is made once; `None` makes another one for each episode.
+
+    Of several worlds, families alone take a size, and `clutter` alone a difficulty.
 
     Raises:
-        ValueError: for an unknown world, split, size or difficulty, or a world that leaks; names the allowed values.
+        ValueError: for an unknown world, split, size, difficulty or number, no world at all, or a world that leaks;
+            names the allowed values.
         FileNotFoundError: if there is no such file.
         TypeError: `world` is none of these.
     """
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
+    if num_worlds is not None and not (isinstance(num_worlds, Integral) and num_worlds > 0):
+        raise ValueError(f"num_worlds must be a positive whole number or None, got {num_worlds!r}")
+    if isinstance(world, list | tuple):
+        if not world:
+            raise ValueError("world is an empty list; name one at least")
+        each = [
+            world_sampler(
+                one,
+                split=split,
+                size=size if isinstance(one, str) and one in FAMILIES else None,
+                radius=radius,
+                difficulty=difficulty if one == "clutter" else None,
+                num_worlds=num_worlds,
+            )
+            for one in world
+        ]
+        return partial(_draw_one_of, each)
     if isinstance(world, str) and world in FAMILIES:
-        generate = partial(FAMILIES[world], size=size, radius=radius, difficulty=difficulty)
-        generate(0)  # what the family refuses should fail here, not at the first reset
-        return partial(_draw, generate, split == "test")
+        settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}
+        FAMILIES[world](0, **settings)  # what the family refuses should fail here, not at the first reset
+        if num_worlds is None:
+            return partial(_draw, partial(FAMILIES[world], **settings), split == "test", 2**31)
+        settings["size"] = None if size is None else tuple(size)
+        return partial(_draw, partial(_generate_once, world, **settings), split == "test", num_worlds)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
         raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
@@ -113,8 +139,17 @@ def world_sampler(
 
 
 # Functions of the module and not closures, so that environments can be pickled.
-def _draw(generate: Callable[[int], World], is_test: bool, rng: np.random.Generator) -> World:
-    return generate(2 * int(rng.integers(2**31)) + is_test)
+def _draw(generate: Callable[[int], World], is_test: bool, count: int, rng: np.random.Generator) -> World:
+    return generate(2 * int(rng.integers(count)) + is_test)
+
+
+def _draw_one_of(samplers: Sequence[WorldSampler], rng: np.random.Generator) -> World:
+    return samplers[int(rng.integers(len(samplers)))](rng)
+
+
+@lru_cache(maxsize=1024)
+def _generate_once(family: str, seed: int, **settings: Any) -> World:
+    return FAMILIES[family](seed, **settings)
 
 
 def _sample(sample: WorldSampler, rng: np.random.Generator) -> World:

@@ -1,11 +1,16 @@
 """Worlds as data: walls, people on fixed routes, spawns."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import wraps
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from envs.geometry import Pose2D
 
+Result = TypeVar("Result")
 MAX_COORDINATE = 1e7
 """Numbers of a world beyond this are no positions or sizes [m]; coordinates of maps of the earth lie below."""
 
@@ -22,7 +27,7 @@ class FixedRoute:
     """Speed along the polyline [m/s]."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class World:
     """A horizontal section through an environment at the height of the robots' lidars, extruded to `height`."""
 
@@ -70,6 +75,20 @@ class World:
         if not self.people:
             return self.circles
         return np.vstack([self.circles, [(*person.waypoints[0], person.radius) for person in self.people]])
+
+
+def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
+    """Keep what a function makes of a world, its first argument, and of hashable others, for as long as it lives."""
+    kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def find(world: World, *others: Any) -> Result:
+        found = kept.setdefault(world, {})
+        if others not in found:
+            found[others] = function(world, *others)
+        return found[others]
+
+    return find
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:

@@ -1,4 +1,6 @@
+import gc
 import math
+import weakref
 from itertools import pairwise
 
 import gymnasium
@@ -10,6 +12,7 @@ from scipy.spatial import cKDTree
 from envs.robots import load_robot
 from envs.tasks.goals import GeodesicDistance
 from envs.worlds import BARN_NAMES, FAMILIES, explorable_area, load_world, world_sampler
+from envs.worlds.world import kept_with_world
 
 JACKAL = load_robot("jackal")
 STEP = 0.05
@@ -112,3 +115,47 @@ def test_environments_take_the_difficulty():
     assert (
         same.circles.tobytes() != world_sampler("clutter", difficulty=0.8)(np.random.default_rng(5)).circles.tobytes()
     )
+
+
+def test_a_number_of_worlds_are_made_once_and_drawn_again():
+    rng = np.random.default_rng(0)
+    sample = world_sampler("hall", num_worlds=3, size=[8.0, 6.0])
+    drawn = [sample(rng) for _ in range(40)]
+    assert len({id(world) for world in drawn}) == 3
+    assert {world.name for world in drawn} == {"hall-0", "hall-2", "hall-4"}
+    assert world_sampler("hall", num_worlds=3, size=(8.0, 6.0))(np.random.default_rng(0)) is drawn[0]
+    assert world_sampler("hall", num_worlds=3, split="test")(rng).name in ("hall-1", "hall-3", "hall-5")
+    for number in (0, 1.5, "many"):
+        with pytest.raises(ValueError, match="num_worlds must be a positive whole number or None"):
+            world_sampler("hall", num_worlds=number)
+
+
+def test_one_of_several_worlds_is_drawn():
+    rng = np.random.default_rng(1)
+    sample = world_sampler(["clutter", "hall", "turtlebot3_world"], size=(14.5, 23.0), difficulty=0.0, num_worlds=2)
+    assert {sample(rng).name for _ in range(60)} == {"clutter-0", "clutter-2", "hall-0", "hall-2", "turtlebot3_world"}
+    with pytest.raises(ValueError, match="empty list"):
+        world_sampler([])
+    with pytest.raises(ValueError, match="nowhere"):
+        world_sampler(["hall", "nowhere"])
+    env = gymnasium.make("lidarnaut/ReachGoal-v0", world=("hall", "corridor"), num_worlds=1, robot="jackal")
+    names = {env.reset(seed=seed) and env.unwrapped.world.name for seed in range(12)}
+    env.close()
+    assert names == {"hall-0", "corridor-0"}
+
+
+def test_what_is_made_of_a_world_lives_as_long_as_it_does():
+    calls = []
+
+    @kept_with_world
+    def count(world, number):
+        calls.append(number)
+        return number
+
+    world = world_sampler("hall")(np.random.default_rng(0))
+    assert [count(world, 1), count(world, 2), count(world, 1)] == [1, 2, 1]
+    assert calls == [1, 2]
+    name = weakref.ref(world)
+    del world
+    gc.collect()
+    assert name() is None

@@ -1,7 +1,6 @@
 """Routes of a crowd: the places between which people walk, and which way it is to each of them from everywhere."""
 
 import math
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +9,7 @@ from scipy import ndimage
 
 from envs.worlds import World
 from envs.worlds.raster import rasterize
+from envs.worlds.world import kept_with_world
 
 from . import records as at
 from .walls import REACH, Walls, clearance, list_walls
@@ -54,7 +54,7 @@ class Routes(NamedTuple):
     """Obstacles, whose grid begins where that of the fields does."""
 
 
-@lru_cache(maxsize=64)
+@kept_with_world
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
     """Return the routes of people of a radius [m] who walk `anywhere`, `along` or `across` a world.
 

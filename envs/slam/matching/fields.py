@@ -111,7 +111,7 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count the beams of a scan that pass through what surely is occupied, and all of which most cells passed are known.
+    """Count the beams of a scan that pass through surely occupied cells, and all of which most cells passed are known.
 
     A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
     `GRAZING` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;

@@ -165,4 +165,3 @@ def test_a_robot_that_is_walled_in_has_no_tour():
     walls = planner.area.walls
     walls.data[5:37, 5:37] = 100
     assert find_viewpoints(make_costmap(walls, FOOTPRINT), (1.0, 1.0)) is None
-    explorable_area.cache_clear()
