@@ -24,7 +24,7 @@ from agents.frontiers.score import FrontierScore
 from agents.learned import find_policy
 from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from agents.pursuit import PursuitPolicy
-from agents.vec_env import GymnasiumVecEnv, Observations
+from agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
 from envs.files import explain_unknown, load_object, parse_record
 
 DEFAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
@@ -64,7 +64,7 @@ def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
     return _alias(algorithm).startswith("Mlp")
 
 
-def complete(config: TrainingConfig, env: GymnasiumVecEnv) -> TrainingConfig:
+def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> TrainingConfig:
     """Return a configuration with the project's defaults among its hyperparameters, and the whole of its network.
 
     Raises:
@@ -110,7 +110,7 @@ def num_updates(config: TrainingConfig) -> int:
     return -(-config.total_steps // rollout_steps(config))
 
 
-def build_model(config: TrainingConfig, env: GymnasiumVecEnv) -> BaseAlgorithm:
+def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> BaseAlgorithm:
     """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from.
 
     Raises:

@@ -52,10 +52,19 @@ class EnvironmentConfig(Section):
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
     """Processes of the native vector environment, 0 for none but this one; null takes as many as there are cores."""
 
+    robots: tuple[str, ...] = ()
+    """Robots to learn with, each in as many sub-environments, in place of one `robot`; evaluations take the first."""
+
     @property
     def arguments(self) -> dict[str, Any]:
         """The environment's own arguments; lists are tuples."""
-        return {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
+        own = {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
+        return own | ({"robot": self.robots[0]} if self.robots else {})
+
+    @property
+    def each_robot(self) -> list["EnvironmentConfig"]:
+        """The environment of each robot; this one where there is one robot."""
+        return [self.model_copy(update={"robots": (name,)}) for name in self.robots] or [self]
 
 
 class NetworkConfig(Section):

@@ -16,7 +16,7 @@ from agents.evaluation import Evaluator
 from agents.replay import ReplayFiles
 from agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
 from agents.state import check_spaces, restore
-from agents.vec_env import GymnasiumVecEnv, make_vector
+from agents.vec_env import make_vec_env
 from envs.files import Lock
 from envs.progress import Progress
 
@@ -43,9 +43,8 @@ def train(
             source = find_checkpoint(resume)  # again: until now another process may have added to the run
             checkpoint = load_checkpoint(source)
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
-        vector = make_vector(config.environment, "train", config.num_envs)
         is_flat = takes_vectors(find_algorithm(config.algorithm))
-        env = held.enter_context(contextlib.closing(GymnasiumVecEnv(vector, is_flat=is_flat)))
+        env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
         model = build_model(config, env)
         if checkpoint is None or source is None:

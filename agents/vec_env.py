@@ -1,6 +1,8 @@
 """The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
 import multiprocessing
+from collections.abc import Iterator, Sequence
+from itertools import chain
 from typing import Any, Literal
 
 import gymnasium
@@ -11,7 +13,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.config import EnvironmentConfig
+from agents.config import EnvironmentConfig, TrainingConfig
 from agents.networks import flat_space, flatten
 from envs.core import lidar_env_of
 from envs.files import explain_unknown
@@ -62,6 +64,29 @@ def make_vector(
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
     return LidarVectorEnv(entry, num_envs, **settings, **{**spec.kwargs, **arguments})
+
+
+def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":
+    """Make the environments of a training, those of each robot for itself; `is_flat` as in `GymnasiumVecEnv`.
+
+    Raises:
+        ValueError: as `make_vector`; or there are fewer sub-environments than robots, or robots whose spaces differ.
+    """
+    each = config.environment.each_robot
+    bounds = np.linspace(0, config.num_envs, len(each) + 1).round().astype(int)
+    if len(each) > config.num_envs:
+        raise ValueError(f"num_envs is {config.num_envs}, fewer than the {len(each)} robots of environment.robots")
+    envs: list[GymnasiumVecEnv] = []
+    try:
+        for one, count in zip(each, np.diff(bounds).tolist()):
+            envs.append(GymnasiumVecEnv(make_vector(one, "train", count), is_flat=is_flat))
+            if envs[-1].parts != envs[0].parts:
+                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has other observations than the first")
+    except BaseException:
+        for env in envs:
+            env.close()
+        raise
+    return JoinedVecEnv(envs) if len(envs) > 1 else envs[0]
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
@@ -191,3 +216,65 @@ class GymnasiumVecEnv(VecEnv):
         last = flatten({name: part[None] for name, part in last.items()})[0] if self._is_flat else last
         ended = {"episode": episode, "terminal_observation": last}
         return ended | ({"is_success": bool(final["is_success"])} if "is_success" in final else {})
+
+
+class JoinedVecEnv(VecEnv):
+    """Several vector environments with the same spaces as one; they are stepped one after the other."""
+
+    def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
+        """Join environments, whose spaces must be the same."""
+        self._envs, self.parts = envs, envs[0].parts
+        self._firsts = np.cumsum([0, *(env.num_envs for env in envs)])
+        super().__init__(int(self._firsts[-1]), envs[0].observation_space, envs[0].action_space)
+
+    def reset(self) -> Any:
+        """Start an episode in every sub-environment; see `GymnasiumVecEnv`."""
+        for env, first in zip(self._envs, self._firsts):
+            env.seed(self._seeds[first])
+            env.set_options(self._options[first])
+        self._reset_seeds()
+        self._reset_options()
+        return self._joined([env.reset() for env in self._envs])
+
+    def step_async(self, actions: np.ndarray) -> None:
+        for env, share in zip(self._envs, np.split(actions, self._firsts[1:-1])):
+            env.step_async(share)
+
+    def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
+        observations, rewards, dones, infos = zip(*(env.step_wait() for env in self._envs))
+        return self._joined(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
+
+    def close(self) -> None:
+        for env in self._envs:
+            env.close()
+
+    def get_images(self) -> list[np.ndarray | None]:
+        return [*chain(*(env.get_images() for env in self._envs))]
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        return [*chain(*(env.get_attr(attr_name, own) for env, own in self._shares(indices)))]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        for env, own in self._shares(indices):
+            env.set_attr(attr_name, value, own)
+
+    def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
+        return [
+            *chain(*(env.env_method(method_name, *args, indices=own, **kwargs) for env, own in self._shares(indices)))
+        ]
+
+    def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
+        return [*chain(*(env.env_is_wrapped(wrapper_class, own) for env, own in self._shares(indices)))]
+
+    def _shares(self, indices: Any) -> Iterator[tuple[GymnasiumVecEnv, list[int]]]:
+        """Yield the environments that hold sub-environments of some indices, and which of theirs these are."""
+        chosen = np.sort(list(self._get_indices(indices)))
+        for env, first in zip(self._envs, self._firsts):
+            own = chosen[(chosen >= first) & (chosen < first + env.num_envs)] - first
+            if len(own):
+                yield env, own.tolist()
+
+    def _joined(self, observations: Sequence[Any]) -> Any:
+        if not isinstance(observations[0], dict):
+            return np.concatenate(observations)
+        return {name: np.concatenate([one[name] for one in observations]) for name in observations[0]}

@@ -10,7 +10,7 @@ from envs.task import ObservationPart
 from .maps import MapCrop
 from .plan import Plan
 from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead, Tracks
-from .scan import Motion, Scan
+from .scan import Limits, Motion, Scan
 from .scan_history import ScanHistory
 
 NEAR_PIXEL = 0.2
@@ -23,6 +23,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "map_near": partial(MapCrop, resolution=NEAR_PIXEL),
     "map_far": partial(MapCrop, resolution=FAR_PIXEL),
     "motion": Motion,
+    "limits": Limits,
     "plan": Plan,
     "tracks": Tracks,
 }
@@ -67,6 +68,7 @@ __all__ = [
     "PARTS",
     "Goal",
     "Home",
+    "Limits",
     "MapCrop",
     "Motion",
     "NearGoal",

@@ -60,6 +60,29 @@ def scale_motions(rows, limits, active, out):
             out[k, 5] = min(row[at.TIME] / TIME_RANGE, 1.0)
 
 
+class Limits:
+    """What the robot can do, in five numbers, for policies that drive robots of several kinds.
+
+    Greatest forward speed over 2 m/s and yaw rate over 4 rad/s, forward acceleration over 5 m/s2 and yaw acceleration
+    over 25 rad/s2, each at most 1, and radius of the footprint over 0.5 m, at most 1.
+    """
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(0, 1, (5,), float32)`."""
+        return spaces.Box(0.0, 1.0, (5,), np.float32)
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the robot's limits to `out`."""
+        params = robot.params
+        limits = params.max_v / 2.0, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
+        out[:] = np.minimum((*limits, params.radius / 0.5), 1.0)
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the limits of many robots; see `ObservationPart`."""
+        self.write(batch.robots[0], out[0])
+        out[:] = out[0]
+
+
 class Motion:
     """How the robot moves, in six numbers.
 
