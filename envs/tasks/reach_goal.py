@@ -19,6 +19,7 @@ from envs.task import ObservationPart
 from envs.transition import BY_PERSON
 
 from . import reach_kernels as own_at
+from .carrot import make_carrot
 from .goals import GeodesicDistance, GoalTask
 from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
 from .starts import UnknownWorldTask
@@ -69,6 +70,9 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | `scan_history` | `Box(0, 1, (270,), float32)` | least distances in 90 sectors around, 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `envs.observations.ScanHistory` |
     | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+
+    Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 1.5 m ahead on the path of a navigator that plans by what the
+    robot sees; see `envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
 
     ## Rewards
     The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
@@ -141,8 +145,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return ("scan_history", "goal", "motion")
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the goal; see `Task`."""
-        return {"goal": partial(NearGoal, self.goal_given == "pose")}
+        """Return the goal, and the carrot; see `Task`."""
+        return {"goal": partial(NearGoal, self.goal_given == "pose"), "carrot": partial(make_carrot, self)}
 
     @property
     def _own(self) -> np.ndarray:

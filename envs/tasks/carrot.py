@@ -1,0 +1,149 @@
+"""The carrot of `ReachGoal`: the point of a path to the goal that lies a little ahead of the robot."""
+
+import math
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from numba import njit
+
+from envs.arguments import check_positive
+from envs.files import resolve
+from envs.geometry.pose import distance
+from envs.navigation import GoalNavigator, GoalParams
+from envs.observations.plan import look_ahead
+from envs.observations.positions import GOAL_MEMORY
+from envs.observations.scan import ONE
+from envs.robot import Robot
+from envs.robots import RobotParams
+from envs.simulation import Reading
+from envs.simulation import records as at
+
+from . import reach_kernels as own_at
+
+SIGHT = 6.0
+"""How far one looks down the field for the direction of the path [m]."""
+UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000)
+"""Who only shows the way never gives up."""
+
+
+@njit(cache=True, error_model="numpy")
+def find_carrot(own, x, y, lengths, ahead):
+    """Return the point (x, y), world frame [m], that lies `ahead` metres on the shortest path from another one.
+
+    `own`, `lengths`: see `reach_kernels.measure_goal`. Fields of distances descend in steps of 45 degrees: the farthest
+    of them to which the straight line is free has the direction of the path.
+    """
+    if own[own_at.LEFT] <= ahead:
+        return own[own_at.TRUE_X], own[own_at.TRUE_Y]
+    left, low, side = own[own_at.FIELD_X], own[own_at.FIELD_Y], own[own_at.FIELD_SIDE]
+    row, col, driven, at_x, at_y = math.floor((y - low) / side), math.floor((x - left) / side), 0.0, x, y
+    found_x, found_y = own[own_at.TRUE_X], own[own_at.TRUE_Y]
+    while driven < max(SIGHT, ahead) and driven < own[own_at.LEFT]:
+        best, best_row, best_col = np.inf, row, col
+        for i in range(max(row - 1, 0), min(row + 2, lengths.shape[0])):
+            for j in range(max(col - 1, 0), min(col + 2, lengths.shape[1])):
+                # From outside of where the robot fits, the way back counts as well.
+                total = lengths[i, j] + distance(left + (j + 0.5) * side - at_x, low + (i + 0.5) * side - at_y)
+                if (i != row or j != col) and total < best:
+                    best, best_row, best_col = total, i, j
+        if best_row == row and best_col == col:
+            break
+        row, col = best_row, best_col
+        to_x, to_y = left + (col + 0.5) * side, low + (row + 0.5) * side
+        driven += distance(to_x - at_x, to_y - at_y)
+        if driven > ahead and not _is_free((x - left) / side, (y - low) / side, col + 0.5, row + 0.5, lengths):
+            break
+        at_x, at_y = found_x, found_y = to_x, to_y
+    share = min(ahead / max(distance(found_x - x, found_y - y), 1e-9), 1.0)
+    return x + share * (found_x - x), y + share * (found_y - y)
+
+
+@njit(cache=True, error_model="numpy", inline="always")
+def _is_free(x, y, to_x, to_y, lengths):
+    """Tell whether the robot fits along a straight line, ends in cells."""
+    count = int(2.0 * max(abs(to_x - x), abs(to_y - y))) + 1
+    for k in range(1, count + 1):
+        if not lengths[int(y + (to_y - y) * k / count), int(x + (to_x - x) * k / count)] < np.inf:
+            return False
+    return True
+
+
+@njit(cache=True, error_model="numpy")
+def write_carrots(rows, owns, lengths, ahead, active, out):
+    """Write the carrots on the shortest paths of active rows to `out`, shape (n, 3), float32; see `Carrot`."""
+    for k in range(rows.shape[0]):
+        if active[k]:
+            x, y = find_carrot(owns[k], rows[k, at.X], rows[k, at.Y], lengths[k], ahead)
+            angle = math.atan2(y - rows[k, at.Y], x - rows[k, at.X]) - rows[k, at.THETA]
+            out[k, 0], out[k, 1], out[k, 2] = math.cos(angle), math.sin(angle), min(owns[k, own_at.LEFT] / ahead, 1.0)
+
+
+class PlannedCarrot:
+    """The point of a path to the goal a distance ahead, in three numbers.
+
+    Cosine and sine of its direction in the robot's frame; and the length of the rest of the path over that distance, at most 1.
+    The path is that of a `GoalNavigator`, which sees what the robot sees; without one, the straight line to the goal.
+    To be written after each control period.
+    """
+
+    def __init__(self, task: Any, ahead: float) -> None:
+        """Take the task, whose goal it is, and the distance [m]; ValueError if that is not positive."""
+        check_positive(ahead=ahead)
+        self._task, self._ahead = task, float(ahead)
+        self._reading: Reading | None = None
+        self._navigator: GoalNavigator
+
+    def space(self, robot: RobotParams) -> spaces.Box:
+        """Return `Box(-1, 1, (3,), float32)`."""
+        return spaces.Box(-1.0, 1.0, (3,), np.float32)
+
+    def reset(self, robot: Robot) -> None:
+        """Begin an episode."""
+        self._navigator, self._path, self._index = GoalNavigator(UNENDING), np.empty((0, 2)), 0
+        # Only drives by itself are drawn, and it never drives.
+        self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
+        self._reading = None
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the carrot to `out`."""
+        goal, navigator = self._task.goal[:2], self._navigator
+        if robot.reading is not self._reading:
+            self._reading = robot.reading
+            if navigator.goal != goal:
+                navigator.set_goal(goal)
+            navigator.act(robot.reading, robot.belief)
+            if navigator.plan is not None and len(navigator.plan):
+                self._path, self._index = navigator.plan, 0
+        pose, path = robot.belief.pose, np.vstack([self._path, goal])
+        self._index = look_ahead(path, self._index, tuple(pose), (self._ahead,), out)
+        rest = np.vstack([pose[:2], path[self._index :]])
+        out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / self._ahead, 1.0)
+
+
+class ShortestCarrot(PlannedCarrot):
+    """The same on the true shortest path around all that does not move.
+
+    For training: no robot knows that path, but it costs a thousandth of the time of planning.
+    """
+
+    def reset(self, robot: Robot) -> None:
+        """Begin an episode."""
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the carrot to `out`."""
+        own = robot.rows.memory[GOAL_MEMORY][robot.index, None]
+        write_carrots(robot.row[None], own, self._task.arrays, self._ahead, ONE, out[None])
+
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the carrots of many robots; see `ObservationPart`."""
+        write_carrots(batch.numbers, batch.memory[GOAL_MEMORY], batch.task_arrays[0], self._ahead, batch.active, out)
+
+
+CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
+"""Carrots by the path that they are on."""
+
+
+def make_carrot(task: Any, path: str = "plan", ahead: float = 1.5) -> PlannedCarrot:
+    """Return the carrot on a path, `plan` or `shortest`, so far ahead [m]; ValueError if one is not allowed."""
+    return resolve(path, CARROTS, "path of carrot")(task, ahead)

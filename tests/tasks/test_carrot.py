@@ -1,0 +1,77 @@
+import math
+
+import gymnasium
+import numpy as np
+import pytest
+
+import envs  # noqa: F401  registers the environments
+
+OBSERVATIONS = {"carrot": {"path": "shortest"}, "goal": None}
+WALL = {"world": "hall", "world_size": (8.0, 8.0), "robot": "jackal", "physics": "kinematic"}
+
+
+def follow(path, seed, id="lidarnaut/ReachGoal-v0", **arguments):
+    """Drive towards the carrot; return the last info and the angles at which it was seen."""
+    settings = {"observations": {"carrot": {"path": path, "ahead": 0.3}}, "min_distance": 4.0, "contact": "costs"}
+    env = gymnasium.make(id, **{**WALL, **settings, **arguments})
+    observation, _ = env.reset(seed=seed)
+    angles, has_ended = [], False
+    while not has_ended:
+        c, s, _ = observation["carrot"].astype(np.float64)
+        angles.append(math.atan2(s, c))
+        action = np.array([0.5 * max(c, 0.0) ** 4, np.clip(2.0 * angles[-1], -1.0, 1.0)], dtype=np.float32)
+        observation, _, terminated, truncated, info = env.step(action)
+        has_ended = terminated or truncated
+    env.close()
+    return info, np.array(angles)
+
+
+@pytest.mark.parametrize("path", ["plan", "shortest"])
+def test_who_follows_the_carrot_gets_around_walls_to_the_goal(path):
+    for seed in range(3):
+        info, _ = follow(path, seed, "lidarnaut/ReachClutter-v0", world="clutter", world_size=None)
+        assert info["is_success"], (path, seed)
+
+
+def test_planned_and_shortest_paths_begin_alike():
+    pairs = []
+    for seed in range(12):
+        firsts = [
+            follow(path, seed, time_limit=0.1, robot="configs/robots/jackal_360.yaml")[1][0]
+            for path in ("plan", "shortest")
+        ]
+        pairs.append(abs((firsts[0] - firsts[1] + math.pi) % (2.0 * math.pi) - math.pi))
+    assert np.median(pairs) < 0.15
+
+
+def test_near_the_goal_the_carrot_is_the_goal():
+    env = gymnasium.make("lidarnaut/ReachGoal-v0", observations=OBSERVATIONS, **WALL)
+    env.reset(seed=0)
+    observation, _ = env.reset(seed=0, options={"goal": (0.9, 0.0, 0.0)})
+    np.testing.assert_allclose(observation["carrot"], (1.0, 0.0, 0.6), atol=0.1)
+    np.testing.assert_allclose(observation["goal"][1:3], observation["carrot"][:2], atol=1e-6)
+    env.close()
+
+
+def test_many_environments_show_the_carrots_of_single_ones():
+    vector = gymnasium.make_vec("lidarnaut/ReachGoal-v0", 3, observations=OBSERVATIONS, num_workers=0, **WALL)
+    singles = [gymnasium.make("lidarnaut/ReachGoal-v0", observations=OBSERVATIONS, **WALL) for _ in range(3)]
+    seen = vector.reset(seed=5)[0]["carrot"]
+    np.testing.assert_array_equal(seen, [env.reset(seed=5 + k)[0]["carrot"] for k, env in enumerate(singles)])
+    for action in np.random.default_rng(0).uniform(-1, 1, (10, 3, 2)).astype(np.float32):
+        seen, *_ = vector.step(action)
+        for k, env in enumerate(singles):
+            if env.unwrapped.task.end_reason is None:
+                observation, *_ = env.step(action[k])
+                if env.unwrapped.task.end_reason is None:
+                    np.testing.assert_array_equal(seen["carrot"][k], observation["carrot"])
+    vector.close()
+    for env in singles:
+        env.close()
+
+
+def test_other_paths_and_distances_are_refused():
+    with pytest.raises(ValueError, match="path of carrot"):
+        gymnasium.make("lidarnaut/ReachGoal-v0", observations={"carrot": {"path": "straight"}}, **WALL)
+    with pytest.raises(ValueError, match="ahead must be positive"):
+        gymnasium.make("lidarnaut/ReachGoal-v0", observations={"carrot": {"ahead": 0.0}}, **WALL)
