@@ -82,9 +82,9 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 class PlannedCarrot:
     """The point of a path to the goal a distance ahead, in three numbers.
 
-    Cosine and sine of its direction in the robot's frame; and the length of the rest of the path over that distance, at most 1.
-    The path is that of a `GoalNavigator`, which sees what the robot sees; without one, the straight line to the goal.
-    To be written after each control period.
+    Cosine and sine of its direction in the robot's frame; and the length of the rest of the path over that distance, at
+    most 1. The path is that of a `GoalNavigator`, which sees what the robot sees; without one, the straight line to the
+    goal. To be written after each control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
