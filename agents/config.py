@@ -119,8 +119,14 @@ class EvaluationConfig(Section):
     references: tuple[str, ...] = ("random",)
     """Classic policies, by name or as `module:attribute`, that are measured on the same episodes, once, before
     training. Where frontiers are chosen, they are rules and policies of decisions."""
-    world: str | None = None
-    """World of these episodes, as `environment.world`; null takes that of the training."""
+    environment: dict[str, Any] = {}
+    """Arguments that the environment of evaluations has in place of the training's, such as another `world`. Whoever runs
+    the policy later sees the `observations` of evaluations, too."""
+
+    @property
+    def arguments(self) -> dict[str, Any]:
+        """The same; lists are tuples."""
+        return {name: _tuples(value) for name, value in self.environment.items()}
 
 
 class CheckpointConfig(Section):

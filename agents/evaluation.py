@@ -25,8 +25,8 @@ class Evaluator:
     def __init__(self, config: TrainingConfig) -> None:
         """Make the environments; ValueError if there is no such environment, or it refuses an argument."""
         self._episodes = config.evaluation.episodes
-        world = config.evaluation.world
-        changes: dict[str, Any] = {"world": world, "world_size": None} if world is not None else {}
+        changes = config.evaluation.arguments
+        changes |= {"world_size": None} if "world" in changes else {}
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
         changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
         environment = config.environment.model_copy(update=changes)

@@ -29,8 +29,8 @@ class LearnedPolicy:
         """What it decides; see `agents.policies.Level`."""
         self.id = record.config.environment.id
         """Environment that it was trained in."""
-        self.arguments = record.config.environment.arguments
-        """Arguments of that environment."""
+        self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
+        """Arguments of that environment, as in its evaluations."""
         self.observations = self.arguments.get("observations")
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
         self.control_hz = record.control_hz

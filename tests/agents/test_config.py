@@ -67,10 +67,10 @@ def test_the_command_line_overrides_the_file(tmp_path, monkeypatch, tiny_config)
     path.write_text(dump_record(tiny_config))
     arguments = ["--config", str(path), "--seed", "7", "--hyperparameters.learning-rate", "1e-3"]
     arguments += ["--environment.reward.time", "-2", "--environment.observations", "scan", "motion"]
-    arguments += ["--evaluation.world", "None", "--environment.randomize={lidar.dropout: [0, 0.1]}"]
+    arguments += ["--evaluation.environment.world", "rooms", "--environment.randomize={lidar.dropout: [0, 0.1]}"]
     assert train.main(arguments) == 0
     (config,) = configs
-    assert (config.seed, config.evaluation.world) == (7, None)
+    assert (config.seed, config.evaluation.environment) == (7, {"world": "rooms"})
     assert config.hyperparameters == tiny_config.hyperparameters | {"learning_rate": 1e-3}
     own = {"reward": {"time": -2}, "observations": ("scan", "motion"), "randomize": {"lidar.dropout": (0, 0.1)}}
     assert config.environment.arguments == tiny_config.environment.arguments | own

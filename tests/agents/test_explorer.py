@@ -2,6 +2,7 @@ import math
 from pathlib import Path
 from types import SimpleNamespace
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -13,6 +14,7 @@ from agents.explorer import LearnedPolicy
 from agents.learned import find_policy
 from agents.pursuit import BACK, SPIN, TURN, pursue
 from agents.run_folder import CheckpointError
+from agents.training import train
 from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from baselines.episode import run_episode
 from envs.files import read_record
@@ -144,3 +146,23 @@ def test_the_policy_of_the_package_was_trained_by_its_configuration():
         own[name] = getattr(record.config, name)
     assert record.config == config.model_copy(update=own)
     assert record.steps >= config.total_steps
+
+
+def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
+    """A carrot on the true path, which training may take, is not to be had elsewhere."""
+    parts = {name: {"goal": None, "carrot": {"path": name}} for name in ("shortest", "plan")}
+    reach = {"world": "hall", "world_size": [6, 6], "robot": "jackal", "time_limit": 3.0, "num_workers": 0}
+    reach |= {"id": "lidarnaut/ReachGoal-v0", "observations": parts["shortest"]}
+    evaluation = {
+        "every": 16,
+        "episodes": 2,
+        "references": [],
+        "environment": {"observations": parts["plan"], "world": "hall"},
+    }
+    config = tiny("PPO", "Explore", environment=reach, evaluation=evaluation)
+    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False))
+    assert policy.observations == parts["plan"]
+    env = gymnasium.make(reach["id"], observations=policy.observations, world="hall", robot="jackal")
+    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
+    assert env.action_space.contains(policy(env.reset(seed=0)[0]))
+    env.close()
