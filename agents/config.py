@@ -120,8 +120,8 @@ class EvaluationConfig(Section):
     """Classic policies, by name or as `module:attribute`, that are measured on the same episodes, once, before
     training. Where frontiers are chosen, they are rules and policies of decisions."""
     environment: dict[str, Any] = {}
-    """Arguments that the environment of evaluations has in place of the training's, such as another `world`. Whoever runs
-    the policy later sees the `observations` of evaluations, too."""
+    """Arguments that the environment of evaluations has in place of the training's, such as another `world`. Whoever
+    runs the policy later sees the `observations` of evaluations, too."""
 
     @property
     def arguments(self) -> dict[str, Any]:

@@ -4,13 +4,14 @@ Of the library's robots none but the Jackal is seen in training.
 """
 
 from dataclasses import replace
+from typing import Any
 
 from envs.robots import RobotParams, load_robot
 
 JACKAL = load_robot("jackal")
 
 
-def _variant(name: str, fov: float, range_max: float = 30.0, **limits: float) -> RobotParams:
+def _variant(name: str, fov: float, range_max: float = 30.0, **limits: Any) -> RobotParams:
     """Return a Jackal with a lidar of 360 beams over an angle [rad], and other limits or another radius."""
     lidar = replace(JACKAL.lidar, num_beams=360, fov=fov, range_max=range_max)
     return replace(JACKAL, name=name, lidar=lidar, **limits)
