@@ -14,6 +14,7 @@ from envs.estimation.trail import TRAIL_SPACING
 from envs.geometry.pose import between, compose, distance
 from envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
 from envs.simulation import records as at
+from envs.simulation.contact import drove_into
 from envs.simulation.crowd import records as crowd_at
 from envs.simulation.kinematic import step_robots
 from envs.slam.key_scans import has_moved
@@ -22,10 +23,6 @@ SETUP_SIZE = len(Setup._fields)
 PERSONAL_SPACE = 0.45
 """Gap between footprint and person within which a robot is in personal space [m]: Hall's intimate distance ("The Hidden
 Dimension", 1966)."""
-TOUCH_GAP = 0.03
-"""Gap to the nearest person up to which a contact is one with this person [m]."""
-FAULT_SPEED = 0.05
-"""Speed towards a person up to which a robot did not drive into it [m/s]."""
 BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
 """Values of `TOUCHED_BY`: no contact; with what rests; with a person, by the robot's own motion or by the person's."""
 
@@ -60,12 +57,11 @@ def _watch_people(row, people):
     """Bring up to date how near a robot is to people, and who caused a contact."""
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
-    gap, nearest, time = FAR, -1, LATE
+    gap, time = FAR, LATE
     for i in range(people.shape[0]):
         dx, dy = people[i, crowd_at.X] - x, people[i, crowd_at.Y] - y
         reach, away = radius + people[i, crowd_at.RADIUS], distance(dx, dy)
-        if away - reach < gap:
-            gap, nearest = away - reach, i
+        gap = min(gap, away - reach)
         wx, wy = people[i, crowd_at.VX] - vx, people[i, crowd_at.VY] - vy
         # |d + t w| = reach
         speed2, closing, rest = wx * wx + wy * wy, -(dx * wx + dy * wy), away * away - reach * reach
@@ -77,21 +73,12 @@ def _watch_people(row, people):
     row[at.INTRUSION] += period * (gap < PERSONAL_SPACE)
     row[at.TOUCHED_BY] = BY_NOBODY
     if row[at.TOUCHED] > 0.0:
+        person = int(row[at.TOUCHED]) - at.TOUCHED_PERSON
         row[at.TOUCHED_BY] = BY_ROBOT_ALONE
-        if nearest >= 0 and gap <= TOUCH_GAP:
-            row[at.TOUCHED_BY] = BY_ROBOT if _drove_into(row, people[nearest]) else BY_PERSON
+        if person >= 0:
+            row[at.TOUCHED_BY] = BY_ROBOT if drove_into(row, people[person]) else BY_PERSON
         if not row[at.LAST_TOUCHED] > 0.0:
             row[at.HIT_WALL + int(row[at.TOUCHED_BY]) - BY_ROBOT_ALONE] += 1.0
-
-
-@njit(cache=True, error_model="numpy")
-def _drove_into(row, person):
-    """Tell whether a robot came nearer to a person that it touches faster than the person did."""
-    dx, dy = person[crowd_at.X] - row[at.X], person[crowd_at.Y] - row[at.Y]
-    away = max(distance(dx, dy), 1e-9)
-    own = row[at.COMMANDED_V] * (dx * math.cos(row[at.THETA]) + dy * math.sin(row[at.THETA])) / away
-    closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / away
-    return own > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
 
 
 @njit(cache=True, error_model="numpy")

@@ -178,6 +178,17 @@ def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, 
     assert info["rewards"]["collision"] == -20.0
 
 
+@pytest.mark.parametrize("physics", ["kinematic", "bullet"])
+def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
+    """At the end of the period it is 6 cm ahead again."""
+    settings = {"world": box(([(0.4, 6.0), (11.0, 6.0)], 1.5)), "physics": physics, "start": "spawn"}
+    env = LidarEnv(ReachGoal, **settings, goal=(8.0, 2.0, 0.0), robot="jackal")
+    *_, (_, _, _, _, info) = drive(env, 0.3 * AHEAD, 100)
+    assert (info["end_reason"], info["hit_by_person"]) == ("person", 1)
+    assert env.simulator.people[0, 0] < env.simulator.states[0].pose.x - 0.3 - env.robot.radius - 0.04
+    assert [(contact.kind, contact.by) for contact in env.simulator.contacts] == [("person", "other")]
+
+
 def stand_by(route, time):
     """Return the rewards of a robot of 0.22 m that stands in the box for a time, and its last info."""
     robot = replace(load_robot("turtlebot3_waffle_pi"), radius=0.22)

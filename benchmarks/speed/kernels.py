@@ -24,7 +24,7 @@ from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.raycast import cast_rays
 from envs.observations import NEAR_PIXEL
 from envs.robots import LidarParams
-from envs.simulation.kinematic import Obstacles, advance
+from envs.simulation.kinematic import advance
 from envs.simulation.records import STATE_SIZE, robot_record
 from envs.slam import load_params
 from envs.slam.grid_map import GridMap, integrate_scan, probabilities
@@ -104,7 +104,7 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
         *_crop(grid_map.grid, pose),
         # A circle in the free middle of the hall, driven for ever.
         Kernel(
-            "advance", advance, (driven, command, normals, record, Obstacles(*around, world.circles)), driven.copy,
+            "advance", advance, (driven, command, normals, record, *around), driven.copy,
             partial(advance_in_numpy, *moved),
         ),
     ]  # fmt: skip

@@ -13,9 +13,8 @@ from envs.worlds import World
 from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet
 from .crowd import Crowd
-from .crowd import records as crowd_at
 from .crowd.step import step_people
-from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, X, Y, robot_record
+from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PERSON, X, Y, robot_record
 from .simulator import Simulator
 
 GRAVITY = 9.81
@@ -71,7 +70,7 @@ class BulletSimulator(Simulator):
             self._bullet = BulletClient()
         if world is not self._built or self._nearby is not None or len(self._people) != len(self.crowd.rows):
             self._build(world)
-        self._place_people(0.0)
+        self._place_people()
         if self._nearby is not None:
             self._nearby.follow(np.array([pose[:2] for pose in poses], dtype=np.float64))
         for robot, pose in zip(self.robots, poses, strict=True):
@@ -86,20 +85,22 @@ class BulletSimulator(Simulator):
         numbers[:, TOUCHED] = 0.0
         if len(self.crowd.rows):
             step_people(*self.crowd.arrays, numbers)
+            self._place_people()
         for robot, row, draws in zip(self.robots, numbers, rows.draws, strict=True):
             robot.plan(row[COMMAND_V : COMMAND_W + 1], draws[int(row[DRAW])])
         if self._nearby is not None:
             self._nearby.follow(numbers[:, [X, Y]])
         for substep in range(self._substeps):
-            self._place_people(substep / self._substeps)
             for robot in self.robots:
                 robot.turn_wheels(substep)
             self._bullet.stepSimulation()
             for robot in self.robots:
                 robot.update_contacts()
-        for robot in self.robots:
+        for robot, row in zip(self.robots, numbers, strict=True):
             robot.update_state()
-        numbers[:, TOUCHED] = np.maximum(numbers[:, TOUCHED], [robot.touched for robot in self.robots])
+            row[TOUCHED] = max(row[TOUCHED], float(bool(robot.touched)))
+            for person in robot.touched.intersection(self._people):
+                row[TOUCHED] = TOUCHED_PERSON + self._people.index(person)
         self.sense()
 
     def _reset_world(self) -> World:
@@ -128,14 +129,11 @@ class BulletSimulator(Simulator):
             robot.build(bullet, world)
         self._built = world
 
-    def _place_people(self, part: float) -> None:
-        """Put people where they are after a part of the control period, with the velocities that they have in it."""
-        for body, person in zip(self._people, self.crowd.rows, strict=True):
-            before, after = person[[crowd_at.BEFORE_X, crowd_at.BEFORE_Y]], person[[crowd_at.X, crowd_at.Y]]
-            position = [*(before + part * (after - before)).tolist(), 0.5 * self._reset_world().height]
+    def _place_people(self) -> None:
+        """Put people where they are; robots drive past them as past what rests, as under the kinematic physics."""
+        for body, (x, y, *_) in zip(self._people, self.crowd.states.tolist(), strict=True):
+            position = [x, y, 0.5 * self._reset_world().height]
             self._bullet.resetBasePositionAndOrientation(body, position, [0.0, 0.0, 0.0, 1.0])
-            velocity = [*person[[crowd_at.VX, crowd_at.VY]].tolist(), 0.0]
-            self._bullet.resetBaseVelocity(body, velocity, [0.0] * 3)
 
 
 def _copy(

@@ -30,8 +30,8 @@ _ROTOR = 0.25
 """Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
 of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
 weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
-_NORMAL_FORCE = 9
-"""Entry of a contact point that holds the force between the bodies."""
+_OTHER, _NORMAL_FORCE = 2, 9
+"""Entries of a contact point that hold the other body's id, and the force between the bodies."""
 _OUT_OF_REACH = 1e3
 """Height at which a body touches nothing [m]."""
 _UPRIGHT = math.cos(math.radians(20.0))
@@ -146,8 +146,8 @@ class BulletRobot:
         sides = (body.radius or 0.0, 0.0) if body.size is None else (0.5 * body.size[0], 0.5 * body.size[1])
         self._core = (*body.center[:2], *(side - min(depth, _MAX_DEPTH * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
-        self.touched = False
-        """Whether the body touched anything during the control period."""
+        self.touched: set[int] = set()
+        """Ids of what the body touched during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -173,7 +173,7 @@ class BulletRobot:
         self._row[:] = 0.0
         self._row[: at.THETA + 1] = pose
         self._rolled, self._slipped = np.zeros(2), np.zeros(2)
-        self.touched = False
+        self.touched = set()
         self.update_state()
         self._row[at.MEAN_W] = 0.0
 
@@ -190,7 +190,7 @@ class BulletRobot:
         if self._robot.odometry.open_loop:
             self._rolled += rates.sum(axis=0) * self._dt
         self._slipped += slips.sum(axis=0) * self._dt
-        self.touched = False
+        self.touched = set()
 
     def turn_wheels(self, substep: int) -> None:
         """Set the motors for a step of physics."""
@@ -204,10 +204,9 @@ class BulletRobot:
         )
 
     def update_contacts(self) -> None:
-        """Read from the engine whether the body touches anything."""
-        if not self.touched:
-            points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
-            self.touched = any(point[_NORMAL_FORCE] > 0.0 for point in points)
+        """Read from the engine what the body touches."""
+        points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
+        self.touched.update(point[_OTHER] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
         """Read pose, velocity and wheel angles from the engine.
@@ -224,7 +223,7 @@ class BulletRobot:
         if is_back:
             x, y, theta = row[: at.THETA + 1].tolist()
             linear = angular = (0.0, 0.0, 0.0)
-            self.touched = True
+            self.touched.add(self._body)
         if is_back or rotation[8] < _UPRIGHT:
             self._settle(Pose2D(x, y, theta), linear, angular)
         # Headings tell turns up to whole circles; which of them it was the command tells.

@@ -24,8 +24,6 @@ _PER_CIRCLE = 32
 """Rectangles that stand for a circle of 0.1 m; larger ones have more."""
 _SLACK = 2.0
 """How far robots drive before the walls around them are built again, in a world with many [m]."""
-_UNSTOPPABLE = 1e4
-"""Mass of a person [kg]: nothing pushes people."""
 
 
 def import_pybullet() -> ModuleType:
@@ -66,8 +64,8 @@ class BulletClient:
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
     """Put ground, walls and people of some radii, shape (n,), float64 [m], into an empty simulation; return their ids.
 
-    A person is a heavy body whose pose and velocity are set in every substep. The walls of a world with very many are
-    left to `NearbyWalls`.
+    A person is a body that nothing pushes, and that is moved between control periods. The walls of a world with very
+    many are left to `NearbyWalls`.
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
@@ -75,12 +73,11 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
         bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=world.height)
         for radius in radii.tolist()
     ]
-    static = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes)]
-    people = [bullet.createMultiBody(_UNSTOPPABLE, shape) for shape in cylinders]
-    set_contact(bullet, static[0], GROUND, ROLLING)
-    for body in (*static[1:], *people):
+    bodies = [bullet.createMultiBody(0.0, shape) for shape in (plane, *meshes, *cylinders)]
+    set_contact(bullet, bodies[0], GROUND, ROLLING)
+    for body in bodies[1:]:
         set_contact(bullet, body, OBSTACLES, CHASSIS)
-    return people
+    return bodies[1 + len(meshes) :]
 
 
 def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:

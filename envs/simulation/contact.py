@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import njit
@@ -12,7 +12,7 @@ from envs.geometry.clearance import clearance, segment_offset
 from envs.worlds import World
 
 from .crowd import records as crowd_at
-from .records import COMMANDED_V, ROBOT, THETA, Y
+from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12
 """How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
@@ -20,6 +20,8 @@ _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
 CONTACT_GAP = 0.01
 """Gap up to which a robot that has touched something touches what lies beside it [m]."""
+FAULT_SPEED = 0.05
+"""Speed towards a person up to which a robot did not drive into it [m/s]."""
 _MIN_GAP = 1e-4
 """Least gap between the footprints of two robots at the start [m]."""
 
@@ -69,28 +71,6 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
             hits[hit] = True
         x, y = x + deepest * push_x, y + deepest * push_y
     return x, y, touched, False
-
-
-@njit(cache=True, error_model="numpy")
-def leave(x, y, dx, dy, limit, radius, segments, near, num_near, circles):
-    """Move a circle that is wedged at (x, y) by (dx, dy) if that takes it away from what has come over it.
-
-    It gets no farther than `limit` [m]. Returns the centre; for the other arguments see `push_out`.
-    """
-    others, is_covered = circles.copy(), False
-    for i in range(circles.shape[0]):
-        if math.hypot(x - circles[i, 0], y - circles[i, 1]) < radius + circles[i, 2] - _TOLERANCE:
-            others[i, 2], is_covered = -radius, True  # too small to touch
-    if not is_covered:
-        return x, y
-    hits = np.zeros(circles.shape[0], dtype=np.bool_)
-    new_x, new_y, _, free = push_out(x + dx, y + dy, radius, segments, near, num_near, others, hits)
-    free &= math.hypot(new_x - x, new_y - y) <= limit
-    for i in range(circles.shape[0]):
-        if others[i, 2] < 0.0:
-            gap = math.hypot(x - circles[i, 0], y - circles[i, 1])
-            free &= math.hypot(new_x - circles[i, 0], new_y - circles[i, 1]) >= gap
-    return (new_x, new_y) if free else (x, y)
 
 
 @njit(cache=True, error_model="numpy")
@@ -171,12 +151,15 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
                 )
 
 
+Kind = Literal["wall", "cylinder", "person", "robot"]
+
+
 class Contact(NamedTuple):
-    """A contact of a robot at the end of a control period."""
+    """A contact of a robot in a control period."""
 
     robot: int
     """Which robot."""
-    kind: Literal["wall", "cylinder", "person", "robot"]
+    kind: Kind
     """What it touched."""
     which: int
     """Which one: row of `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
@@ -184,38 +167,50 @@ class Contact(NamedTuple):
     """Who moved into whom: "other" where the person or the other robot came nearer faster than this robot did."""
 
 
-def find_contacts(touched: Sequence[int], rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
-    """Return what robots touch: all that lies within `CONTACT_GAP` of the footprint, or else what is nearest.
+@njit(cache=True, error_model="numpy")
+def approach(row, x, y):
+    """Return how fast a robot, by its row, is driven towards a point [m/s]."""
+    dx, dy = x - row[X], y - row[Y]
+    return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
-    `touched`: robots that touched anything during the period; `rows`: all robots, see `records`; `people`: all people,
-    see `crowd.records`.
+
+@njit(cache=True, error_model="numpy")
+def drove_into(row, person):
+    """Tell whether a robot came nearer to a person that it touches faster than the person did; both by their rows."""
+    dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
+    closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
+    return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
+
+
+def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
+    """Return what robots touched in the last period: the person, or else what is nearest, and what is near then.
+
+    That is all within `CONTACT_GAP` of the footprint. `rows`: all robots, see `records`; `people`: all people, see
+    `crowd.records`.
     """
     contacts = []
-    positions, radius, bodies = rows[:, : Y + 1], rows[0, ROBOT], people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]
-    headings = np.column_stack([np.cos(rows[:, THETA]), np.sin(rows[:, THETA])])
-    commanded = rows[:, COMMANDED_V, None] * headings
+    positions, radius = rows[:, : Y + 1], rows[0, ROBOT]
+    bodies = people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]
     starts, along = world.segments[:, :2], world.segments[:, 2:] - world.segments[:, :2]
-    for k in touched:
-        at, others = positions[k], np.delete(np.arange(len(positions)), k)
+    for k in np.flatnonzero(rows[:, TOUCHED] > 0.0).tolist():
+        at, person = positions[k], int(rows[k, TOUCHED]) - TOUCHED_PERSON
         share = ((at - starts) * along).sum(axis=1) / np.maximum((along * along).sum(axis=1), 1e-300)
-        walls = np.hypot(*(at - starts - np.clip(share, 0.0, 1.0)[:, None] * along).T)
-        round_things = np.vstack([world.circles, bodies])
-        around = np.hypot(*(round_things[:, :2] - at).T) - round_things[:, 2]
-        gaps = np.concatenate([walls, around, np.hypot(*(positions[others] - at).T) - radius]) - radius
-        things: list[tuple[Any, int]] = [("wall", i) for i in range(len(walls))]
-        things += [("cylinder", i) for i in range(len(world.circles))]
-        things += [("person", i) for i in range(len(people))]
-        things += [("robot", i) for i in others.tolist()]
-        for i in np.flatnonzero(gaps <= max(CONTACT_GAP, gaps.min())).tolist():
-            kind, which = things[i]
-            by: Literal["robot", "other"] = "robot"
-            if kind in ("person", "robot"):
-                there = bodies[which, :2] if kind == "person" else positions[which]
-                normal = (there - at) / max(float(np.hypot(*(there - at))), 1e-9)
-                velocity = people[which, [crowd_at.VX, crowd_at.VY]] if kind == "person" else commanded[which]
-                closing = -float(velocity @ normal)
-                if kind == "person":
-                    closing = max(closing, float(people[which, crowd_at.BLOCKED]))
-                by = "other" if closing > float(commanded[k] @ normal) else "robot"
-            contacts.append(Contact(k, kind, which, by))
+        gaps: dict[Kind, np.ndarray] = {
+            "wall": np.hypot(*(at - starts - np.clip(share, 0.0, 1.0)[:, None] * along).T) - radius,
+            "cylinder": np.hypot(*(world.circles[:, :2] - at).T) - world.circles[:, 2] - radius,
+            "person": np.hypot(*(bodies[:, :2] - at).T) - bodies[:, 2] - radius,
+            "robot": np.hypot(*(positions - at).T) - 2.0 * radius,
+        }
+        gaps["robot"][k] = np.inf
+        if person < 0:
+            gaps["person"][:] = np.inf
+        else:
+            gaps["person"][person] = 0.0
+        reach = max(CONTACT_GAP, min(each.min(initial=np.inf) for each in gaps.values()))
+        for kind, each in gaps.items():
+            for which in np.flatnonzero(each <= reach).tolist():
+                is_others = kind == "person" and not drove_into(rows[k], people[which])
+                if kind == "robot":
+                    is_others = approach(rows[which], *at) > approach(rows[k], *positions[which])
+                contacts.append(Contact(k, kind, which, "other" if is_others else "robot"))
     return contacts

@@ -5,7 +5,6 @@ The controller between the commanded twist and the wheels is that of both physic
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -14,8 +13,7 @@ from envs.geometry import Pose2D, wrap_angle
 from envs.worlds import World
 
 from . import records as at
-from .contact import leave, push_out, select_near
-from .crowd import records as crowd_at
+from .contact import push_out, select_near
 from .crowd.step import step_people, with_bodies, with_people
 from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
@@ -66,35 +64,23 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
     return v, w
 
 
-class Obstacles(NamedTuple):
-    """What the robots can run into during a control period, and what their lidars see at its end."""
-
-    segments: np.ndarray
-    """Shape (n, 4), float64: (x0, y0, x1, y1) [m]."""
-    before: np.ndarray
-    """Shape (m, 3), float64: circles at the start of the period, (x, y, radius) [m]."""
-    after: np.ndarray
-    """Shape (m, 3), float64: the same circles at its end; they move evenly in between [m]."""
-
-
 @njit(cache=True, error_model="numpy")
-def advance(state, command, normals, robot, obstacles):
+def advance(state, command, normals, robot, segments, circles):
     """Move a robot, whose row is `state`, for one control period; see `plan_wheels` for command and normals.
 
     The wheels roll and slip as planned, and the base follows the arc of each substep. What the footprint then overlaps
-    pushes it out along the normal, so that it slides along walls and is pushed by what moves, but through nothing that
-    rests. Wheels keep turning while the robot is held.
+    pushes it out along the normal, so that it slides along walls. Wheels keep turning while the robot is held.
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64: what is in its way [m].
 
     Returns whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
-    segments, before, after = obstacles
     substeps = int(robot.substeps)
     dt = robot.period / substeps
     fastest = robot.max_v * robot.wheel_radius / robot.assumed_wheel_radius
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
     ahead, near_x, near_y = fastest * robot.period, state[at.X], state[at.Y]
     num_near = select_near(near_x, near_y, 2.0 * (robot.radius + ahead), segments, near)
-    circles, hits = before.copy(), np.zeros(before.shape[0], dtype=np.bool_)
+    hits = np.zeros(circles.shape[0], dtype=np.bool_)
     rates, slips = np.empty((substeps, 2)), np.empty((substeps, 2))
     reached = (state[at.COMMANDED_V], state[at.COMMANDED_W])
     state[at.COMMANDED_V], state[at.COMMANDED_W] = plan_wheels(reached, command, normals, robot, rates, slips)
@@ -107,10 +93,6 @@ def advance(state, command, normals, robot, obstacles):
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
         x, y, theta = state[at.X], state[at.Y], state[at.THETA]
-        part = (step + 1) / substeps
-        for i in range(circles.shape[0]):
-            circles[i, 0] = before[i, 0] + part * (after[i, 0] - before[i, 0])
-            circles[i, 1] = before[i, 1] + part * (after[i, 1] - before[i, 1])
         if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # something pushed it
             num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
@@ -121,7 +103,7 @@ def advance(state, command, normals, robot, obstacles):
         if contact:  # less than the radius, so that it comes to lie beyond nothing that it was free of
             limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
-                new_x, new_y = leave(x, y, chord * c, chord * s, limit, robot.radius, segments, near, num_near, circles)
+                new_x, new_y = x, y
         state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
         turned += turn
         state[at.LEFT_ANGLE] += rates[step, 0] * dt
@@ -135,15 +117,15 @@ def advance(state, command, normals, robot, obstacles):
 def step_robots(rows, draws, ranges, segments, circles, crowd):
     """Move people and all robots of a world for one control period, and measure what robots sense at its end.
 
-    First people walk, and stop at robots. Then the robots move one after the other, past peers that rest where they are
-    by then. So no two of them ever overlap, and no robot pushes another. Arguments are plain: unpacking named tuples
-    would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V` and
-    `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
+    First people walk, and stop at robots. Then the robots move one after the other, past people and peers that rest
+    where they are by then. So no two of them ever overlap, and nobody pushes a robot. Arguments are plain: unpacking
+    named tuples would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V`
+    and `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
     `People.arrays`, of which the rows are written.
     """
     people, points, fields, setup = crowd
-    robot, num_fixed = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0] + people.shape[0]
-    radius = robot.radius
+    robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
+    radius, num_fixed = robot.radius, num_circles + people.shape[0]
     for k in range(rows.shape[0]):
         rows[k, at.TOUCHED] = 0.0
         rows[k, at.STEPS] += 1.0
@@ -151,19 +133,19 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
         rows[k, at.DRAW] += 1.0
     if people.shape[0] > 0:
         step_people(people, points, fields, setup, rows)
-    before, after = with_people(circles, people, crowd_at.BEFORE_X), with_people(circles, people, crowd_at.X)
+    around = with_people(circles, people)
     for k in range(rows.shape[0]):
         row = rows[k]
-        obstacles = Obstacles(segments, with_peers(before, rows, k, radius), with_peers(after, rows, k, radius))
         noise = draws[k, int(row[at.DRAW])]
         command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
-        touched, hits = advance(row, command, slip, robot, obstacles)
-        if touched:
-            row[at.TOUCHED] = 1.0
-        for j in range(num_fixed, hits.shape[0]):
-            if hits[j]:  # contact is mutual
-                peer = j - num_fixed
-                rows[peer + (peer >= k), at.TOUCHED] = 1.0
+        touched, hits = advance(row, command, slip, robot, segments, with_peers(around, rows, k, radius))
+        row[at.TOUCHED] = max(row[at.TOUCHED], 1.0 if touched else 0.0)
+        for j in range(num_circles, hits.shape[0]):
+            if hits[j] and j < num_fixed:
+                row[at.TOUCHED] = at.TOUCHED_PERSON + j - num_circles
+            elif hits[j]:  # contact is mutual
+                peer = j - num_fixed + (j - num_fixed >= k)
+                rows[peer, at.TOUCHED] = max(rows[peer, at.TOUCHED], 1.0)
     sense(rows, draws, ranges, segments, with_bodies(circles, people, setup))
 
 

@@ -62,7 +62,9 @@ yaw rate during the last control period, and the bias of its gyroscope [rad/s]."
 STATE_SIZE = 11
 """Number of these entries."""
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
-"""Measurements beside the scan: encoder counts, gyroscope [rad/s], compass [rad], 1 for contact."""
+"""Measurements beside the scan: encoder counts, gyroscope [rad/s], compass [rad]; and 0 without contact, 1 for contact
+with what rests or drives, `TOUCHED_PERSON` and its index for contact with a person."""
+TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
 """Control periods and time [s] since the reset, row of `Rows.draws` in use, and commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)

@@ -15,7 +15,7 @@ from envs.worlds import World
 from .contact import Contact, check_starts, find_contacts
 from .crowd import Crowd, People
 from .crowd.step import with_bodies
-from .records import COMMAND_V, COMMAND_W, GYRO_BIAS, TOUCHED
+from .records import COMMAND_V, COMMAND_W, GYRO_BIAS
 from .rows import BLOCK, Reading, RobotState, Rows, Twist
 from .sensors import SLIP_LEFT, sense
 
@@ -53,8 +53,7 @@ class Simulator(ABC):
     @property
     def contacts(self) -> list[Contact]:
         """What the robots touched during the last period, one entry for each thing."""
-        touched = np.flatnonzero(self.rows.numbers[:, TOUCHED] > 0.0).tolist()
-        return find_contacts(touched, self.rows.numbers, self._reset_world(), self.crowd.rows)
+        return find_contacts(self.rows.numbers, self._reset_world(), self.crowd.rows)
 
     @property
     def people(self) -> np.ndarray:

@@ -12,7 +12,7 @@ from envs.robots import ROBOT_NAMES, load_robot
 from envs.simulation import PHYSICS, Twist, make_simulator
 from envs.simulation import records as at
 from envs.simulation.crowd import records as crowd_at
-from envs.simulation.kinematic import Obstacles, advance
+from envs.simulation.kinematic import advance
 from envs.worlds import FixedRoute, World
 from tests.rooms import ORIGIN
 
@@ -83,8 +83,8 @@ def push_kinematic(robot, world, mode, rate, aside):
     rng, state, least = np.random.default_rng(rate), np.zeros(at.STATE_SIZE), math.inf
     record = at.robot_record(robot, 1.0 / rate)
     for k, twist in zip(range(round(SECONDS * rate)), commands(robot, mode, rate, rng)):
-        circles = (np.array([circle_at(robot, j / rate, aside)]) for j in (k, k + 1))
-        advance(state, tuple(twist), tuple(rng.standard_normal(2)), record, Obstacles(world.segments, *circles))
+        circles = np.array([circle_at(robot, (k + 1) / rate, aside)])
+        advance(state, tuple(twist), tuple(rng.standard_normal(2)), record, world.segments, circles)
         least = min(least, depth_inside(world, state[at.X], state[at.Y]) / robot.radius)
     return least
 
@@ -109,10 +109,7 @@ def push_bullet(robot, world, mode, rate, aside, monkeypatch):
     walked = itertools.count()
 
     def walk(people, points, fields, setup, robots):
-        k = next(walked)
-        before, after = (np.array(circle_at(robot, j / rate, aside)[:2]) for j in (k, k + 1))
-        people[0, [crowd_at.BEFORE_X, crowd_at.BEFORE_Y]], people[0, [crowd_at.X, crowd_at.Y]] = before, after
-        people[0, [crowd_at.VX, crowd_at.VY]] = (after - before) * rate
+        people[0, [crowd_at.X, crowd_at.Y]] = circle_at(robot, (next(walked) + 1) / rate, aside)[:2]
 
     monkeypatch.setattr("envs.simulation.bullet.step_people", walk)
     return run_bullet(robot, world, mode, rate, SECONDS)[0]

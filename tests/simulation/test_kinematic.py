@@ -33,13 +33,12 @@ def test_equals_the_plain_physics():
     for step in range(200):
         if step % 10 == 0:
             command = Twist(*commands.uniform([-0.3, -2.0], [0.3, 2.0]))
-        before = np.vstack([world.circles, simulator.people[:, :3]])
         reading = simulator.step([command])[0]
-        after = np.vstack([world.circles, simulator.people[:, :3]])
+        around = np.vstack([world.circles, simulator.people[:, :3]])
         normals, touched = copy.standard_normal(size)[:2] / math.sqrt(SUBSTEPS), False
-        for part in range(1, SUBSTEPS + 1):
+        for _ in range(SUBSTEPS):
             arguments = state, command, normals, 0.1 / SUBSTEPS, 1, BURGER
-            state = advance_in_numpy(*arguments, world.segments, before + (after - before) * part / SUBSTEPS)
+            state = advance_in_numpy(*arguments, world.segments, around)
             touched |= (state[:2] != advance_in_numpy(*arguments, PLAIN.segments, PLAIN.circles)[:2]).any()
         contacts += touched
         np.testing.assert_allclose(simulator.states[0].pose, state[:3], atol=1e-9)

@@ -44,7 +44,7 @@ class People:
         first = 0
         for row, route in zip(self.rows, routes, strict=True):
             count = len(route.waypoints)
-            row[[at.X, at.Y]] = row[[at.BEFORE_X, at.BEFORE_Y]] = route.waypoints[0]
+            row[[at.X, at.Y]] = route.waypoints[0]
             row[at.RADIUS], row[at.SPEED], row[at.KIND], row[at.GOAL] = (
                 route.radius,
                 route.speed,

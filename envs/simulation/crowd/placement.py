@@ -63,7 +63,7 @@ def draw_people(
             f"world {world.name!r} has room for {placed} of {count} people of a radius of {crowd.radius[1]:g} m, "
             f"{ROBOT_GAP:g} m from robots at least; take fewer people or a larger world"
         )
-    rows[:, [at.X, at.Y]] = rows[:, [at.BEFORE_X, at.BEFORE_Y]] = taken[first:, :2]
+    rows[:, [at.X, at.Y]] = taken[first:, :2]
     return rows
 
 

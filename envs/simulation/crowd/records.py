@@ -1,11 +1,10 @@
 """A person as a row of numbers, which the pedestrian models, the sensors and the kernels of a step share."""
 
-X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, BEFORE_X, BEFORE_Y, HEADING, PHASE, BLOCKED = range(15)
+X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, HEADING, PHASE, BLOCKED = range(13)
 """Position and velocity in the world frame [m, m/s], radius [m], desired speed [m/s], one of the kinds below, row of
-`People.points` that is walked to, trips so far, time of being slow [s], position at the start of the control period
-[m], direction of walking [rad], phase of the stride [rad], and the speed towards a robot at which it was stopped by it
-during the period [m/s]."""
-DRAWS, NUM_DRAWS = 15, 64
+`People.points` that is walked to, trips so far, time of being slow [s], direction of walking [rad], phase of the stride
+[rad], and the speed towards a robot at which it was stopped by it during the period [m/s]."""
+DRAWS, NUM_DRAWS = 13, 64
 """Where uniform draws in [0, 1) begin, one for each trip, and how many there are; then they repeat."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 """Number of entries of a row."""

@@ -26,7 +26,7 @@ def step_people(people, points, fields, setup, robots):
     """Let people walk for one control period, before the robots move.
 
     `people`, `points`, `fields`, `setup`: see `People`, the first written; `robots`: rows of robots, see
-    `envs.simulation.records`, of which those in contact with a person that walked into them are marked as touched.
+    `envs.simulation.records`, of which `TOUCHED` of those is written that a person walked into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -36,17 +36,17 @@ def step_people(people, points, fields, setup, robots):
         discs[k, 3], discs[k, 4] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
     walls = Walls(setup[at.WALLS :], grid)
-    starts, directions = np.empty((count, 2)), np.empty((count, 2))
+    before, directions = people[:, at.X : at.Y + 1].copy(), np.empty((count, 2))
     longest = ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP
     for i in range(count):
-        people[i, at.BEFORE_X], people[i, at.BEFORE_Y], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
+        people[i, at.BLOCKED] = 0.0
         if people[i, at.KIND] <= at.BLIND:  # nobody gets through a thin wall in a step
             longest = min(longest, people[i, at.RADIUS] / (MAX_HASTE * people[i, at.SPEED]))
     num_steps = max(1, math.ceil(period / longest - 1e-9))
     dt = period / num_steps
     for _ in range(num_steps):
+        starts = people[:, at.X : at.Y + 1].copy()
         for i in range(count):
-            starts[i, 0], starts[i, 1] = people[i, at.X], people[i, at.Y]
             if people[i, at.KIND] == at.FIXED_ROUTE:
                 _follow_route(people[i], points, dt)
         if fields.shape[0] > 0:
@@ -57,9 +57,9 @@ def step_people(people, points, fields, setup, robots):
             people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
             people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt
             if stopped_by[i] >= 0:
-                robots[stopped_by[i], robots_at.TOUCHED] = 1.0
+                robots[stopped_by[i], robots_at.TOUCHED] = robots_at.TOUCHED_PERSON + i
     for i in range(count):
-        dx, dy = people[i, at.X] - people[i, at.BEFORE_X], people[i, at.Y] - people[i, at.BEFORE_Y]
+        dx, dy = people[i, at.X] - before[i, 0], people[i, at.Y] - before[i, 1]
         walked = math.hypot(dx, dy)
         if people[i, at.KIND] == at.FIXED_ROUTE:
             people[i, at.VX], people[i, at.VY] = dx / period, dy / period
@@ -96,14 +96,13 @@ def _follow_route(person, points, dt):
 
 
 @njit(cache=True, error_model="numpy")
-def with_people(circles, people, column):
-    """Return circles, shape (m, 3) [m], and after them people: their positions from a column of their rows on."""
+def with_people(circles, people):
+    """Return circles, shape (m, 3) [m], and after them people."""
     count = circles.shape[0]
     joined = np.empty((count + people.shape[0], 3))
     joined[:count] = circles
     for i in range(people.shape[0]):
-        joined[count + i, 0], joined[count + i, 1] = people[i, column], people[i, column + 1]
-        joined[count + i, 2] = people[i, at.RADIUS]
+        joined[count + i] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
     return joined
 
 
@@ -114,7 +113,7 @@ def with_bodies(circles, people, setup):
     Legs swing by turns, and rest beside each other at the end of a step.
     """
     if setup[at.LEGS] == 0.0:
-        return with_people(circles, people, at.X)
+        return with_people(circles, people)
     count = circles.shape[0]
     joined = np.empty((count + 2 * people.shape[0], 3))
     joined[:count] = circles
