@@ -5,7 +5,9 @@ Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar 
 """
 
 import math
-from typing import NamedTuple, Self
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -188,25 +190,28 @@ class Relocalizer:
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
         if len(points) < LEAST_POINTS:
             return None, 0.0
-        over = _Search.of(Field.of(grid), points)
-        found = [over.coarse(heading) for heading in QUARTERS]
-        fits = [self._fit(over, result.pose) for result in found if result.pose]
+        field = Field.of(grid)
+        search_around = _coarse_search(field, points)
+        fit = partial(self._fit, field, build_pyramid(field, 3, FINE_WIDTH), points)
+        found = [search_around(heading) for heading in QUARTERS]
+        fits = [fit(result.pose) for result in found if result.pose]
         best = max(fits, default=None)
         if best is None or best.crossing > ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTED):
             return None, 0.0
         least = max(result.score for result in found) - RIVAL_SCORE
         for heading, result in zip(QUARTERS, found):
             if result.pose and result.score >= least:
-                rival = over.coarse(heading, least, (*result.pose, RIVAL_PLACE, RIVAL_HEADING)).pose
-                fits += [self._fit(over, rival)] if rival else []
+                rival = search_around(heading, least, (*result.pose, RIVAL_PLACE, RIVAL_HEADING)).pose
+                fits += [fit(rival)] if rival else []
         rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, SAME_PLACE, SAME_HEADING))
         lead = best.merit - max(rivals, default=-math.inf)
         return (best.pose if lead >= LEAST_LEAD else None), lead
 
-    def _fit(self, over: "_Search", rough: Pose2D) -> "_Fit":
+    def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
         """Return how the joined scans fit at the best pose near one that was found in coarse cells."""
-        pose = over.fine(rough)
-        shares, crossing = hit_shares(over.field, over.points, pose), self._crossing(over.field, pose)
+        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
+        pose = search(pyramid, points, rough, around, 0.0, MAX_EVALUATIONS).pose or rough
+        shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
         known = max(shares.occupied + shares.free, 1e-9)
         return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
 
@@ -235,44 +240,23 @@ class _Fit(NamedTuple):
     pose: Pose2D
 
 
-class _Search(NamedTuple):
-    """Points, and the field that they are searched in, with its pyramid of coarse cells and that of its own ones."""
+def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
+    """Return a search of a whole map in coarse cells, at the quarter of headings around one [rad].
 
-    points: np.ndarray
-    field: Field
-    pyramid: Pyramid
-    fine_pyramid: Pyramid
-    center: tuple[float, float]
-    window: SearchWindow
+    Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
+    """
+    block = max(1, round(COARSE_CELL / field.resolution))
+    height, width = field.occupancy.shape
+    padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
+    rows, cols = padded.shape[0] // block, padded.shape[1] // block
+    coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
+    side = block * field.resolution
+    reach = 0.5 * max(rows, cols) * side
+    pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
+    window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
+    x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
 
-    @classmethod
-    def of(cls, field: Field, points: np.ndarray) -> Self:
-        block = max(1, round(COARSE_CELL / field.resolution))
-        height, width = field.occupancy.shape
-        padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
-        rows, cols = padded.shape[0] // block, padded.shape[1] // block
-        coarse = np.ascontiguousarray(padded.reshape(rows, block, cols, block).max(axis=(1, 3)))
-        side = block * field.resolution
-        reach = 0.5 * max(rows, cols) * side
-        pyramid = build_pyramid(Field(coarse, field.x, field.y, side), NUM_LEVELS, reach)
-        window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
-        center = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
-        return cls(points, field, pyramid, build_pyramid(field, 3, FINE_WIDTH), center, window)
+    def search_around(heading: float, min_score: float = ACCEPTED.min_score, left_out: Any = EVERYWHERE) -> Any:
+        return search(pyramid, points, Pose2D(x, y, heading), window, min_score, MAX_EVALUATIONS, left_out)
 
-    def coarse(
-        self,
-        heading: float,
-        min_score: float = ACCEPTED.min_score,
-        left_out: tuple[float, float, float, float, float] = EVERYWHERE,
-    ) -> SearchResult:
-        """Search the whole map in coarse cells, at the quarter of headings around one [rad].
-
-        Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
-        """
-        start = Pose2D(*self.center, heading)
-        return search(self.pyramid, self.points, start, self.window, min_score, MAX_EVALUATIONS, left_out)
-
-    def fine(self, rough: Pose2D) -> Pose2D:
-        """Return the best pose near one that was found in coarse cells."""
-        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
-        return search(self.fine_pyramid, self.points, rough, around, 0.0, MAX_EVALUATIONS).pose or rough
+    return search_around

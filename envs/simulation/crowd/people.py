@@ -40,21 +40,13 @@ class People:
         """
         routes = world.people
         self.rows = np.zeros((len(routes), at.PERSON_SIZE))
-        points: list[np.ndarray] = [np.empty((0, 3))]
-        first = 0
+        self.points = np.empty((0, 3))
         for row, route in zip(self.rows, routes, strict=True):
-            count = len(route.waypoints)
+            first = len(self.points)
             row[[at.X, at.Y]] = route.waypoints[0]
-            row[at.RADIUS], row[at.SPEED], row[at.KIND], row[at.GOAL] = (
-                route.radius,
-                route.speed,
-                at.FIXED_ROUTE,
-                first + 1,
-            )
-            following = first + np.roll(np.arange(count), -1)
-            points.append(np.column_stack([route.waypoints, following]))
-            first += count
-        self.points = np.vstack(points)
+            row[[at.RADIUS, at.SPEED, at.KIND, at.GOAL]] = route.radius, route.speed, at.FIXED_ROUTE, first + 1
+            following = first + np.roll(np.arange(len(route.waypoints)), -1)
+            self.points = np.vstack([self.points, np.column_stack([route.waypoints, following])])
         if self.crowd is not None and rng is not None:
             self._draw(self.crowd, world, poses, radius, rng)
 
