@@ -12,7 +12,8 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
-from envs.estimation import Belief, DeadReckoning
+from envs.estimation import Belief
+from envs.estimation.dead_reckoning import DeadReckoning
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.measures import PEOPLE
@@ -22,9 +23,9 @@ from envs.rendering.scene import Scene, scene_of
 from envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
 from envs.robots import RobotParams
 from envs.sensor import Measured, make_sensors
-from envs.simulation import KinematicSimulator, Reading, Twist, crowd_of, make_simulator
+from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from envs.simulation import records as at
-from envs.simulation.crowd.params import PeopleLike
+from envs.simulation.crowd.params import PeopleLike, crowd_of
 from envs.simulation.rows import Rows
 from envs.task import Task
 from envs.transition import people_metrics, pose_errors, update_robots

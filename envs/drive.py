@@ -1,44 +1,32 @@
 """Drives of one robot, stepped by a kernel until the environment's or the navigator's objects are needed."""
 
-from typing import NamedTuple
-
-import numpy as np
 from numba import njit
 
 from envs.navigation.navigator_kernels import DRIVING, check_progress, compute_velocity_command, update_obstacles
-from envs.robot import REMEMBER, REMEMBER_TRUE, SCAN
+from envs.observations.scan import ONE
+from envs.robot import SCAN
 from envs.simulation import records as at
 from envs.simulation.kinematic import step_robots
-from envs.transition import update_robots
+from envs.transition import note_positions, update_robots
 
 UNCHECKED = -1
 """Progress of a drive that has not been checked after the last control period."""
 
 
-class Passed(NamedTuple):
-    """Positions to remember of the control periods of a call."""
-
-    estimated: np.ndarray
-    """Shape (n, 2), float64, map frame [m]."""
-    true: np.ndarray
-    """Shape (n, 2), float64, world frame [m]."""
-    counts: np.ndarray
-    """Shape (3,), int64: how many there are of each, and periods that ended in contact, but for the last period."""
-
-
 @njit(cache=True, error_model="numpy")
-def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from):
+def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
     """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
 
     `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, and
-    `People.arrays`; `navigator`, `passed`: written; `max_steps`: most control periods; `check_from`: the one from which
-    on the navigator's objects check each. Returns control periods, and the progress as `check_progress` returns it;
-    `UNCHECKED` in the first two cases.
+    `People.arrays`; `navigator`: written; `noted`: positions and counts of `note_positions`, written; `max_steps`: most
+    control periods; `check_from`: the one from which on the navigator's objects check each. Returns control periods;
+    the progress as `check_progress` returns it, `UNCHECKED` in the first two cases; and how many periods ended in
+    contact, but for the last one.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles, crowd = around
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
-    passed.counts[:] = 0
+    noted[1][:] = contacts = 0
     num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
     for k in range(num_steps):
         pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
@@ -47,25 +35,15 @@ def drive(rows, draws, ranges, around, navigator, passed, max_steps, check_from)
         step_robots(rows, draws, ranges, segments, circles, crowd)
         update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
-        if flags & REMEMBER:
-            _remember(passed.estimated, passed.counts, 0, row, at.POSE, at.TRAIL)
-        if flags & REMEMBER_TRUE:
-            _remember(passed.true, passed.counts, 1, row, at.X, at.TRUE_TRAIL)
+        note_positions(rows, ONE, *noted)
         motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
         sensors = (ranges[0], navigator.directions, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
         if flags & SCAN or k == num_steps - 1:
-            return k + 1, UNCHECKED
+            return k + 1, UNCHECKED, contacts
         pose = (row[at.POSE], row[at.POSE + 1], row[at.POSE + 2])
         progress = check_progress(navigators, obstacles, pose, touched, constants)
         if progress != DRIVING or record.steps >= check_from:
-            return k + 1, progress
-        passed.counts[2] += touched
-    return 0, UNCHECKED
-
-
-@njit(cache=True, error_model="numpy")
-def _remember(positions, counts, kind, row, position, trail):
-    positions[counts[kind]] = row[position : position + 2]
-    row[trail : trail + 2] = row[position : position + 2]
-    counts[kind] += 1
+            return k + 1, progress, contacts
+        contacts += touched
+    return 0, UNCHECKED, contacts

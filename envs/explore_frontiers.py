@@ -10,9 +10,8 @@ from gymnasium import spaces
 
 from envs.arguments import check_positive, is_whole
 from envs.core import LidarEnv
-from envs.drive import UNCHECKED, Passed, drive
+from envs.drive import UNCHECKED, drive
 from envs.estimation import Belief
-from envs.geometry import Pose2D
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, HomeNavigator, robot_features
 from envs.observations import FAR_PIXEL, MapCrop
 from envs.robot import SCAN
@@ -143,7 +142,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.render_mode = env.render_mode
         self.metadata = env.metadata
         self._max_candidates = max_candidates
-        self._passed = Passed(np.empty((BLOCK, 2)), np.empty((BLOCK, 2)), np.zeros(3, dtype=np.int64))
+        self._noted = np.empty((1, BLOCK, 4)), np.zeros((1, 2), dtype=np.int64)
         self._is_fused = False
         self._map = MapCrop(resolution=FAR_PIXEL)
         self.action_space = spaces.Discrete(max_candidates)
@@ -322,23 +321,22 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     def _advance_fused(self) -> str | None:
         """Do the same for as many control periods as a kernel can do; the task processes the last one."""
-        env, navigator, passed = self.explore, self.navigator, self._passed
+        env, navigator = self.explore, self.navigator
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
         around = env.world.segments, env.world.circles, simulator.crowd.arrays
         check_from = min(navigator.check_from, 1 << 40)
-        arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, passed
-        count, progress = drive(*arrays, max(left, 1), check_from)
+        arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, self._noted
+        count, progress, num_contacts = drive(*arrays, max(left, 1), check_from)
         v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
         robot.action = v / robot.params.max_v, w / robot.params.max_w
         navigator.navigator.velocity = robot.twist
-        num_estimated, num_true, num_contacts = passed.counts.tolist()
-        for x, y in passed.estimated[:num_estimated].tolist():
-            robot.trail.append(Pose2D(x, y, 0.0))
+        [positions], [[num_estimated, num_true]] = self._noted
+        robot.trail.extend(positions[:num_estimated, :2])
+        truth.trail.extend(positions[:num_true, 2:])
+        for x, y in positions[:num_estimated, :2].tolist():
             robot.pyramid.mark(x, y)
-        for x, y in passed.true[:num_true].tolist():
-            truth.trail.append(Pose2D(x, y, 0.0))
         env.finish()
         self._note(count, num_contacts)
         reading, belief = robot.reading, robot.belief

@@ -6,8 +6,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE, ORIGIN, Belief, DeadReckoning, Estimator
+from envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
 from envs.estimation.belief import check_belief
+from envs.estimation.dead_reckoning import DeadReckoning
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import update_bias
 from envs.estimation.peers import PeerFilter

@@ -14,7 +14,7 @@ from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 from agents.config import Section
 from envs.ids import EXPLORE, arguments_of
 from envs.observations import Observations
-from envs.simulation import crowd_of
+from envs.simulation.crowd import crowd_of
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
@@ -39,7 +39,7 @@ class Case:
     slam: str
     """SLAM, or the localizer where the environment has one instead."""
     people: str = USUAL
-    """How many people walk around, as `envs.simulation.crowd_of` reads it."""
+    """How many people walk around, as `envs.simulation.crowd.crowd_of` reads it."""
     label: str = ""
     """What the world is called in tables and files; empty if that is `world`."""
     id: str = EXPLORE

@@ -131,9 +131,8 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
         draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
     if not (grid.data >= 0).any():  # no map is kept: show at least what the robot sees
         draw_dots(beam_ends(scene.robot, scene.belief.pose, scene.ranges)[1][np.isfinite(scene.ranges)], 5, style.LIDAR)
-    if scene.tracks is not None:
-        for person in people_in(scene.tracks, start):
-            _draw_person(surface, view, person, width=3)
+    for person in people_in(scene.tracks, start):
+        _draw_person(surface, view, person, width=3)
     if scene.goal is not None:
         _draw_goal(surface, view, start.compose(scene.goal))
     if scene.pose_graph is not None:

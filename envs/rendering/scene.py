@@ -35,6 +35,8 @@ class Scene:
     """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
     people: np.ndarray
     """People, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
+    tracks: np.ndarray
+    """People whom the robot tracks, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]."""
     belief: Belief
     """Pose estimate and map, map frame."""
     estimated_trail: np.ndarray
@@ -51,8 +53,6 @@ class Scene:
     """Whether the robot was given the map."""
     pose_graph: PoseGraphView | None = None
     """Nodes and loop closures of a SLAM that has any."""
-    tracks: np.ndarray | None = None
-    """People whom the robot tracks, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; None without any."""
     peers: tuple["Scene", ...] = ()
     """The other robots of the team, which share world and map."""
 
@@ -86,7 +86,7 @@ def scene_of(env: Any, k: int) -> Scene:
         pose=truth.state.pose,
         start=env.map_pose,
         people=env.simulator.people,
-        tracks=env.tracks if k == 0 and len(env.tracks) else None,
+        tracks=env.tracks,
         belief=robot.belief,
         ranges=robot.reading.ranges,
         trail=truth.trail.positions,

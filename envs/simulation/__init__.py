@@ -2,7 +2,7 @@
 
 from envs.robots import RobotParams
 
-from .crowd import CROWDS, Crowd, crowd_of
+from .crowd import Crowd
 from .kinematic import KinematicSimulator
 from .rows import Reading, RobotState, Twist
 from .simulator import Simulator
@@ -31,15 +31,4 @@ def make_simulator(
     raise ValueError(f"unknown physics {physics!r}; choose one of {', '.join(PHYSICS)}")
 
 
-__all__ = [
-    "CROWDS",
-    "PHYSICS",
-    "Crowd",
-    "KinematicSimulator",
-    "Reading",
-    "RobotState",
-    "Simulator",
-    "Twist",
-    "crowd_of",
-    "make_simulator",
-]
+__all__ = ["PHYSICS", "Crowd", "KinematicSimulator", "Reading", "RobotState", "Simulator", "Twist", "make_simulator"]

@@ -9,7 +9,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from envs.arguments import check_positive, is_pose
-from envs.estimation import DeadReckoning, Estimator
+from envs.estimation import Estimator
+from envs.estimation.dead_reckoning import DeadReckoning
 from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
 from envs.localization import Amcl, AmclParams, load_preset
 from envs.measures import GOAL, Measure

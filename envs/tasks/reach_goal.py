@@ -7,7 +7,8 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from envs.estimation import DeadReckoning, Estimator
+from envs.estimation import Estimator
+from envs.estimation.dead_reckoning import DeadReckoning
 from envs.measures import REACH, Measure, barn_metric
 from envs.observations import NearGoal
 from envs.observations.positions import GOAL_MEMORY
@@ -170,12 +171,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         geodesic = GeodesicDistance(self.area, self._true_goal, max(1, round(CELL / self.area.walls.resolution)))
         self.arrays, grid = (geodesic.lengths,), geodesic.grid
         own[: own_at.TOLERANCE] = *self.goal[:2], *self._true_goal[:2]
-        own[own_at.TOLERANCE : own_at.LENGTH] = (
-            self.goal_tolerance,
-            self.contact == "ends",
-            *grid.origin,
-            grid.resolution,
-        )
+        own[own_at.TOLERANCE], own[own_at.ENDS] = self.goal_tolerance, self.contact == "ends"
+        own[own_at.FIELD_X : own_at.LENGTH] = *grid.origin, grid.resolution
         measure_goal(row, own, self.arrays[0])
         own[own_at.LENGTH], own[own_at.END], own[own_at.SHARE] = own[own_at.LEFT], 0.0, own[own_at.SUCCESS]
         return float(own[own_at.LENGTH])

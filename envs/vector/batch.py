@@ -9,7 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
-from envs.estimation import DeadReckoning
+from envs.estimation.dead_reckoning import DeadReckoning
 from envs.robot import SCAN
 from envs.simulation import records as at
 from envs.simulation.rows import BLOCK

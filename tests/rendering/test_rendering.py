@@ -52,6 +52,7 @@ def make_scene(pose=TRUE, estimated=ESTIMATED):
         time=75.0,
         collisions=3,
         people=np.array([[5.5, 5.0, 0.3, 0.0, 0.0]]),
+        tracks=np.empty((0, 5)),
     )
 
 

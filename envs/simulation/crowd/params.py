@@ -75,7 +75,8 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
     changes: dict[str, Any] = {}
     if isinstance(people, str):
         people, _, text = people.partition("?")
-        changes = {name: yaml.safe_load(value) for name, _, value in map(_parted, re.split(r",(?=\w+=)", text)) if name}
+        parts = (part.partition("=") for part in re.split(r",(?=\w+=)", text))
+        changes = {name: yaml.safe_load(value) for name, _, value in parts if name}
         people = int(people) if people.isdigit() else resolve(people, CROWDS, "crowd")
     if people is None or (isinstance(people, Crowd) and not changes):
         return people
@@ -85,7 +86,3 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
     base = asdict(people if isinstance(people, Crowd) else Crowd())
     changes |= {} if isinstance(people, Crowd) else {"number": people}
     return parse_record(base | changes, "people", Crowd)
-
-
-def _parted(text: str) -> tuple[str, str, str]:
-    return text.partition("=")
