@@ -117,20 +117,18 @@ def update_robots(rows, people):
 
 
 @njit(cache=True, error_model="numpy")
-def step_rows(rows, draws, ranges, active, num_robots, segments, circles, people, points, fields, setups):
+def step_rows(rows, draws, ranges, active, num_robots, around):
     """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `active`: shape (num_envs,), bool; the
-    others are lists with an array for each environment, the last four with those of `People.arrays`. In one tuple they
-    would take eight times as long to hand over.
+    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `active`: shape (num_envs,), bool;
+    `around`: a list with the other arguments of `step_robots` for each environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
-            own = rows[first:last]
-            crowd = (people[i], points[i], fields[i], setups[i])
-            step_robots(own, draws[first:last], ranges[first:last], segments[i], circles[i], crowd)
-            update_robots(own, people[i])
+            own, (segments, circles, crowd) = rows[first:last], around[i]
+            step_robots(own, draws[first:last], ranges[first:last], segments, circles, crowd)
+            update_robots(own, crowd[0])
 
 
 @njit(cache=True, error_model="numpy")

@@ -97,21 +97,11 @@ def people(count: int) -> list[dict[str, Any]]:
     physics, all in one process; take turns. Once contact costs and episodes last as long as their time limit, and once
     contact ends them, so that resets, one at each contact, are part of the figure. What counts is processor time.
     """
-    among = {
-        (number, contact): gymnasium.make_vec(
-            "envs:lidarnaut/ReachCrowd-v0",
-            NUM_AMONG_PEOPLE,
-            "vector_entry_point",
-            num_workers=0,
-            robot="turtlebot3_burger",
-            world_size=(12.0, 12.0),
-            people=number,
-            contact=contact,
-            observations=("scan_history", "goal"),
-        )
-        for contact in ("costs", "ends")
-        for number in (0, 10, 30)
-    }
+    id, world_size, shown = "envs:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
+    usual = {"num_workers": 0, "robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
+    make = partial(gymnasium.make_vec, id, NUM_AMONG_PEOPLE, "vector_entry_point", **usual)
+    cases = [(number, contact) for contact in ("costs", "ends") for number in (0, 10, 30)]
+    among = {(number, contact): make(people=number, contact=contact) for number, contact in cases}
     rng, seconds = np.random.default_rng(0), dict.fromkeys(among, 0.0)
     actions = rng.uniform(-1.0, 1.0, (SLICES, NUM_AMONG_PEOPLE, 2)).astype(np.float32)
     for turn in range(SLICES + 1):

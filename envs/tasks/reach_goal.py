@@ -186,8 +186,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
         """Measure how far many robots came; see `Task`."""
-        owns, (segments, circles, *_) = batch.memory[GOAL_MEMORY], batch.around
-        update_goals(batch.numbers, owns, batch.task_arrays[0], segments, circles, batch.active)
+        owns = batch.memory[GOAL_MEMORY]
+        update_goals(batch.numbers, owns, batch.task_arrays[0], batch.around, batch.active)
         quantities, metrics = ({name: owns[:, k] for name, k in names.items()} for names in (QUANTITIES, METRICS))
         return quantities, metrics, owns[:, own_at.END] > 0.0
 

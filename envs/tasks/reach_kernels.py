@@ -86,8 +86,8 @@ def update_goal(row, own, lengths, segments, circles):
 
 
 @njit(cache=True, error_model="numpy")
-def update_goals(rows, owns, lengths, segments, circles, active):
-    """Bring the rows of tasks of active environments up to date, of which the last three have lists of arrays."""
+def update_goals(rows, owns, lengths, around, active):
+    """Bring the rows of tasks of active environments up to date; `around`: see `step_rows`, `lengths`: a list, too."""
     for i in range(active.shape[0]):
         if active[i]:
-            update_goal(rows[i], owns[i], lengths[i], segments[i], circles[i])
+            update_goal(rows[i], owns[i], lengths[i], around[i][0], around[i][1])

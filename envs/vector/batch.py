@@ -51,20 +51,21 @@ class Batch:
         self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
         self._names: tuple[str, ...] = ()
         self._levels: dict[float, Any] = {}
-        self._worlds: Any = None
+        self.around: Any = None
+        """Walls, circles and `People.arrays` of each environment, as a list for kernels."""
 
     def bind(self, indices: Sequence[int]) -> None:
         """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
         envs, num_robots = self._envs, self._num_robots
-        if self._worlds is None:
-            every = [self._surroundings(env) for env in envs]
-            self._worlds = tuple(numba.typed.List(arrays) for arrays in zip(*every, strict=True))
-            self.around, self.task_arrays = self._worlds[:6], self._worlds[6:]
+        if self.around is None:
+            self.around = numba.typed.List([_around(env) for env in envs])
+            self.task_arrays = [numba.typed.List(each) for each in zip(*(env.task.arrays for env in envs), strict=True)]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
-            for arrays, array in zip(self._worlds, self._surroundings(env), strict=True):
+            self.around[i] = _around(env)
+            for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 arrays[i] = array
             self._is_new[robots], self._counts[robots] = True, 0
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
@@ -79,12 +80,6 @@ class Batch:
             self._rests[i] = follows and is_unobserved and (env.task.rests_between_scans or self._are_alike[i, 1])
         alike: Any = self._are_alike.all(axis=0)
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
-
-    @staticmethod
-    def _surroundings(env: Any) -> tuple[np.ndarray, ...]:
-        """Return what kernels need of an environment: own copies of its world, arrays of its people, and the task's."""
-        world = np.array(env.world.segments), np.array(env.world.circles)
-        return *world, *env.simulator.crowd.arrays, *env.task.arrays
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
         """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
@@ -148,7 +143,7 @@ class Batch:
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, *self.around)
+        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.around)
 
     @property
     def _times(self) -> np.ndarray:
@@ -232,6 +227,11 @@ class Batch:
         values = zip(*(column.tolist() for column in quantities.values()), strict=True)
         rows = [task.rewards.terms(dict(zip(quantities, row, strict=True))) for task, row in zip(tasks, values)]
         return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _around(env: Any) -> tuple[Any, ...]:
+    """Return what is around the robots of an environment; own copies of its world, which may be read-only."""
+    return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
