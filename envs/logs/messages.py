@@ -82,20 +82,18 @@ def command(time: float, twist: Twist) -> Any:
     return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
 
 
-def people(time: float, states: np.ndarray, num_before: int = 0) -> Any:
+def people(time: float, states: np.ndarray) -> Any:
     """Return a `visualization_msgs/MarkerArray` of people, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s].
 
-    Each is a cylinder, and an arrow to where it will be in a second. Of `num_before` markers of either kind in the
-    message before, those that are no longer there are deleted.
+    Each is a cylinder, and an arrow to where it will be in a second; they are shown for half a second.
     """
     kinds, markers = typestore().types["visualization_msgs/msg/Marker"], []
-    for k in range(max(len(states), num_before)):
-        x, y, vx, vy, radius = states[k].tolist() if k < len(states) else (0.0,) * 5
+    for k, (x, y, vx, vy, radius) in enumerate(states.tolist()):
         arrow = [_make("geometry_msgs/msg/Point", *point, 0.1) for point in ((x, y), (x + vx, y + vy))]
-        width, action = 2.0 * radius, kinds.ADD if k < len(states) else kinds.DELETE
+        size = 2.0 * radius, 2.0 * radius, 0.2
         markers += [
-            _marker(time, "people", k, kinds.CYLINDER, action, Pose2D(x, y, 0.0), (width, width, 0.2), []),
-            _marker(time, "velocities", k, kinds.ARROW, action, Pose2D(0.0, 0.0, 0.0), (0.05, 0.1, 0.1), arrow),
+            _marker(time, "people", k, kinds.CYLINDER, Pose2D(x, y, 0.0), size, []),
+            _marker(time, "velocities", k, kinds.ARROW, Pose2D(0.0, 0.0, 0.0), (0.05, 0.1, 0.1), arrow),
         ]
     return _make("visualization_msgs/msg/MarkerArray", markers)
 
@@ -133,14 +131,14 @@ def _twist(twist: Twist) -> Any:
     return _make("geometry_msgs/msg/Twist", *vectors)
 
 
-def _marker(time: float, name: str, k: int, kind: int, action: int, pose: Pose2D, size: Any, points: Any) -> Any:
-    header, nothing = _header(time, MAP), np.array([], dtype=np.uint8)
+def _marker(time: float, name: str, k: int, kind: int, pose: Pose2D, size: Any, points: Any) -> Any:
+    header, nothing, add = _header(time, MAP), np.array([], dtype=np.uint8), 0
     look = _make("geometry_msgs/msg/Vector3", *size), _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8)
-    forever = _make("builtin_interfaces/msg/Duration", 0, 0)
+    shown = _make("builtin_interfaces/msg/Duration", 0, 500_000_000)
     texture = _make("sensor_msgs/msg/CompressedImage", header, "", nothing)
     mesh = _make("visualization_msgs/msg/MeshFile", "", nothing)
     rest: Any = False, points, [], "", texture, [], "", "", mesh, False
-    return _make("visualization_msgs/msg/Marker", header, name, k, kind, action, _pose(pose), *look, forever, *rest)
+    return _make("visualization_msgs/msg/Marker", header, name, k, kind, add, _pose(pose), *look, shown, *rest)
 
 
 def _transform(time: float, parent: str, child: str, mount: Mount) -> Any:

@@ -58,7 +58,6 @@ class BagRecorder:
         self._robot = inner.robots[0]
         self._motion = make_motion_source(inner.robot, inner.control_period)
         self._is_open, self._is_started = True, False
-        self._num_markers: dict[str, int] = {}
         self._odometry, self._time, self._map_time = ORIGIN, 0.0, 0.0
         self._writer = BagWriter(Path(path))
         inner.on_period = self._record
@@ -113,9 +112,8 @@ class BagRecorder:
             write(_topic(sensor), time, messages.numbers(np.asarray(reading.extra[sensor.name])))
         people = self._env.simulator.people[:, [0, 1, 3, 4, 2]]
         for topic, found in ((TRACKS, self._env.tracks), (PEOPLE, people_in(people, self._env.map_pose.inverse()))):
-            if len(found) or self._num_markers.get(topic):
-                write(topic, time, messages.people(time, found, self._num_markers.get(topic, 0)))
-            self._num_markers[topic] = len(found)
+            if len(found):
+                write(topic, time, messages.people(time, found))
         write("/odom", time, messages.odometry(time, self._odometry, twist))
         write("/tf", time, messages.transforms(time, map_odom, self._odometry))
         if commands is None or time - self._map_time >= MAP_PERIOD - 1e-6:

@@ -223,7 +223,7 @@ def test_sensors_of_the_users_own_have_topics(drive_recorded):
     assert messages[0].layout.dim[0].size == 2
 
 
-def test_people_and_tracks_are_markers_that_are_deleted_with_them(tmp_path):
+def test_people_and_tracks_are_markers_that_are_shown_for_half_a_second(tmp_path):
     env = make(world="turtlebot3_stage_4")
     with BagRecorder(env, tmp_path / "people.mcap"):
         env.reset(seed=0)
@@ -236,8 +236,8 @@ def test_people_and_tracks_are_markers_that_are_deleted_with_them(tmp_path):
     people = messages["/ground_truth/people"][-1][1].markers
     at = [(marker.pose.position.x, marker.pose.position.y) for marker in people if marker.type == marker.CYLINDER]
     np.testing.assert_allclose(at, truth)
-    (_, first), (_, last) = messages["/tracks"]
-    cylinder, arrow = first.markers
+    [(_, tracks)] = messages["/tracks"]
+    cylinder, arrow = tracks.markers
     assert (cylinder.pose.position.x, cylinder.pose.position.y, cylinder.scale.x) == (1.0, 0.5, 0.5)
     assert (arrow.points[1].x, arrow.points[1].y) == pytest.approx((1.3, 0.9))
-    assert [marker.action for marker in last.markers] == [cylinder.DELETE] * 2
+    assert {(marker.lifetime.sec, marker.lifetime.nanosec) for marker in (cylinder, arrow)} == {(0, 500_000_000)}

@@ -49,25 +49,20 @@ def walk_by_orca(people, directions, robots, walls, model, dt):
     for i in range(count):
         first, end = near_list(near, grid, people[i, at.X], people[i, at.Y])
         most = max(most, end - first)
-    velocities, lines = np.zeros((count, 2)), np.empty((most + count + robots.shape[0], 4))
+    others = np.concatenate((people[:, : at.RADIUS + 1], robots))
+    velocities, lines = np.zeros((count, 2)), np.empty((most + len(others), 4))
     for i in range(count):
         if people[i, at.KIND] > at.BLIND:
             continue
         x, y, radius, speed = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], people[i, at.SPEED]
         own = (people[i, at.VX], people[i, at.VY])
         num_lines = num_walls = _add_walls(lines, people, i, near, grid, model.wall_horizon, dt)
-        for j in range(count):
-            away, velocity = (people[j, at.X] - x, people[j, at.Y] - y), (people[j, at.VX], people[j, at.VY])
+        for j in range(len(others) if people[i, at.KIND] == at.ATTENTIVE else count):
+            away, velocity = (others[j, at.X] - x, others[j, at.Y] - y), (others[j, at.VX], others[j, at.VY])
             if j != i and away[0] * away[0] + away[1] * away[1] < model.sight * model.sight:
-                reach = radius + people[j, at.RADIUS] + model.margin
-                share = 0.5 if people[j, at.KIND] <= at.BLIND else 1.0
+                reach = radius + others[j, at.RADIUS] + model.margin
+                share = 0.5 if j < count and people[j, at.KIND] <= at.BLIND else 1.0
                 avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, share)
-                num_lines += 1
-        for k in range(robots.shape[0] if people[i, at.KIND] == at.ATTENTIVE else 0):
-            away, velocity = (robots[k, 0] - x, robots[k, 1] - y), (robots[k, 3], robots[k, 4])
-            if away[0] * away[0] + away[1] * away[1] < model.sight * model.sight:
-                reach = radius + robots[k, 2] + model.margin
-                avoid(lines, num_lines, away, own, velocity, reach, model.horizon, dt, 1.0)
                 num_lines += 1
         desired = (speed * directions[i, 0], speed * directions[i, 1])
         found = best_velocity(lines, num_lines, num_walls, desired, model.excess * speed)

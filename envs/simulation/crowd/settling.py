@@ -89,7 +89,7 @@ def _stop_at_robot(people, i, starts, robots, dt):
     x, y = starts[i, 0], starts[i, 1]
     dx, dy = people[i, at.X] - x, people[i, at.Y] - y
     for k in range(robots.shape[0]):
-        from_x, from_y, reach = x - robots[k, 0], y - robots[k, 1], robots[k, 2] + people[i, at.RADIUS]
+        from_x, from_y, reach = x - robots[k, at.X], y - robots[k, at.Y], robots[k, at.RADIUS] + people[i, at.RADIUS]
         distance = math.hypot(from_x + dx, from_y + dy)
         closer = math.hypot(from_x, from_y) - distance
         if distance < reach and closer > 0.0:

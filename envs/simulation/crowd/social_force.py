@@ -57,7 +57,7 @@ def social_forces(people, directions, robots, walls, model, forces):
     """Write the accelerations of all people to `forces`, shape (n, 2), float64 [m/s2].
 
     `people`: rows; `directions`: shape (n, 2), float64, unit vectors of where they walk; `robots`: shape (m, 5),
-    float64, (x, y, radius, vx, vy); `walls`: `Walls`; `model`: `SocialForce`. All in the world frame [m, m/s].
+    float64, as the first entries of people; `walls`: `Walls`; `model`: `SocialForce`. All in the world frame [m, m/s].
     """
     count, (near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(NEGLIGIBLE)
@@ -84,8 +84,8 @@ def social_forces(people, directions, robots, walls, model, forces):
         forces[i, 0] += spared * ahead_x + (speed * ahead_x - people[i, at.VX]) / model.relaxation
         forces[i, 1] += spared * ahead_y + (speed * ahead_y - people[i, at.VY]) / model.relaxation
         for k in range(robots.shape[0] if people[i, at.KIND] == at.ATTENTIVE else 0):
-            dx, dy = x - robots[k, 0], y - robots[k, 1]
-            distance, touching = math.sqrt(dx * dx + dy * dy), radius + robots[k, 2]
+            dx, dy = x - robots[k, at.X], y - robots[k, at.Y]
+            distance, touching = math.sqrt(dx * dx + dy * dy), radius + robots[k, at.RADIUS]
             if 0.0 < distance < touching + cutoff:
                 push = model.strength * math.exp((touching - distance) / model.reach)
                 _add(forces, i, push, dx / distance, dy / distance, people, directions, model)

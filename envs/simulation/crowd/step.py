@@ -32,8 +32,8 @@ def step_people(people, points, fields, setup, robots):
     discs = np.empty((robots.shape[0], 5))
     for k in range(robots.shape[0]):
         robot, v = robots[k], robots[k, robots_at.V]
-        discs[k, 0], discs[k, 1], discs[k, 2] = robot[robots_at.X], robot[robots_at.Y], radius
-        discs[k, 3], discs[k, 4] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
+        vx, vy = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
+        discs[k] = robot[robots_at.X], robot[robots_at.Y], vx, vy, radius
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
     walls = Walls(setup[at.WALLS :], grid)
     before, directions = people[:, at.X : at.Y + 1].copy(), np.empty((count, 2))

@@ -164,7 +164,7 @@ def test_two_who_meet_give_way_alike():
 
 
 def test_attentive_people_do_all_for_robots_and_blind_people_nothing():
-    robots = np.array([(1.5, 0.05, 0.3, -1.0, 0.0)])
+    robots = np.array([(1.5, 0.05, -1.0, 0.0, 0.3)])
     blind = velocities(people_at((-1.5, 0.0, 1, 0, at.BLIND)), [(1, 0)], robots)[0]
     np.testing.assert_allclose(blind, (1.0, 0.0), atol=1e-9)
     attentive = velocities(people_at((-1.5, 0.0, 1, 0, at.ATTENTIVE)), [(1, 0)], robots)[0]

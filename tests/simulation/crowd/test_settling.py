@@ -54,7 +54,7 @@ def test_nobody_is_pushed_faster_than_half_again_the_desired_speed():
 
 
 def test_a_robot_stops_who_walks_into_it_and_nobody_who_leaves():
-    robots = np.array([(0.0, 2.0, 0.3, 0.0, 0.0)])
+    robots = np.array([(0.0, 2.0, 0.0, 0.0, 0.3)])
     starts = [(0.62, 2.0), (-0.58, 2.0)]
     people, stopped_by = settled(starts, [(0.57, 2.0), (-0.59, 2.0)], robots=robots)
     assert stopped_by.tolist() == [0, -1]

@@ -45,7 +45,7 @@ def reference(people, directions, robots, walls, model):
             others = others + (back - most * (1.0 - math.exp(-back / most))) * ahead
         force = others + drive * ahead - person[[at.VX, at.VY]] / model.relaxation
         if person[at.KIND] == at.ATTENTIVE:
-            force += sum(push(at_i - robot[:2], radius + robot[2], ahead, sideways) for robot in robots)
+            force += sum(push(at_i - robot[:2], radius + robot[4], ahead, sideways) for robot in robots)
         first, end = near_list(walls.near, walls.grid, *at_i)
         offsets = []
         for k in walls.near[first:end].astype(int):
@@ -79,7 +79,7 @@ def forces_of(people, directions, robots, walls, model):
 def test_forces_are_those_of_the_reference(model):
     rng = np.random.default_rng(0)
     walls = list_walls(CYLINDERS.segments, CYLINDERS.circles, CYLINDERS.bounds, 0.3)
-    robots = np.array([(0.5, 0.2, 0.3, 1.0, 0.0), (-2.0, 3.0, 0.2, 0.0, 0.0)])
+    robots = np.array([(0.5, 0.2, 1.0, 0.0, 0.3), (-2.0, 3.0, 0.0, 0.0, 0.2)])
     for seed in range(10):
         people, directions = random_people(rng, seed)
         expected = reference(people, directions, robots, walls, model)
