@@ -98,8 +98,8 @@ def people(count: int) -> list[dict[str, Any]]:
     contact ends them, so that resets, one at each contact, are part of the figure. What counts is processor time.
     """
     id, world_size, shown = "envs:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
-    usual = {"num_workers": 0, "robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
-    make = partial(gymnasium.make_vec, id, NUM_AMONG_PEOPLE, "vector_entry_point", **usual)
+    usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
+    make = partial(gymnasium.make_vec, id, NUM_AMONG_PEOPLE, "vector_entry_point", num_workers=0, **usual)
     cases = [(number, contact) for contact in ("costs", "ends") for number in (0, 10, 30)]
     among = {(number, contact): make(people=number, contact=contact) for number, contact in cases}
     rng, seconds = np.random.default_rng(0), dict.fromkeys(among, 0.0)

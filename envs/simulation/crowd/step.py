@@ -32,21 +32,21 @@ def step_people(people, points, fields, setup, robots):
     discs = np.empty((robots.shape[0], 5))
     for k in range(robots.shape[0]):
         robot, v = robots[k], robots[k, robots_at.V]
-        vx, vy = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
-        discs[k] = robot[robots_at.X], robot[robots_at.Y], vx, vy, radius
+        discs[k, at.X], discs[k, at.Y], discs[k, at.RADIUS] = robot[robots_at.X], robot[robots_at.Y], radius
+        discs[k, at.VX], discs[k, at.VY] = v * math.cos(robot[robots_at.THETA]), v * math.sin(robot[robots_at.THETA])
     grid = setup[at.ORIGIN_X], setup[at.ORIGIN_Y], setup[at.ROWS], setup[at.COLS]
     walls = Walls(setup[at.WALLS :], grid)
-    before, directions = people[:, at.X : at.Y + 1].copy(), np.empty((count, 2))
+    before, starts, directions = np.empty((count, 2)), np.empty((count, 2)), np.empty((count, 2))
     longest = ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP
     for i in range(count):
-        people[i, at.BLOCKED] = 0.0
+        before[i, 0], before[i, 1], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
         if people[i, at.KIND] <= at.BLIND:  # nobody gets through a thin wall in a step
             longest = min(longest, people[i, at.RADIUS] / (MAX_HASTE * people[i, at.SPEED]))
     num_steps = max(1, math.ceil(period / longest - 1e-9))
     dt = period / num_steps
     for _ in range(num_steps):
-        starts = people[:, at.X : at.Y + 1].copy()
         for i in range(count):
+            starts[i, 0], starts[i, 1] = people[i, at.X], people[i, at.Y]
             if people[i, at.KIND] == at.FIXED_ROUTE:
                 _follow_route(people[i], points, dt)
         if fields.shape[0] > 0:
@@ -102,7 +102,8 @@ def with_people(circles, people):
     joined = np.empty((count + people.shape[0], 3))
     joined[:count] = circles
     for i in range(people.shape[0]):
-        joined[count + i] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
+        row = count + i
+        joined[row, 0], joined[row, 1], joined[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
     return joined
 
 
