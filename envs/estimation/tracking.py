@@ -76,6 +76,8 @@ class TrackerParams:
     """How far a person has to come [m]."""
     min_speed: float = 0.2
     """How fast it has to be then [m/s]."""
+    hidden_travel: float = math.inf
+    """How far it has to come where no scan has looked past [m]."""
     significance: float = 2.0
     """By how many standard deviations that speed has to differ from 0."""
     max_std: float = 0.35
@@ -190,10 +192,10 @@ def _judge(track, ranges, lidar, p):
     if track[HITS] < p.min_hits:
         return False
     born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
-    if track[ON_FREE] < p.min_hits and born != PASSED:
-        return False
     speed = math.hypot(track[VX], track[VY])
     travel = math.hypot(track[X] - track[BORN_X], track[Y] - track[BORN_Y])
+    if track[ON_FREE] < p.min_hits and born != PASSED and travel < p.hidden_travel:
+        return False
     return travel >= p.min_travel and speed >= max(p.min_speed, p.significance * math.sqrt(track[P_VV]))
 
 

@@ -19,6 +19,7 @@ from envs.simulation import Twist
 from .costmap import CostmapParams, inflate
 from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
 from .obstacles import without_people
+from .pursuit import NEAREST_WINDOW, nearest_index
 
 # Nav2's bring-up file; speeds and accelerations are the robot's.
 MAX_W = 1.0
@@ -85,8 +86,7 @@ class DwbPlanner:
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
-        window = self._path[self._index : self._index + 40]
-        self._index += int(np.argmin(((window - pose[:2]) ** 2).sum(axis=1)))
+        self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         costs, squared = self._look(without_people(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)

@@ -33,7 +33,9 @@ MARGIN, MAX_MARGIN = 3.0, 12.0
 first, and at most, since it is doubled where there is no path."""
 EDGE = 1.0
 """Planning cells reach at least this far beyond the robot [m]."""
-EAGER = TrackerParams(min_hits=2, min_travel=0.1, significance=1.0)
+EAGER = TrackerParams(
+    min_hits=2, min_travel=0.1, hidden_travel=0.15, significance=1.0, position_std=0.05, acceleration=1.5
+)
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""

@@ -17,7 +17,8 @@ from numba import njit
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.distance_transform import squared_distances
 from envs.geometry.lines import lengths_along
-from envs.navigation.obstacles import without_people
+from envs.navigation.obstacles import free_distance, without_people
+from envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
 from envs.robots import RobotParams
 from envs.simulation import Twist
 
@@ -73,10 +74,16 @@ class MppiParams:
     """Distance from people from which on that costs nothing [m]."""
     people_touched: float = 400.0
     """Cost of touching a person where it will be; falls with the time until then."""
+    people_gap: float = 0.05
+    """Gap to a person up to which it counts as touched [m]..."""
+    headway: float = 0.05
+    """...and how much more for each m/s of the robot [s]: people swerve."""
     doubt_time: float = 3.0
     """Time in which that cost falls to 1 / e [s]: people turn."""
     twirl: float = 0.1
     """Cost of a mean yaw rate of 1 rad/s."""
+    braking: float = 0.4
+    """Share of the robot's greatest deceleration that the last check of a command counts on."""
     reverse: float = 2.0
     """Cost of each second of driving backwards."""
     resolution: float = 0.03
@@ -131,7 +138,7 @@ def rate(controls, mean, now, path, along, heading, squared, tracks, p, costs):
                     cost += TOUCHED * (2.0 - t / controls.shape[1])
                     break
                 cost += p.nearness * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / p.margin) ** 2
-            cost += _cost_of_people(x, y, (t + 1) * dt, tracks, p)
+            cost += _cost_of_people(x, y, abs(v), (t + 1) * dt, tracks, p)
             best = math.hypot(path[nearest, 0] - x, path[nearest, 1] - y)
             while nearest < last:
                 following = math.hypot(path[nearest + 1, 0] - x, path[nearest + 1, 1] - y)
@@ -152,15 +159,15 @@ def rate(controls, mean, now, path, along, heading, squared, tracks, p, costs):
 
 
 @njit(cache=True, error_model="numpy")
-def _cost_of_people(x, y, time, tracks, p):
-    """Return what it costs to be at (x, y) after a time [s], among people who walk on as they do."""
+def _cost_of_people(x, y, v, time, tracks, p):
+    """Return what it costs to drive at v [m/s] at (x, y) after a time [s], among people who walk on as they do."""
     cost = 0.0
     for k in range(tracks.shape[0]):
         away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
         gap = away - tracks[k, 4] - p.radius
         if gap < p.people_margin:
             share = 1.0 - max(gap, 0.0) / p.people_margin
-            touched = p.people_touched * math.exp(-time / p.doubt_time) if gap < 0.0 else 0.0
+            touched = p.people_touched * math.exp(-time / p.doubt_time) if gap < p.people_gap + p.headway * v else 0.0
             cost += touched + p.people * p.period * share * share
     return cost
 
@@ -205,8 +212,7 @@ class MppiPlanner:
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
         p = self._numbers
-        window = self._path[self._index : self._index + 40]
-        self._index += int(np.argmin(((window - pose[:2]) ** 2).sum(axis=1)))
+        self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         path = pose.inverse().transform(self.remaining)
         along = lengths_along(path)
         count = max(1, int(np.searchsorted(along, p.max_v * self._horizon + 0.5)))
@@ -227,9 +233,22 @@ class MppiPlanner:
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
         if costs[:2].min() >= TOUCHED:
             self._mean = np.zeros_like(mean)
-        v, w = self._mean[0].tolist()
+        v, w = self._slow_down(*self._mean[0].tolist(), obstacles)
         self.blocked = abs(v) < 0.05 * p.max_v and abs(w) < 0.1 and float(along[-1]) > p.radius
         return Twist(v, w)
+
+    def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
+        """Return a twist on the same arc from which the robot can stop short of all that the scan shows, people or not.
+
+        Predictions are wrong at times, and what counts as a person may be a wall.
+        """
+        p = self._numbers
+        braking = p.braking * p.max_acc_v
+        free, delay = p.max_v, braking * p.period
+        if v != 0.0:
+            free = free_distance(obstacles, w / v, p.radius, v * p.period + 0.5 * v * abs(v) / braking)
+        share = min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), 1e-9))
+        return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
         """Return the squared distances from obstacles around the robot, shape (side, side), uint16 [cells2]."""

@@ -108,7 +108,7 @@ def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _nearest_index(path, x, y, first, window):
+def nearest_index(path, x, y, first, window):
     """Return the index of the path's point nearest to (x, y), looking at `window` points from `first` on."""
     best, best_squared = first, np.inf
     for k in range(first, min(first + window, path.shape[0])):
@@ -268,7 +268,7 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
     `obstacles` have the shape (k, 2), float64, base frame [m]. Returns forward speed [m/s], yaw rate [rad/s], and
     whether obstacles keep the robot from driving on.
     """
-    state.index = _nearest_index(path, x, y, state.index, NEAREST_WINDOW)
+    state.index = nearest_index(path, x, y, state.index, NEAREST_WINDOW)
     lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
     lookahead = min(max(lookahead, numbers.min_lookahead), numbers.max_lookahead)
     # No arc that is tested leads farther away than it is long.

@@ -154,6 +154,19 @@ def test_who_stands_becomes_a_person_by_walking_and_stays_one_standing():
     assert all(shown[k] == 1 for k in shown if k > 6.5)
 
 
+def test_who_comes_straight_from_where_no_scan_has_looked_past_is_a_person_after_hidden_travel():
+    def approaching(time):
+        return 3.0 + 1.0 * time, 4.5 - 0.833 * time, 1.0, -0.833
+
+    shown = []
+    for hidden_travel in (math.inf, 0.2):
+        params = TrackerParams(min_hits=2, min_travel=0.1, significance=1.0, hidden_travel=hidden_travel)
+        tracker, rng = PeopleTracker(LIDAR, 0.1, params), np.random.default_rng(8)
+        shown.append([len(row[2]) for row in drive(tracker, [approaching], 0.8, rng, course=stand)])
+    assert not any(shown[0])
+    assert shown[1][-3:] == [1, 1, 1]
+
+
 def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
     rng = np.random.default_rng(4)
     tracker = PeopleTracker(LIDAR, 0.1)

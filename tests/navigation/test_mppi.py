@@ -14,7 +14,7 @@ from envs.simulation import Twist
 
 JACKAL = load_robot("jackal")
 PERIOD = 0.1
-NOTHING = np.empty((0, 2))
+NOTHING, NO_TRACKS = np.empty((0, 2)), np.empty((0, 5))
 
 
 def planner_of(robot=JACKAL, seed=0, **params):
@@ -44,7 +44,7 @@ def reference_cost(controls, mean, now, path, heading, points, tracks, p):
         for px, py, vx, vy, radius in tracks:
             gap = math.hypot(px + time * vx - x, py + time * vy - y) - radius - p.radius
             cost += p.people * p.period * max(0.0, 1.0 - max(gap, 0.0) / p.people_margin) ** 2
-            cost += p.people_touched * math.exp(-time / p.doubt_time) * (gap < 0.0)
+            cost += p.people_touched * math.exp(-time / p.doubt_time) * (gap < p.people_gap + p.headway * abs(v))
         gaps = np.hypot(*(path - (x, y)).T)
         while nearest < len(path) - 1 and gaps[nearest + 1] <= gaps[nearest]:
             nearest += 1
@@ -123,7 +123,7 @@ def test_the_points_of_people_are_no_walls():
     body = np.array([2.0, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
     leaving = np.array([[2.0, 0.0, 1.5, 0.0, 0.3]])
     speeds = []
-    for tracks in (np.empty((0, 5)), leaving):
+    for tracks in (NO_TRACKS, leaving):
         planner = planner_of()
         planner.set_path(STRAIGHT)
         for _ in range(5):
@@ -131,6 +131,21 @@ def test_the_points_of_people_are_no_walls():
             twist = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(1.0, 0.0), body)
         speeds.append(twist.v)
     assert speeds[1] > speeds[0] + 0.1
+
+
+def test_the_robot_can_stop_short_of_what_the_scan_shows_whatever_is_predicted():
+    angles, gap, params = np.linspace(0.0, 2.0 * math.pi, 60), 0.4, MppiParams()
+    x = JACKAL.radius + gap + 0.3
+    body = np.array([x, 0.0]) + 0.3 * np.column_stack([np.cos(angles), np.sin(angles)])
+    planner = planner_of()
+    planner.set_path(STRAIGHT)
+    planner.tracks = np.array([[x, 0.0, 4.0, 0.0, 0.3]])
+    v, w = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), body)
+    stopping = v * PERIOD + 0.5 * v * v / (params.braking * JACKAL.max_acc_v)
+    assert 0.5 * gap < stopping < gap + 0.03
+    assert abs(w) < 1.0
+    planner.tracks = NO_TRACKS
+    assert planner.command(Pose2D(0.0, 0.0, 0.0), Twist(2.0, 0.0), NOTHING).v > v + 0.2
 
 
 def test_the_same_generator_gives_the_same_commands_and_blocked_says_that_nothing_is_free():
