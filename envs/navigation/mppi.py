@@ -233,7 +233,8 @@ class MppiPlanner:
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
         if costs[:2].min() >= TOUCHED:
             self._mean = np.zeros_like(mean)
-        v, w = self._slow_down(*self._mean[0].tolist(), obstacles)
+        v, w = self._mean[0].tolist()
+        v, w = self._slow_down(v, w, obstacles)
         self.blocked = abs(v) < 0.05 * p.max_v and abs(w) < 0.1 and float(along[-1]) > p.radius
         return Twist(v, w)
 
