@@ -232,9 +232,9 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Write where attentive and blind people walk next to `directions`, shape (n, 2), float64, unit vectors.
 
-    Who has arrived, or has made little progress for `PATIENCE`, takes the next destination. `people`: rows, of which
-    `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `grid`: see `Walls`; `dt`: time that passes
-    [s].
+    Who has arrived, or has made little progress for `PATIENCE`, takes the next destination; see `_next_goal`.
+    `people`: rows, of which `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `grid`: see
+    `Walls`; `dt`: time that passes [s].
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):
@@ -247,7 +247,8 @@ def choose_directions(people, points, fields, grid, dt, directions):
             draw = people[i, at.DRAWS + int(people[i, at.TRIP]) % at.NUM_DRAWS]
             if cost > ARRIVAL and people[i, at.SLOW] < PATIENCE * (0.5 + draw):
                 break
-            people[i, at.GOAL] = _next_goal(goal, draw, points, first)
+            away = (ahead_x, ahead_y) if cost > ARRIVAL else (0.0, 0.0)
+            people[i, at.GOAL] = _next_goal(people[i], goal, draw, points, fields, grid, away)
             people[i, at.TRIP] += 1.0
             people[i, at.SLOW] = 0.0
         directions[i, 0], directions[i, 1] = ahead_x, ahead_y
@@ -256,9 +257,19 @@ def choose_directions(people, points, fields, grid, dt, directions):
 
 
 @njit(cache=True, error_model="numpy")
-def _next_goal(goal, draw, points, first):
-    """Return the row of `points` to walk to after `goal`: the one that stands there, or another one by a draw."""
-    count = points.shape[0] - first
+def _next_goal(person, goal, draw, points, fields, grid, away):
+    """Return the row of `points` to walk to after `goal`: the one that stands there, or another one by a draw.
+
+    Who gets nowhere along the vector `away` turns back, if there is a destination behind: two who meet in a passage for
+    one would stand there until one draws such a destination by chance.
+    """
+    count = fields.shape[0]
+    first = points.shape[0] - count
     if points[goal, 2] != NEXT_BY_DRAW:
         return int(points[goal, 2])
-    return first + (goal - first + 1 + int(draw * (count - 1))) % count
+    drawn = goal - first + 1 + int(draw * (count - 1))
+    for k in range(drawn, drawn + count):
+        x, y, cost = descent(fields, k % count, grid, person[at.X], person[at.Y])
+        if x * away[0] + y * away[1] < 0.0 and cost > ARRIVAL:
+            return first + k % count
+    return first + drawn % count

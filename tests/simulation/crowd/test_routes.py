@@ -129,6 +129,18 @@ def test_who_gets_nowhere_takes_another_goal_after_some_seconds():
     assert abs(waits.mean() - 3.0) < 1.0
 
 
+def test_who_gets_nowhere_turns_back_where_a_destination_lies_behind():
+    routes = plan_routes(CORRIDOR, 0.3, "anywhere")
+    for goal in range(8):
+        people, ways = people_at(1.5, 0.0, goal), np.zeros((1, 2))
+        choose_directions(people, routes.points, routes.fields, routes.walls.grid, 0.05, ways)
+        before = ways[0].copy()
+        for draw in np.linspace(0.0, 0.99, 5):
+            people[0, at.DRAWS :], people[0, at.SLOW], people[0, at.GOAL] = draw, 10.0, goal
+            choose_directions(people, routes.points, routes.fields, routes.walls.grid, 0.05, ways)
+            assert ways[0] @ before < 0.0
+
+
 def test_who_is_outside_of_everything_walks_nowhere():
     routes = plan_routes(HALL, 0.3, "anywhere")
     assert descent(routes.fields, 0, routes.walls.grid, 100.0, 0.0) == (0.0, 0.0, np.inf)
