@@ -12,7 +12,7 @@ from envs.estimation.dead_reckoning import DeadReckoning
 from envs.estimation.map_pyramid import MapPyramid
 from envs.estimation.motion import update_bias
 from envs.estimation.peers import PeerFilter
-from envs.estimation.tracking import PeopleTracker
+from envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
 from envs.estimation.trail import Trail, interpolate
 from envs.geometry import OccupancyGrid, Pose2D
 from envs.geometry.pose import distance
@@ -237,8 +237,8 @@ class Robot:
         """Return a scan without the beams that end at peers or people."""
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
-                self.estimator.unmapped = self.tracker.is_on_person(ranges, surely=False)
-            ranges = np.where(self.tracker.is_on_person(ranges), np.float32(np.nan), ranges)
+                self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)
+            ranges = np.where(self.tracker.is_on_person(ranges, doubt=NOT_STANDING), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])

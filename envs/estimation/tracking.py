@@ -26,6 +26,9 @@ along both axes; radius [m]; scans that have shown it, and that looked past it s
 [s]; where it began; whether it is a person; a number of its own; scans that have shown it where earlier ones looked
 past."""
 TRACK_SIZE = 16
+TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
+"""What may be a person: who is tracked; beside them what is as large as one, and has not been seen to stand for some
+time; all that is as large as one."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
 """Entries of the state: pose by odometry (3) [m, m, rad], time [s], and how many tracks, scans kept, tracks ever, and
 clusters in the last scan there have been."""
@@ -55,8 +58,8 @@ class TrackerParams:
     """By how much more for each second since [m/s]: odometry is off."""
     slope: float = 0.4
     """A neighbouring beam that ends nearer, by less than this, goes on along the same surface [m]."""
-    memory: float = 6.0
-    """Time for which scans are kept [s]."""
+    memory: float = 16.0
+    """Time for which scans are kept [s]; who waits for others in a passage stands there for up to ten seconds or so."""
     interval: float = 1.0
     """Time between two scans that are kept [s]."""
     position_std: float = 0.08
@@ -82,7 +85,7 @@ class TrackerParams:
     """By how many standard deviations that speed has to differ from 0."""
     max_std: float = 0.35
     """Uncertainty of the position along an axis up to which a hidden person is shown [m]."""
-    static_hits: int = 4
+    static_hits: int = 12
     """What is as large as a person stands, and belongs into maps, where so many of the scans kept have hit it."""
     max_misses: int = 4
     """Scans that look past a track after which it is dropped."""
@@ -313,23 +316,19 @@ class PeopleTracker:
         """Shape (n, TRACK_SIZE), float64: all tracks, also those of which it is not yet known; see `X`; a view."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
-    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, surely: bool = True) -> np.ndarray:
+    def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
         """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool.
 
-        Unless it has to be so `surely`, those count that end at what is as large as a person, too, and has not been
-        seen to stand there for some time.
+        `doubt` says who counts beside the people that are tracked: see `TRACKED`.
         """
+        bodies = np.empty((0, 5))
+        if doubt > TRACKED:
+            clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
+            is_body = (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams)
+            clusters = clusters[is_body & ((clusters[:, 5] == 0.0) | (doubt == LARGE_ENOUGH))]
+            pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
+            bodies = np.zeros((len(clusters), 5))
+            bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
         mask = np.empty(len(ranges), dtype=np.bool_)
-        if surely:
-            on_people(ranges, self._directions, self.people, margin, self._numbers, mask)
-            return mask
-        clusters = self._clusters[: int(self._state[NUM_CLUSTERS])]
-        clusters = clusters[
-            (clusters[:, 4] != SLOPE) & (clusters[:, 3] >= self.params.min_beams) & (clusters[:, 5] == 0.0)
-        ]
-        pose = Pose2D(*self._state[POSE : POSE + 3].tolist()).inverse()
-        bodies = np.zeros((len(clusters), 5))
-        bodies[:, :2], bodies[:, 4] = pose.transform(clusters[:, :2]), clusters[:, 2]
-        people = np.vstack([self.people, bodies])
-        on_people(ranges, self._directions, people, margin, self._numbers, mask)
+        on_people(ranges, self._directions, np.vstack([self.people, bodies]), margin, self._numbers, mask)
         return mask

@@ -34,7 +34,14 @@ first, and at most, since it is doubled where there is no path."""
 EDGE = 1.0
 """Planning cells reach at least this far beyond the robot [m]."""
 EAGER = TrackerParams(
-    min_hits=2, min_travel=0.1, hidden_travel=0.15, significance=1.0, position_std=0.05, acceleration=1.5
+    min_hits=2,
+    min_travel=0.1,
+    hidden_travel=0.15,
+    significance=1.0,
+    position_std=0.05,
+    acceleration=1.5,
+    memory=6.0,
+    static_hits=4,
 )
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))

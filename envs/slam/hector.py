@@ -13,6 +13,9 @@ from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .params import HectorParams
 from .relocalization import FOUND_STD, LossTracker
 
+PEOPLE_SCORE = 0.5
+"""What replaces `MatchingParams.min_known_score` among people: groups of them look like walls that no map shows."""
+
 
 class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
@@ -38,6 +41,9 @@ class Hector(KeyScanSlam):
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
         """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
         self._loss.reset()
+        self._loss.meets_people = self.meets_people
+        if self.meets_people:  # who stand around the robot are no reason to look for it farther away
+            self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=PEOPLE_SCORE)
         return super().reset(rng, pose, map)
 
     def _make_map(self) -> LogOddsMap:

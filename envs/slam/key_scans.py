@@ -99,8 +99,8 @@ class KeyScanSlam(ABC):
 
     meets_people = False
     """Whether what the map shows may leave, so that evidence for it is bounded by `FADING`."""
-    unmapped: np.ndarray | None = None
-    """Shape (num_beams,), bool: beams of the next scan that are matched and not integrated; None for none."""
+    unmatched: np.ndarray | None = None
+    """Shape (num_beams,), bool: beams of the next scan that are integrated, and not matched; None for none."""
     shares_maps = True
     """Whether several robots may integrate their scans into one map."""
 
@@ -149,12 +149,11 @@ class KeyScanSlam(ABC):
         matched.
         """
         belief = self.belief
-        pose, quality = self._match(ranges, predicted)
+        matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
+        pose, quality = self._match(matched, predicted)
         belief.pose, belief.update = pose, NO_UPDATE
         if not self.params.match_every_scan or self.is_key_pose(pose):
             if quality is not None:
-                if self.unmapped is not None:
-                    ranges = np.where(self.unmapped, np.float32(np.nan), ranges)
                 belief.update = self._integrate(ranges, pose, quality)
             self.last_key_pose = pose
         return belief

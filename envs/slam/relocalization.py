@@ -78,6 +78,8 @@ class LossTracker:
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
+        self.meets_people = False
+        """Whether people may have left what beams pass through, so that this does not count."""
         self.reset()
 
     def reset(self) -> None:
@@ -112,7 +114,9 @@ class LossTracker:
         scan must not be integrated; None if that of its match is taken.
         """
         self.is_found = False
-        if self._has_odometry:
+        if self.meets_people:
+            self._num_right = self._num_right + 1 if fits and self.is_lost else 0
+        elif self._has_odometry:
             field = Field(grid.data, *grid.origin, grid.resolution)
             crossing, judged = count_crossings(field, ranges, self._geometry, pose)
             if self.is_lost:

@@ -9,6 +9,8 @@ import pytest
 
 from envs.estimation.tracking import (
     IS_PERSON,
+    LARGE_ENOUGH,
+    NOT_STANDING,
     P_VV,
     P_XV,
     P_XX,
@@ -198,7 +200,9 @@ def test_beams_on_people_are_told_from_beams_on_walls():
         truth = (np.hypot(*(ends[:, None] - people[None, :, :2]).T) < 0.3).any(axis=0)
         truth &= ranges < 7.0
         mask = tracker.is_on_person(ranges)
-        assert not (mask & ~tracker.is_on_person(ranges, surely=False)).any()
+        not_standing, large_enough = (tracker.is_on_person(ranges, doubt=k) for k in (NOT_STANDING, LARGE_ENOUGH))
+        assert not (mask & ~not_standing).any()
+        assert not (not_standing & ~large_enough).any()
         if time > 4.0:
             right, wrong, beams = right + (mask & truth).sum(), wrong + (mask & ~truth).sum(), beams + truth.sum()
     assert right > 0.85 * beams

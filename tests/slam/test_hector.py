@@ -54,6 +54,35 @@ def test_a_bad_prediction_is_searched_farther_around():
     assert not belief.is_lost
 
 
+def test_who_stands_around_the_robot_neither_moves_nor_loses_it_and_is_mapped():
+    slam = make_small("hector")
+    slam.meets_people = True
+    slam.reset(np.random.default_rng(0))
+    people = np.array([[0.8 * math.cos(a), 0.8 * math.sin(a), 0.3] for a in np.linspace(-2.6, 2.6, 5)])
+    slam.update(see(STAY), STAY)
+    for k in range(1, 6):
+        pose = Pose2D(0.02 * k, 0.0, 0.31 * k)
+        ranges = scan(pose, circles=people)
+        slam.unmatched = ranges < scan(pose)
+        assert 0.3 < slam.unmatched.mean() < 0.9
+        belief = slam.update(Reading.of_scan(ranges), Pose2D(0.02, 0.0, 0.31) if k > 1 else pose)
+        assert not belief.is_lost
+        assert belief.update.window is not None
+    assert math.dist(belief.pose[:2], pose[:2]) < 0.03
+    occupied = belief.grid.centers(np.argwhere(belief.grid.data > 65))
+    assert (np.hypot(*(occupied - people[2, :2]).T) < 0.35).any()
+
+
+def test_among_people_a_bad_match_is_not_searched_farther_around():
+    slam = make_small("hector", noise=FIRM)
+    slam.meets_people = True
+    slam.reset(np.random.default_rng(0))
+    drive(slam, CIRCLE, CIRCLE)
+    turned = slam.belief.pose.compose(Pose2D(0.0, 0.0, 0.3))
+    belief = slam.update(see(turned.compose(Pose2D(0.4, -0.3, 0.2))), Pose2D(0.0, 0.0, 0.3))
+    assert distance(belief.pose, turned) < 0.1
+
+
 def test_robots_share_a_map():
     first, second = make_small("hector"), make_small("hector")
     first.reset(np.random.default_rng(0))

@@ -73,6 +73,15 @@ def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
     assert lost == [False] * 5 + [True] * 4
 
 
+def test_among_people_beams_through_what_the_map_shows_are_no_loss_and_scans_that_fit_end_one(grid):
+    tracker, corner, lost = LossTracker(LIDAR, 3), Pose2D(2.6, -1.6, 0.0), []
+    tracker.meets_people = True
+    for fits in [True] * 6 + [False] * 3 + [True] * 5:
+        tracker.update(scan(STAY), corner, corner, fits, grid)
+        lost.append(tracker.is_lost)
+    assert lost == [False] * 8 + [True] * 4 + [False] * 2
+
+
 def test_a_pose_is_taken_only_where_no_other_one_is_like_it():
     steps, found = [Pose2D(0.1 * k - 0.5, 0.1 * (k % 3), 0.5 * k) for k in range(14)], []
     for width in (1.0, 1.3):  # of a second room at 12 m, to that of the first
