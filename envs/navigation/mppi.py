@@ -82,7 +82,7 @@ class MppiParams:
     """Time in which that cost falls to 1 / e [s]: people turn."""
     twirl: float = 0.1
     """Cost of a mean yaw rate of 1 rad/s."""
-    braking: float = 0.4
+    braking: float = 0.3
     """Share of the robot's greatest deceleration that the last check of a command counts on."""
     reverse: float = 2.0
     """Cost of each second of driving backwards."""
