@@ -130,7 +130,7 @@ def test_the_points_of_people_are_no_walls():
             planner.tracks = tracks
             twist = planner.command(Pose2D(0.0, 0.0, 0.0), Twist(1.0, 0.0), body)
         speeds.append(twist.v)
-    assert speeds[1] > speeds[0] + 0.1
+    assert speeds[1] > speeds[0] + 0.05
 
 
 def test_the_robot_can_stop_short_of_what_the_scan_shows_whatever_is_predicted():
