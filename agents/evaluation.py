@@ -26,6 +26,7 @@ class Evaluator:
         self._episodes = config.evaluation.episodes
         changes = config.evaluation.arguments
         changes |= {"world_size": None} if "world" in changes else {}
+        changes |= {"robots": ()} if "robot" in changes else {}
         # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
         changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
         environment = config.environment.model_copy(update=changes)

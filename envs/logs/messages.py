@@ -132,7 +132,8 @@ def _twist(twist: Twist) -> Any:
 
 
 def _marker(time: float, name: str, k: int, kind: int, pose: Pose2D, size: Any, points: Any) -> Any:
-    header, nothing, add = _header(time, MAP), np.array([], dtype=np.uint8), 0
+    header, nothing = _header(time, MAP), np.array([], dtype=np.uint8)
+    add = typestore().types["visualization_msgs/msg/Marker"].ADD
     look = _make("geometry_msgs/msg/Vector3", *size), _make("std_msgs/msg/ColorRGBA", 0.9, 0.6, 0.0, 0.8)
     shown = _make("builtin_interfaces/msg/Duration", 0, 500_000_000)
     texture = _make("sensor_msgs/msg/CompressedImage", header, "", nothing)

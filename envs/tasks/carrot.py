@@ -124,7 +124,7 @@ class PlannedCarrot:
 class ShortestCarrot(PlannedCarrot):
     """The same on the true shortest path around all that does not move.
 
-    For training: no robot knows that path, but it costs a thousandth of the time of planning.
+    For training: no robot knows that path, but kernels find it without planning.
     """
 
     def reset(self, robot: Robot) -> None:

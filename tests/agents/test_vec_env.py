@@ -1,3 +1,5 @@
+from typing import ClassVar
+
 import gymnasium
 import numpy as np
 import pytest
@@ -9,7 +11,9 @@ from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from agents.config import EnvironmentConfig, TrainingConfig
+from agents.evaluation import Evaluator
 from agents.vec_env import GymnasiumVecEnv, make_vec_env, make_vector
+from envs.simulation import Twist
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
 KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
@@ -170,3 +174,28 @@ def test_robots_that_cannot_be_trained_together_are_refused():
         make_vec_env(TrainingConfig(**config, environment=environment))
     with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
         make_vec_env(TrainingConfig(**{**config, "num_envs": 1}, environment=environment))
+
+
+class Standing:
+    """A policy that stands still, and notes what it is to drive."""
+
+    robots: ClassVar[list[str]] = []
+
+    def reset(self, robot, control_period, rng):
+        self.robots.append(robot.name)
+
+    def act(self, reading, belief):
+        return Twist(0.0, 0.0)
+
+
+def test_evaluations_take_the_first_robot_or_their_own():
+    environment = {"id": "lidarnaut/ReachGoal-v0", "world": "hall", "robots": ["turtlebot3_burger", "jackal"]}
+    environment |= {"observations": ["goal"], "time_limit": 0.2}
+    Standing.robots.clear()
+    for own in ({}, {"robot": "jackal"}):
+        evaluation = {"episodes": 1, "environment": own}
+        config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "evaluation": evaluation}
+        evaluator = Evaluator(TrainingConfig(**config, environment=environment))
+        evaluator.reference("tests.agents.test_vec_env:Standing")
+        evaluator.close()
+    assert Standing.robots == ["turtlebot3_burger", "jackal"]
