@@ -172,6 +172,14 @@ class TravelField:
     predecessor: np.ndarray
     """Same shape, uint8: index into `STEPS` of the last step."""
 
+    @property
+    def costs(self) -> np.ndarray:
+        """What `cost` returns of all cells, shape of the raster, float32 [m]."""
+        inner = self.travel[1:-1, 1:-1]
+        costs = inner * (self.costmap.grid.resolution / (STRAIGHT * SCALE))
+        costs[inner == UNREACHED] = np.inf
+        return costs.astype(np.float32)
+
     def cost(self, cells: np.ndarray) -> np.ndarray:
         """Return the lengths of the paths to cells inside the raster, each step weighted by its costs [m].
 

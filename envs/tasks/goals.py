@@ -19,6 +19,7 @@ from envs.robot import Robot
 from envs.robots import LidarParams, RobotParams
 from envs.simulation import Simulator
 from envs.worlds import ExplorableArea
+from envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
 
@@ -109,6 +110,16 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
     return OccupancyGrid(data, walls.resolution, walls.origin)
 
 
+@kept_with_world
+def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
+    """Return where the robot fits, by blocks of `pooled` x `pooled` cells of the area, of which one is enough."""
+    free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
+    free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
+    side = pooled * area.walls.resolution
+    grid = OccupancyGrid(np.where(free, np.int8(FREE), np.int8(OCCUPIED)), side, area.walls.origin)
+    return Costmap(np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL)), grid, CostmapParams(side, side))
+
+
 class GeodesicDistance:
     """True distance to a goal around everything that does not move."""
 
@@ -119,13 +130,10 @@ class GeodesicDistance:
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
-        free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
-        free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
-        side = pooled * area.walls.resolution
-        self.grid = OccupancyGrid(np.where(free, np.int8(FREE), np.int8(OCCUPIED)), side, area.walls.origin)
+        costmap = _free_space(area, pooled)
+        self.grid = costmap.grid
         """The raster on which distances are known."""
-        costs = np.where(free, np.uint8(COST_FREE), np.uint8(COST_LETHAL))
-        field = travel_field(Costmap(costs, self.grid, CostmapParams(side, side)), goal[:2], cost_weight=0.0)
+        field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
         self._last = math.inf
@@ -133,7 +141,7 @@ class GeodesicDistance:
     @property
     def lengths(self) -> np.ndarray:
         """Distances of all cells, shape of the raster, float32 [m]; inf where the robot does not fit."""
-        return self._field.cost(np.moveaxis(np.indices(self.grid.data.shape), 0, -1)).astype(np.float32)
+        return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
         """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""

@@ -78,7 +78,7 @@ class World:
 
 
 def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Keep what a function makes of a world, its first argument, and of hashable others, for as long as it lives."""
+    """Keep what a function makes of a world or its area, the first argument, and of hashable others, while it lives."""
     kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
 
     @wraps(function)
