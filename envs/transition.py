@@ -69,7 +69,7 @@ def _watch_people(row, people):
         if closing > 0.0 and root >= 0.0:
             time = min(time, max(closing - math.sqrt(root), 0.0) / speed2)
     row[at.PERSON_GAP], row[at.LEAST_GAP] = gap, min(row[at.LEAST_GAP], max(gap, 0.0))
-    row[at.PERSON_TIME], row[at.LEAST_TIME] = time, min(row[at.LEAST_TIME], time)
+    row[at.LEAST_TIME] = min(row[at.LEAST_TIME], time)
     row[at.INTRUSION] += period * (gap < PERSONAL_SPACE)
     row[at.TOUCHED_BY] = BY_NOBODY
     if row[at.TOUCHED] > 0.0:

@@ -24,8 +24,6 @@ SURFACE = 0.5
 """Neighbouring sectors whose ranges differ by less are taken to show one surface [m]."""
 WIDEST = 8
 """Most sectors over which such a surface is drawn as seen from elsewhere."""
-CHANGE_GAIN = 5.0
-"""By what changes since past scans are multiplied: people change what is shown by a few hundredths."""
 MOTION = 3
 """Entries of a remembered scan before its sectors: motion of the base by odometry since the scan before."""
 
@@ -127,7 +125,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 
 @njit(cache=True, error_model="numpy")
-def write_history(rows, ranges, memory, active, out, lags, sectors, compensates, shows_changes):
+def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
     """Remember the scans of active rows, and write past ones to `out`, shape (n, number of lags * sectors), float32.
 
     `memory`: shape (n, slots * (MOTION + number of sectors)), float32: a ring of scans; `lags`: shape (k,), int64, ages
@@ -157,10 +155,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates,
             else:
                 seen[:] = past
             for k in range(count):
-                shown = near / (max(seen[k] - radius, np.float32(0.0)) + near)
-                if shows_changes and j > 0:
-                    shown = min(max(np.float32(CHANGE_GAIN) * (out[i, k] - shown), np.float32(-1.0)), np.float32(1.0))
-                out[i, j * count + k] = shown
+                out[i, j * count + k] = near / (max(seen[k] - radius, np.float32(0.0)) + near)
 
 
 class ScanHistory:
@@ -172,21 +167,13 @@ class ScanHistory:
     written after each control period.
     """
 
-    def __init__(
-        self,
-        lags: Sequence[float] = (0.0, 0.2, 0.4),
-        num_sectors: int = 90,
-        compensate: bool = True,
-        changes: bool = False,
-    ) -> None:
+    def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
         """Choose what to show.
 
         Args:
             lags: ages of the scans, increasing [s]; the nearest control period counts.
             num_sectors: sectors of each.
             compensate: whether past scans are shifted, or shown as they were.
-            changes: whether five times the change since past scans is shown in their place, at most 1: in that, a
-                network sees motion sooner.
 
         Raises:
             ValueError: lags are not increasing or negative, or the number of sectors is not positive.
@@ -197,22 +184,17 @@ class ScanHistory:
         if not (is_whole(num_sectors) and num_sectors >= 1):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
-        self._changes = bool(changes)
         self._memory = "scan_history", self._ages, self._num_sectors
-        self._shown: tuple[np.ndarray, Sectors, bool, bool]
+        self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (number of lags * num_sectors,), float32)`, from -1 with `changes`.
-
-        Raises:
-            ValueError: there are more sectors than beams.
-        """
+        """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
                 f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "
                 f"{robot.name!r}"
             )
-        return spaces.Box(-1.0 * self._changes, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
+        return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode, before which all scans were as the first one."""
@@ -220,7 +202,7 @@ class ScanHistory:
         if lags[-1] > MAX_LAG:
             raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
-        self._shown = lags, sectors, self._compensates, self._changes
+        self._shown = lags, sectors, self._compensates
         ring = robot.rows.remember(self._memory, (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
         ring[0, :MOTION] = 0.0
         pool_scan(robot.ranges, sectors.beams, ring[0, MOTION:])

@@ -77,13 +77,11 @@ POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
 the map frame in the world (three entries each); positions remembered last, estimated and true (two entries each)."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
 """Distance driven [m] and contacts so far, the last action, and what is left to do for the robot."""
-PERSON_GAP, PERSON_TIME, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(
-    55, 64
-)
-"""Gap between footprint and nearest person [m], time to collision with a person at the velocities of the moment [s],
-and the least of both so far; time in personal space [s]; who caused a contact of this period, see `envs.transition`;
-and contacts so far in which the robot touched what rests, drove into a person, or a person walked into it."""
-SETUP, ROBOT = 64, 71
+PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
+"""Gap between footprint and nearest person, and the least one so far [m]; least time to collision with a person at the
+velocities of a moment [s]; time in personal space [s]; who caused a contact of this period, see `envs.transition`; and
+contacts so far in which the robot touched what rests, drove into a person, or a person walked into it."""
+SETUP, ROBOT = 63, 70
 """Where the `Setup` of `envs.robot` and the robot's `RobotRecord` begin; both outlive a reset."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """The control period [s]."""

@@ -38,7 +38,6 @@ QUANTITIES = {
     "reached": own_at.SUCCESS,
     "clearance": own_at.CLEARANCE,
     "people": own_at.PEOPLE,
-    "approach": own_at.APPROACH,
 }
 """Entries of the task's row by reward term."""
 METRICS = {
@@ -81,8 +80,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     all that does not move, became shorter), `time` (-0.2 per s), `collision` (-20 for the contact that ends the episode;
     with `contact="costs"` per s in contact), `reached` (10, once), `clearance` (-0.4 per s, times the share by which the gap
     between footprint and obstacles is below 0.15 m), `people` (-0.6 per s, times the share by which the gap to the nearest
-    person is below 0.5 m), `approach` (0 per s, times the share by which the time to collision with a person, at the
-    velocities of the moment, is below 2 s). `reward` changes the weights.
+    person is below 0.5 m). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the world's
@@ -123,7 +121,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """
 
     measures: ClassVar[Sequence[Measure]] = REACH
-    weights = dict(progress=1.0, time=-0.2, collision=-20.0, reached=10.0, clearance=-0.4, people=-0.6, approach=0.0)
+    weights = dict(progress=1.0, time=-0.2, collision=-20.0, reached=10.0, clearance=-0.4, people=-0.6)
 
     needs_explorable = False
     slam: Any = "odometry"

@@ -16,22 +16,20 @@ GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Distance that counts as reached [m], 1 if contact ends the episode, corner and side of a cell of the geodesic field
 [m], and geodesic distance from where the goal was set [m]."""
-PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE, APPROACH = range(10, 16)
+PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
 """Quantities of the last period; see `ReachGoal.weights`."""
-END, DISTANCE, LEFT, SHARE, SUCCESS = range(16, 21)
+END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Index of the end reason, straight and geodesic distance to the goal [m], share of the path driven, 1 at the goal."""
-MOVED_AT, JERK, LAST_V, LAST_ACC = range(21, 25)
+MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
 """Time at which the robot had moved [s], 0 before; jerk summed over periods [m/s3]; forward speed and acceleration of
 the controller [m/s, m/s2]."""
-SIZE = 25
+SIZE = 24
 """Number of these entries."""
 END_REASONS = (None, "reached", "wall", "person")
 """By `END`."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
 """Gap to a person from which on nearness is free of charge [m]."""
-NEAR_COLLISION = 2.0
-"""Time to collision with a person from which on it is free of charge [s]."""
 MARGIN = 0.15
 """Clearance from which on nearness to obstacles is free of charge [m]."""
 MOVED = 0.1
@@ -80,7 +78,6 @@ def update_goal(row, own, lengths, segments, circles):
     free = clearance(x, y, segments[near[:num_near]], circles) - radius
     own[CLEARANCE] = period * min(max((MARGIN - free) / MARGIN, 0.0), 1.0)
     own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
-    own[APPROACH] = period * max(1.0 - row[at.PERSON_TIME] / NEAR_COLLISION, 0.0)
     if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
         own[MOVED_AT] = row[at.TIME]
     acceleration = (row[at.COMMANDED_V] - own[LAST_V]) / period
