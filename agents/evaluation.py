@@ -8,7 +8,7 @@ from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import BasePolicy
 
 from agents.algorithms import Actor
-from agents.config import TrainingConfig
+from agents.config import EnvironmentConfig, TrainingConfig
 from agents.policies import make_policy
 from agents.vec_env import Observations, columns_of, make_env, make_vector
 from baselines.episode import decide_with, run_episode
@@ -18,18 +18,23 @@ from envs.files import resolve
 from envs.measures import Course, headline_of, measures_of
 
 
+def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
+    """Return the environment in which the policy of a training is measured."""
+    changes = config.evaluation.arguments
+    changes |= {"world_size": None} if "world" in changes else {}
+    changes |= {"robots": ()} if "robot" in changes else {}
+    # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
+    changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
+    return config.environment.model_copy(update=changes)
+
+
 class Evaluator:
     """Runs the same episodes, on worlds of the test split, for learned and classic policies alike."""
 
     def __init__(self, config: TrainingConfig) -> None:
         """Make the environments; ValueError if there is no such environment, or it refuses an argument."""
         self._episodes = config.evaluation.episodes
-        changes = config.evaluation.arguments
-        changes |= {"world_size": None} if "world" in changes else {}
-        changes |= {"robots": ()} if "robot" in changes else {}
-        # An episode of evaluation has an environment of its own; for that many, processes would be too heavy.
-        changes |= {"vectorization": "sync"} if config.environment.vectorization == "async" else {}
-        environment = config.environment.model_copy(update=changes)
+        environment = evaluation_environment(config)
         self._env = make_env(environment, "test")
         inner = lidar_env_of(self._env)
         self.headline = headline_of(inner.task.measures)

@@ -116,7 +116,7 @@ class FlatFeatures(ExplorerFeatures):
         """Return the features, shape (batch, features_dim)."""
         pieces = observations.split([math.prod(shape) for shape in self._shapes.values()], dim=1)
         return super().forward(
-            {key: piece.unflatten(1, shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
+            {key: piece.reshape(-1, *shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
         )
 
 
@@ -165,11 +165,12 @@ class ScanSectors(nn.Sequential):
     def forward(self, scan: Tensor) -> Tensor:
         """Return the features, shape (batch, width), of scans, shape (batch, num_beams)."""
         # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
+        scan = scan[:, None]  # pooling of tables has no name in ONNX
         invalid = (scan == 0).float()
         nearness = (1.0 - scan) * (1.0 - invalid)
         nearest = functional.max_pool1d(nearness, self._beams_per_sector, ceil_mode=True)
         share = functional.avg_pool1d(invalid, self._beams_per_sector, ceil_mode=True)
-        return super().forward(torch.cat([nearest, share], dim=1))
+        return super().forward(torch.cat([nearest, share], dim=2)[:, 0])
 
 
 class MapPatches(nn.Conv2d):
@@ -199,7 +200,7 @@ class _Rows(nn.Sequential):
 
     def forward(self, table: Tensor) -> Tensor:
         """Return the features of all rows side by side, shape (batch, width)."""
-        return super().forward(table.flatten(0, -self._num_axes - 1)).reshape(len(table), -1)
+        return super().forward(table.flatten(0, -self._num_axes - 1)).reshape(table.shape[0], -1)
 
 
 def _make_encoder(key: str, shape: tuple[int, ...], channels: int, is_crop: bool) -> tuple[nn.Module, int]:

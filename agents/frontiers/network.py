@@ -32,7 +32,7 @@ NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
 
 def _length(share: Tensor, half: float) -> Tensor:
     """Return x of x / (x + half)."""
-    return half * share / (1.0 - share).clamp_min(1e-6)
+    return half * share.clamp_min(0.0) / (1.0 - share).clamp_min(1e-6)
 
 
 class FrontierNetwork(nn.Module):
@@ -113,6 +113,8 @@ class FrontierNetwork(nn.Module):
     @staticmethod
     def _weigh(observations: Tensors, score: Tensor) -> Tensor:
         """Return the scores of candidates, which take the first slots of each sample: shape (rows,), float32."""
+        if torch.jit.is_tracing():
+            raise ValueError("its prior is a score of frontiers, which torch does not compute")
         names = ("candidates", "sectors", "gaps", "robot", "action_mask")
         samples = zip(*(observations[name].cpu().numpy() for name in names), strict=True)
         scorer = FrontierScore(score.cpu().numpy())

@@ -3,7 +3,9 @@
 import ast
 import csv
 import importlib
+import os
 import re
+import subprocess
 import sys
 from pathlib import Path
 
@@ -17,7 +19,7 @@ from evaluate import main as evaluate
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 PATHS = sorted(EXAMPLES.glob("*.py"))
-NEEDS = {"pettingzoo_team": "pettingzoo", "torchrl_ppo": "torchrl", "rllib_ppo": "ray.rllib"}
+NEEDS = {"pettingzoo_team": "pettingzoo", "run_onnx": "onnxruntime", "torchrl_ppo": "torchrl", "rllib_ppo": "ray.rllib"}
 
 
 @pytest.fixture
@@ -139,6 +141,20 @@ def test_a_bag_is_recorded_converted_and_replayed(load, tmp_path):
     assert set(conflicts) == {"hector", "tinyslam"}
     assert max(conflicts.values()) < 0.05
     assert (tmp_path / "hector" / "summary.json").exists()
+
+
+def test_a_policy_in_onnx_drives_without_torch(load, tmp_path):
+    load("run_onnx")
+    pytest.importorskip("onnx", reason="onnx is not installed")
+    code = "import run_onnx, sys; info = run_onnx.main(run_onnx.Path(sys.argv[1]), 6.0); "
+    code += "print(info['explored_fraction'], 'torch' in sys.modules)"
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
+    command = [sys.executable, "-c", code, str(tmp_path / "twist.onnx")]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
+    first, (explored, has_torch) = done.stdout.splitlines()[0], done.stdout.splitlines()[-1].split()
+    assert first.startswith("turtlebot3_waffle_pi: ")
+    assert float(explored) > 0.1
+    assert has_torch == "False"
 
 
 def test_each_episode_has_wheels_of_its_own(load):

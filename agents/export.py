@@ -1,0 +1,199 @@
+"""Write a policy as ONNX, for a robot without torch: `python -m agents.export POLICY OUT.onnx`.
+
+POLICY is a run folder of `train.py`, a checkpoint, or `ppo:pretrained/twist`, as `evaluate.py --policies` takes it. The
+file has an input for each part of the observation by its name, shape (batch, ...), in the environment's dtype, and an
+output `action`: the most likely action, within the bounds of the action space. A recurrent policy has inputs `state_h`
+and `state_c`, zeros when an episode starts, and outputs `next_state_h` and `next_state_c`, the next step's inputs. What
+they mean, the robot, the control period, the environment and versions are JSON in the metadata, key `lidarnaut`.
+
+Before it is written, policy and file act side by side, on random observations and in an episode of the environment.
+"""
+
+import contextlib
+import dataclasses
+import inspect
+import io
+import json
+import re
+import warnings
+from importlib.metadata import version
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import torch
+import tyro
+from gymnasium import spaces
+from stable_baselines3.common.policies import BasePolicy
+from torch import Tensor, nn
+
+from agents.algorithms import Actor, build_policy
+from agents.checkpoint import Record, SpaceRecord, load_checkpoint
+from agents.evaluation import evaluation_environment
+from agents.frontiers.score import RECORD_FILE
+from agents.learned import find_policy, fingerprint
+from agents.run_folder import LIBRARIES, CheckpointError
+from agents.vec_env import Observations, make_env
+from envs.command_line import run_command
+from envs.core import lidar_env_of
+from envs.files import write_file
+
+TOLERANCE = 1e-5
+"""Greatest difference between an action of the policy and that of the file; choices are the same."""
+NUM_RANDOM, NUM_STEPS = 64, 100
+"""Random observations, and most steps of the episode, on which they are compared."""
+MEANING = {
+    "Box": "(forward speed over robot.max_v, yaw rate over robot.max_w, counter-clockwise), of each robot of a team",
+    "Discrete": "row of the candidate to drive to",
+}
+"""What actions command, by the kind of their space."""
+
+
+def main(policy: Annotated[str, tyro.conf.Positional], out: Annotated[Path, tyro.conf.Positional]) -> dict[str, Any]:
+    """Write a policy as ONNX; return its metadata.
+
+    Args:
+        policy: folder of a run, a checkpoint or a policy, with or without `ppo:` or `learned:` before it.
+        out: file to write.
+
+    Raises:
+        ImportError: if onnx or onnxruntime is not installed.
+        CheckpointError: if there is no such policy, it is damaged, or it is no network.
+        ValueError: if the file acts otherwise than the policy, or ONNX cannot hold the network.
+    """
+    try:
+        import onnx
+        import onnxruntime
+    except ImportError as error:
+        extra = "pip install 'lidarnaut[export]', or -e '.[export]' in a checkout"
+        raise ImportError(f"writing ONNX needs onnx and onnxruntime: {extra}") from error
+    folder = find_policy(re.sub("^(ppo|learned):", "", policy))
+    if (folder / RECORD_FILE).exists():
+        raise CheckpointError(f"{folder} holds a score of frontiers, which needs no torch; only networks become ONNX")
+    checkpoint = load_checkpoint(folder, policy_only=True)
+    network, record = build_policy(checkpoint, folder), checkpoint.record
+    shape = getattr(network, "lstm_hidden_state_shape", None)
+    states = {"state_h": shape, "state_c": shape} if shape else {}
+    with contextlib.closing(make_env(evaluation_environment(record.config), "test")) as env:
+        inner: Any = lidar_env_of(env)
+        about = {"policy": policy, "sha256": fingerprint(folder), **_describe(record, inner), "states": states}
+        try:
+            model = onnx.load_model_from_string(_trace(network, record, states))
+            onnx.helper.set_model_props(model, {"lidarnaut": json.dumps(about, indent=1)})
+            content = model.SerializeToString()
+            options = onnxruntime.SessionOptions()
+            options.intra_op_num_threads = 1  # networks this small are slower on more
+            _compare(onnxruntime.InferenceSession(content, options), network, env, states)
+        except Exception as error:  # those of the three libraries have no class in common
+            raise ValueError(f"{folder} cannot be written as ONNX: {error}") from error
+    out.parent.mkdir(parents=True, exist_ok=True)
+    write_file(out, content)
+    return about
+
+
+class _Graph(nn.Module):
+    """What becomes ONNX: parts of an observation, and the state if there is one, to the action and the next state."""
+
+    def __init__(self, policy: BasePolicy, names: list[str]) -> None:
+        super().__init__()
+        self.policy, self.names = policy, names
+        self.has_masks = "action_masks" in inspect.signature(policy.predict).parameters and "action_mask" in names
+
+    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
+        space, state = self.policy.action_space, given[len(self.names) :]
+        # Few operators of ONNX take small integers.
+        values = (value.float() if value.dtype in (torch.int8, torch.uint8) else value for value in given)
+        seen: Any = dict(zip(self.names, values))
+        arguments = {"action_masks": seen["action_mask"]} if self.has_masks else {}
+        if state:
+            arguments |= {"lstm_states": state, "episode_starts": torch.zeros(state[0].shape[1])}
+        if isinstance(self.policy.observation_space, spaces.Box):  # as `agents.networks.flatten`
+            seen = torch.cat([seen[name].reshape(seen[name].shape[0], -1).float() for name in sorted(seen)], dim=1)
+        found: Any = self.policy._predict(seen, deterministic=True, **arguments)
+        action, state = found if state else (found, ())
+        action = action.reshape(-1, *(space.shape or ()))
+        if isinstance(space, spaces.Box):
+            low, high = torch.from_numpy(space.low), torch.from_numpy(space.high)
+            action = low + 0.5 * (action + 1.0) * (high - low) if self.policy.squash_output else action
+            action = torch.minimum(torch.maximum(action, low), high)
+        return action, *state
+
+
+def _trace(policy: BasePolicy, record: Record, states: dict[str, Any]) -> bytes:
+    """Return a policy as ONNX, without metadata."""
+    example, axes = [], {"action": {0: "batch"}}
+    for name, described in record.observation.items():
+        # Everything may be chosen: a network may look at no more slots than an observation uses.
+        value = np.ones(described.shape, np.int8) if described.kind == "MultiBinary" else described.space().sample()
+        example.append(torch.as_tensor(np.stack([value, value])))
+        axes[name] = {0: "batch"}
+    for name, shape in states.items():
+        example.append(torch.zeros(shape).repeat(1, 2, 1))
+        axes[name] = axes[f"next_{name}"] = {1: "batch"}
+    inputs, outputs = [*record.observation, *states], ["action", *(f"next_{name}" for name in states)]
+    options: Any = {"input_names": inputs, "output_names": outputs, "dynamic_axes": axes, "opset_version": 17}
+    graph, out = _Graph(policy, [*record.observation]).eval(), io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of what may differ for other observations: that is compared
+        # The older exporter needs no further packages, and takes networks whose shapes depend on data.
+        torch.onnx.export(graph, (*example,), out, dynamo=False, **options)  # type: ignore[arg-type]
+    return out.getvalue()
+
+
+def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any]) -> None:
+    """Hold the actions of a file against those of its policy; ValueError where one differs."""
+    env.observation_space.seed(0)
+    samples = [env.observation_space.sample() for _ in range(NUM_RANDOM)]
+    random = {name: np.stack([one[name] for one in samples]) for name in samples[0]}
+    for where, batches in ("random observations", [random] * 3), ("an episode", _episode(policy, env)):
+        actor, size = Actor(policy), len(next(iter(batches[0].values())))
+        state = {name: np.zeros((layers, size, width), np.float32) for name, (layers, _, width) in states.items()}
+        for step, batch in enumerate(batches):
+            wanted = actor(batch, np.full(size, step == 0))
+            found, *following = session.run(None, {**batch, **state})
+            state = dict(zip(states, following))
+            wrong = np.abs(wanted - found) > (TOLERANCE if found.dtype.kind == "f" else 0)
+            if found.shape != wanted.shape or wrong.any():
+                at = tuple(np.argwhere(wrong)[0].tolist()) if wrong.any() else ()
+                what = f"action{[*at[1:]] or ''} is {found[at]}, not {wanted[at]}" if at else f"shape {found.shape}"
+                raise ValueError(f"it acts otherwise than the policy: {what}, in step {step} of {where}")
+
+
+def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
+    """Return the observations of an episode in which a policy acts, each a batch of one."""
+    actor, (observation, _), batches, is_over = Actor(policy), env.reset(seed=0), list[Observations](), False
+    while not is_over and len(batches) < NUM_STEPS:
+        batches.append({name: np.asarray(value)[None] for name, value in observation.items()})
+        action = actor(batches[-1], np.array([len(batches) == 1]))[0]
+        observation, _, terminated, truncated, _ = env.step(action)
+        is_over = terminated or truncated
+    return batches
+
+
+def _describe(record: Record, env: Any) -> dict[str, Any]:
+    """Return what one must know to run a policy: JSON values, in SI units."""
+    config, parts = record.config, getattr(env, "parts", {})
+    inputs = {name: _describe_space(space) for name, space in record.observation.items()}
+    for name in inputs.keys() & parts.keys():
+        inputs[name]["about"] = inspect.getdoc(type(parts[name]))
+    arguments = config.environment.arguments | config.evaluation.arguments
+    return {
+        "algorithm": config.algorithm,
+        "steps": record.steps,
+        "environment": {"id": config.environment.id, "arguments": arguments, "about": inspect.getdoc(type(env))},
+        "control_period": env.control_period,
+        "inputs": inputs,
+        "action": _describe_space(record.action) | {"about": MEANING[record.action.kind]},
+        "robot": dataclasses.asdict(env.robot),
+        "versions": {name: version(name) for name in ("lidarnaut", *LIBRARIES, "onnx")},
+    }
+
+
+def _describe_space(space: SpaceRecord) -> dict[str, Any]:
+    """Return kind, shape, dtype and bounds of a value, None for no bound."""
+    single = {"shape": (), "high": space.shape[0] - 1} if space.kind == "Discrete" else {}
+    return json.loads(space.model_copy(update=single).model_dump_json())
+
+
+if __name__ == "__main__":
+    run_command(main)

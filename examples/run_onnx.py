@@ -1,0 +1,64 @@
+"""Drive a robot by a policy in ONNX, with onnxruntime and NumPy alone.
+
+`python -m agents.export ppo:pretrained/twist runs/twist.onnx` writes the file; where it is not there, this does so, in
+a process of its own, since writing needs torch. On a robot, the observations come from its sensors: the metadata of the
+file say what each number means.
+"""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+import onnxruntime
+import tyro
+
+import envs  # noqa: F401  (registers the environments)
+
+
+class OnnxPolicy:
+    """Takes the most likely action; `about` says what it needs, and what the action commands."""
+
+    def __init__(self, path: Path) -> None:
+        options = onnxruntime.SessionOptions()
+        options.intra_op_num_threads = 1  # networks this small are slower on more
+        self._session = onnxruntime.InferenceSession(path, options)
+        self.about: dict[str, Any] = json.loads(self._session.get_modelmeta().custom_metadata_map["lidarnaut"])
+        self.reset()
+
+    def reset(self, *_: Any) -> None:
+        """Begin an episode: a recurrent policy remembers nothing."""
+        self._state = {name: np.zeros(shape, np.float32) for name, shape in self.about["states"].items()}
+
+    def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
+        """Return the action for an observation."""
+        batch = {name: np.asarray(observation[name])[None] for name in self.about["inputs"]}
+        action, *state = self._session.run(None, {**batch, **self._state})
+        self._state = dict(zip(self._state, state))
+        return action[0]
+
+
+def main(path: Path = Path("runs/twist.onnx"), seconds: float = 60.0) -> dict[str, Any]:
+    """Drive in the environment of the policy's evaluations; return the last `info`."""
+    if not path.exists():
+        subprocess.run([sys.executable, "-m", "agents.export", "ppo:pretrained/twist", path], check=True)
+    policy = OnnxPolicy(path)
+    environment, robot = policy.about["environment"], policy.about["robot"]
+    env = gymnasium.make(environment["id"], **{"split": "test", **environment["arguments"]})
+    observation, info = env.reset(seed=0)
+    is_over = False
+    while not is_over and info["time"] < seconds:
+        action = policy(observation)
+        observation, _, terminated, truncated, info = env.step(action)
+        is_over = terminated or truncated
+    env.close()
+    v, w = action * [robot["max_v"], robot["max_w"]]
+    print(f"{robot['name']}: {info['path_length']:.1f} m in {info['time']:.0f} s, last at {v:.2f} m/s, {w:.2f} rad/s")
+    return info
+
+
+if __name__ == "__main__":
+    tyro.cli(main)
