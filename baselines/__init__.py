@@ -30,6 +30,8 @@ from .oracle.explorer import OracleExplorer
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
+from .teams.assignment import Auction
+from .teams.team import TeamExplorer
 
 EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "random": RandomExplorer,
@@ -65,7 +67,12 @@ OFFERED: Mapping[str, Makers] = {
     "route": {"route_follower": RouteFollower},
 }
 """Of tasks that offer something: attributes of the task; see `policies_for`."""
-TEAMS: Mapping[str, Makers] = {"coverage": {"rrt_team": RrtTeam}}
+TEAMS: Mapping[str, Makers] = {
+    "coverage": {
+        "rrt_team": RrtTeam,
+        "auction": partial(TeamExplorer, Auction()),
+    }
+}
 """The same of tasks of teams, where actions have an axis for the robots."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
 """Names of all classic policies."""
@@ -104,6 +111,7 @@ def make_explorer(name: str) -> Explorer:
 __all__ = [
     "CLASSIC",
     "EXPLORERS",
+    "Auction",
     "ExploreLite",
     "ExploreLiteExplorer",
     "Explorer",
@@ -124,6 +132,7 @@ __all__ = [
     "RrtExplorer",
     "RrtParams",
     "RrtTeam",
+    "TeamExplorer",
     "TourExplorer",
     "TourParams",
     "WallFollower",

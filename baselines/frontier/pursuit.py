@@ -9,7 +9,8 @@ import numpy as np
 
 from baselines.frontier.explorer import RuleExplorer
 from envs.estimation import Belief
-from envs.navigation import GainOverCost, free_distance
+from envs.geometry import Pose2D
+from envs.navigation import FrontierNavigator, GainOverCost, free_distance
 from envs.observations.plan import LOOKAHEADS, look_ahead
 from envs.robots import RobotParams
 from envs.simulation import Reading, Twist
@@ -30,21 +31,7 @@ class PursuitDriving(RuleExplorer):
         twist, frontiers = super().act(reading, belief), self.navigator
         if frontiers is None or self.end_reason is not None:
             return twist
-        navigator, robot = frontiers.navigator, self._robot
-        if navigator.is_recovering or navigator.plan is None:
-            return twist
-        path = np.vstack([navigator.plan, np.array(frontiers.target)])  # what is to be seen lies beyond its end
-        direction = np.empty(2, dtype=np.float32)
-        look_ahead(path, 0, tuple(belief.pose), LOOKAHEADS[:1], direction)
-        cosine, sine = direction.tolist()
-        turn = min(max(TURN * math.atan2(sine, cosine), -1.0), 1.0)
-        pursuit = Twist(max(cosine, 0.0) * robot.max_v, turn * robot.max_w)
-        curvature, numbers = pursuit.w / max(pursuit.v, 1e-6), navigator.numbers
-        is_free = free_distance(navigator.obstacles, curvature, numbers["reach"], numbers["look"]) >= numbers["look"]
-        if not is_free:
-            return twist
-        navigator.note_command(pursuit)
-        return pursuit
+        return pursue(frontiers, self._robot, belief.pose, twist, frontiers.navigator.obstacles)
 
 
 class PursuitExplorer(PursuitDriving):
@@ -52,3 +39,26 @@ class PursuitExplorer(PursuitDriving):
 
     def __init__(self) -> None:
         super().__init__(GainOverCost(), max_time=1.0)
+
+
+def pursue(
+    frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
+) -> Twist:
+    """Return the twist of a pursuit along the path, or the navigator's `twist` where its arc is not free.
+
+    `obstacles`, shape (n, 2), float64, base frame [m], are what the arc is to keep clear of.
+    """
+    navigator = frontiers.navigator
+    if navigator.is_recovering or navigator.plan is None:
+        return twist
+    path = np.vstack([navigator.plan, np.array(frontiers.target)])  # what is to be seen lies beyond its end
+    direction = np.empty(2, dtype=np.float32)
+    look_ahead(path, 0, tuple(pose), LOOKAHEADS[:1], direction)
+    cosine, sine = direction.tolist()
+    turn = min(max(TURN * math.atan2(sine, cosine), -1.0), 1.0)
+    pursuit = Twist(max(cosine, 0.0) * robot.max_v, turn * robot.max_w)
+    curvature, numbers = pursuit.w / max(pursuit.v, 1e-6), navigator.numbers
+    if free_distance(obstacles, curvature, numbers["reach"], numbers["look"]) < numbers["look"]:
+        return twist
+    navigator.note_command(pursuit)
+    return pursuit

@@ -1,6 +1,7 @@
-"""How much faster several robots explore than one."""
+"""How much faster several robots explore than fewer, and than by another rule."""
 
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Literal
 
@@ -24,11 +25,13 @@ MARK = 0.95
 MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
+OVER = Measure("over", "time, relative", "", False, digits=2)
 
 
 def compare_teams(
     worlds: tuple[str, ...] = ("rrt_house", "tugbot_warehouse", "rooms"),
     robots: tuple[int, ...] = tuple(range(1, MAX_ROBOTS + 1)),
+    policies: tuple[str, ...] = ("rrt_team",),
     episodes: Count = 4,
     jobs: Count = 2,
     seed: int = 0,
@@ -36,13 +39,15 @@ def compare_teams(
     slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
 ) -> list[Row]:
-    """How much faster several robots explore than one, by `rrt_team`, which starts them near each other with one map.
+    """How much faster several robots explore than fewer, and by one policy than by another.
 
-    The same seed is the same world and the same start for every number of robots, so times are compared pair by pair.
+    The same seed is the same world and the same start for every number of robots and every policy, so times are
+    compared pair by pair.
 
     Args:
         worlds: library worlds and procedural families (20 m x 20 m, test seeds).
-        robots: numbers of robots.
+        robots: numbers of robots; speed-ups are over the first one.
+        policies: classic ones for teams; relative times are over those of the first one.
         episodes: seeds in each world.
         jobs: processes.
         seed: of the first episode; the next ones count up.
@@ -51,14 +56,14 @@ def compare_teams(
         out: folder of the evaluations; run again, the command goes on where it stopped.
     """
     found: list[Row] = []
-    for num in robots:
+    for num, policy in product(robots, policies):
         for part, more in (("library", {}), ("families", {"world_size": (20.0, 20.0)})):
             here = tuple(world for world in worlds if (world in FAMILIES) == bool(more))
             if not here:
                 continue
             settings = Settings(
                 id="lidarnaut/ExploreTeam-v0",
-                policies=("rrt_team",),
+                policies=(policy,),
                 worlds=here,
                 episodes=episodes,
                 seed=seed,
@@ -66,29 +71,38 @@ def compare_teams(
                 slam=(slam,),
                 arguments={"num_robots": num, "target_coverage": MARK, **more},
             )
-            evaluation = Evaluation(settings, out / f"{num}_{part}")
+            evaluation = Evaluation(settings, out / f"{policy}_{num}_{part}")
             run_with_progress(evaluation, jobs, make_console())
-            found += [row | {"policy": str(num)} for row in evaluation.rows()]
-    return summarise(found, robots)
+            found += [row | {"policy": f"{policy} {num}"} for row in evaluation.rows()]
+    return summarise(found, robots, policies)
 
 
-def summarise(rows: list[Row], robots: tuple[int, ...]) -> list[Row]:
-    """Return a line for each world and number of robots, of the rows of episodes whose policy is that number.
+def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
+    """Return a line for each world, policy and number of robots, of rows whose policy is such as "rrt_team 3".
 
-    T(1) / T(n) is an interquartile mean over pairs; where one robot never reached 95 %, the ratio is a lower bound.
+    Ratios are interquartile means over pairs; where one time never reached 95 %, they are bounds.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()
     for world, here in (worlds | {"all": together} if len(worlds) > 1 else worlds).items():
-        for num in map(str, robots):
-            own, time = here.of(num), here.estimate(num, TIME)
-            line = {"world": world, "robots": num, "time to 95 %, s": "{} [{}]".format(*texts(TIME, time))}
-            if 1 in robots:
-                pairs = zip(*here.pairs("1", num, TIME), strict=True)
-                reached = [np.isfinite(times) for times in here.pairs("1", num, replace(TIME, limit=""))[0]]
-                ratio = estimate([alone / many for alone, many in pairs], reached if num != "1" else None)
-                line["T(1) / T(n)"] = "{} [{}]".format(*texts(SPEED_UP, ratio))
+        for policy, num in product(policies, robots):
+            name = f"{policy} {num}"
+            own, time = here.of(name), here.estimate(name, TIME)
+            line = {"world": world, "policy": policy, "robots": num}
+            line["time to 95 %, s"] = "{} [{}]".format(*texts(TIME, time))
+            if robots[0] < num or robots[0] == 1:
+                fewer = f"{policy} {robots[0]}"
+                line[f"T({robots[0]}) / T(n)"] = _ratio(here, fewer, name, SPEED_UP)
+            if len(policies) > 1:
+                line[f"over {policies[0]}"] = _ratio(here, name, f"{policies[0]} {num}", OVER)
             line["reached"] = f"{time.n - time.never} of {time.n}"
             line["path of all, m"] = f"{np.median([row['path_length'] for row in own]):.0f}"
             lines.append(line | {"contacts": int(sum(row["collisions"] for row in own))})
     return lines
+
+
+def _ratio(here: Episodes, a: str, b: str, measure: Measure) -> str:
+    """Return what the times of a are over those of b, pair by pair."""
+    reached = [np.isfinite(times) for times in here.pairs(a, b, replace(TIME, limit=""))[0]]
+    ratio = estimate([x / y for x, y in zip(*here.pairs(a, b, TIME), strict=True)], reached if a != b else None)
+    return "{} [{}]".format(*texts(measure, ratio))

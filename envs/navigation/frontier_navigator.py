@@ -102,12 +102,12 @@ class FrontierNavigator:
         candidates, max_failures = self.candidates, self.params.max_failures
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
-    def choose(self, index: int) -> None:
-        """Begin a drive to a candidate."""
+    def choose(self, index: int, *, keep_clocks: bool = False) -> None:
+        """Begin a drive to a candidate; for `keep_clocks` see `Navigator.drive_to`."""
         self._has_changed = True
         path, candidate = self.path_to(index), self.candidates.table[index]
         self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
-        self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view)
+        self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
 
     def path_to(self, index: int) -> np.ndarray:
         """Return the path to a candidate, shape (n, 2), float64, map frame [m]; to be asked when a choice is due."""

@@ -163,7 +163,10 @@ def test_speed_ups_are_taken_pair_by_pair_and_marks_that_were_never_reached_are_
     row = {"world": "rooms", "robot": "tugbot", "physics": "kinematic", "slam": "tinyslam", "time_limit": 600.0}
     row |= {"path_length": 10.0, "collisions": 0.0}
     starts = [("1", 1), ("1", 0), ("2", 1), ("2", 0)]
-    rows = [row | {"policy": num, "seed": seed, "time_to_95": t} for (num, seed), t in zip(starts, times, strict=True)]
+    rows = [
+        row | {"policy": f"rrt_team {num}", "seed": seed, "time_to_95": t}
+        for (num, seed), t in zip(starts, times, strict=True)
+    ]
     lines = teams.summarise(rows, (1, 2))
     assert [line["time to 95 %, s"] for line in lines] == shown
     assert lines[1]["T(1) / T(n)"] == ratio

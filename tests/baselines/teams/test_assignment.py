@@ -1,0 +1,86 @@
+import numpy as np
+import pytest
+
+from baselines import TEAMS, Auction, TeamExplorer
+from baselines.episode import run_episode
+from baselines.frontier.rules import nearest
+from envs.core import LidarEnv
+from envs.navigation import GainOverCost
+from envs.navigation.team_navigator import UNASSIGNED, discount
+from envs.tasks.explore import ExploreTeam
+from tests.baselines.maps import belief_at, candidates_from, corridor
+
+NONE = np.empty((0, 2))
+
+
+def offers_at(*positions, grid=None):
+    return [candidates_from(x, y, grid) for x, y in positions], [belief_at(x, y, grid) for x, y in positions]
+
+
+def frontiers(offers, chosen):
+    return [tuple(candidates["frontier"][k]) for candidates, k in zip(offers, chosen, strict=True)]
+
+
+def test_a_robot_alone_buys_what_the_rule_rates_highest():
+    (candidates,), beliefs = offers_at((4.0, 0.0))
+    for rule in (GainOverCost(), nearest):
+        assert Auction(rule)([candidates], NONE, beliefs) == [rule(candidates, beliefs[0]).argmax()]
+
+
+def test_robots_side_by_side_go_to_different_openings():
+    offers, beliefs = offers_at((4.0, 0.3), (4.0, -0.3))
+    alone = [Auction()([one], NONE, [belief])[0] for one, belief in zip(offers, beliefs, strict=True)]
+    (x, _), (other, _) = frontiers(offers, alone)
+    assert abs(x - other) < 1.0
+    before = [one.table.copy() for one in offers]
+    (x, _), (other, _) = frontiers(offers, Auction(overlap=6.0)(offers, NONE, beliefs))
+    assert abs(x - other) > 5.0
+    assert all((one.table == table).all() for one, table in zip(offers, before, strict=True))
+
+
+def test_the_highest_bid_wins_and_what_others_drive_to_is_no_gain():
+    offers, beliefs = offers_at((3.0, 0.0), (8.0, 0.0))
+    far, near = frontiers(offers, Auction(overlap=6.0)(offers, NONE, beliefs))
+    assert near[0] > 8.0 > far[0]
+    (goal,) = frontiers(offers[1:], Auction(overlap=6.0)(offers[1:], np.array([near]), beliefs[1:]))
+    assert goal[0] < 8.0
+
+
+def test_gain_near_the_frontier_of_another_robot_counts_in_proportion_to_the_distance():
+    candidates = candidates_from(4.0, 0.0)
+    visible, frontier = candidates["visible"].copy(), candidates["frontier"][0].copy()
+    discount(candidates, frontier, 3.0)
+    shares = np.minimum(np.hypot(*(candidates["frontier"] - frontier).T) / 3.0, 1.0)
+    np.testing.assert_allclose(candidates["visible"], shares * visible)
+    assert candidates["visible"][0] == 0.0
+
+
+def test_robots_without_candidates_get_none_and_all_others_get_one():
+    rule = Auction()
+    closed = offers_at((5.0, 0.0), grid=corridor())
+    pockets = offers_at((5.0, 0.0), (6.0, 0.0), (15.0, 0.0), grid=corridor((40, 60), (340, 360)))
+    assert rule(*(closed[0], NONE, closed[1])) == [UNASSIGNED]
+    chosen = rule([*pockets[0], *closed[0]], NONE, [*pockets[1], *closed[1]])
+    assert chosen[3] == UNASSIGNED
+    assert UNASSIGNED not in chosen[:3]
+    goals = [x for x, _ in frontiers(pockets[0], chosen[:3])]
+    assert min(goals) < 5.0
+    assert goals[2] > 15.0
+
+
+@pytest.mark.parametrize("name", ["auction"])
+def test_a_team_explores_a_small_world_without_touching(name):
+    env = LidarEnv(ExploreTeam, world="rooms", world_size=(8.0, 8.0), physics="kinematic", target_coverage=0.95)
+    episode = run_episode(env, TEAMS["coverage"][name](), 1)
+    assert (episode.end_reason, episode.collisions) == ("covered", 0.0)
+
+
+def test_a_team_ends_where_no_frontier_is_left_and_must_be_reset_first():
+    env = LidarEnv(ExploreTeam, world="pimouse_arena", physics="kinematic", slam="truth", target_coverage=1.0)
+    team = TeamExplorer(Auction())
+    with pytest.raises(RuntimeError, match="reset"):
+        team.act([], [])
+    assert (team.plans, team.targets, team.end_reason) == ([], [], None)
+    episode = run_episode(env, team, 0)
+    assert episode.end_reason in ("covered", "no_reachable_frontier")
+    assert episode.duration < 100.0
