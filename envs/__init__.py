@@ -22,6 +22,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreCaves-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "caves"}),
     "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "envs.tasks.explore:ExploreTeam"}),
     "lidarnaut/ExploreFrontiers-v0": ("envs.explore_frontiers:ExploreFrontiersEnv", {}),
+    "lidarnaut/ExploreTeamFrontiers-v0": ("envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
     "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "envs.tasks.navigate:Navigate"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),

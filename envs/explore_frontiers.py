@@ -14,7 +14,7 @@ from envs.drive import UNCHECKED, drive
 from envs.estimation import Belief
 from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, HomeNavigator, robot_features
 from envs.observations import FAR_PIXEL, MapCrop
-from envs.robot import SCAN
+from envs.robot import SCAN, Robot
 from envs.robots import RobotParams
 from envs.simulation import Twist
 from envs.simulation import records as at
@@ -118,6 +118,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     """
 
     metadata = LidarEnv.metadata
+    task_kind: type[Explore] = Explore
+    """The task that decisions are made for."""
 
     def __init__(
         self,
@@ -133,7 +135,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if "observations" in arguments:
             raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
-        self.explore = env = LidarEnv(Explore, control_hz=control_hz, **arguments)
+        self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """The environment that is driven. Control steps within a decision make no observations and no `info`."""
         self._task: Explore = env.task
         self.navigator = FrontierNavigator(
@@ -165,7 +167,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         super().reset(seed=seed)
         explore = self.explore
         explore.begin(seed=seed, options=options)
-        self.navigator.begin(explore.reading, self.belief)
+        self._begin()
         self._is_fused = not self.why_not_fused
         self._steps, self._quantities = 0, dict.fromkeys(explore.task.rewards.weights, 0.0)
         self._path_length, self._taken, self._result = 0.0, -1, RESET
@@ -188,12 +190,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
         self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
-        self._path_length = self.explore.truths[0].path_length
+        self._path_length = sum(truth.path_length for truth in self.explore.truths)
         self._taken = min(int(action), len(self.candidates) - 1)
-        if self._taken >= 0:
-            self.navigator.choose(self._taken)
-        else:
-            self.navigator.look_around()
+        self._choose(self._taken)
         self._result = self._drive()
         is_explored = self._task.is_returning or len(self.candidates) == 0
         if self._task.return_home and is_explored and not any(self.explore.is_over):
@@ -204,8 +203,8 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         explore, info = self.explore, self._info()
         terminated, truncated = explore.is_over
         reason = explore.task.end_reason
-        if not (terminated or truncated) and (self._home_reason or not len(self.candidates)):
-            terminated, reason = True, self._home_reason or self.navigator.end_reason
+        if not (terminated or truncated) and self._end_reason:
+            terminated, reason = True, self._end_reason
         truncated = truncated or (is_last and not terminated)
         if terminated or truncated:
             info |= explore.final_metrics()
@@ -220,7 +219,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.navigator.write_features(self.belief.pose, out["candidates"], out["sectors"], out["gaps"])
         out["action_mask"][...] = self._mask()
         if "map" in out:
-            self._map.write(self.explore.robots[0], out["map"])
+            self._map.write(self.deciding, out["map"])
         out["robot"][...] = self._robot_features
         return dict(out)
 
@@ -234,9 +233,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.navigator.candidates
 
     @property
+    def deciding(self) -> Robot:
+        """The robot whose decision is due."""
+        return self.explore.robots[0]
+
+    @property
     def belief(self) -> Belief:
-        """Pose estimate and map of the robot."""
-        return self.explore.belief
+        """Pose estimate and map of that robot."""
+        return self.deciding.belief
 
     @property
     def robot(self) -> RobotParams:
@@ -277,6 +281,22 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return "own sensors, trackers of people, recorders and windows look at every control period"
         return ""
 
+    @property
+    def _end_reason(self) -> str | None:
+        """Why exploration is over though the task is not; None while it goes on."""
+        return self._home_reason or (None if len(self.candidates) else self.navigator.end_reason)
+
+    def _begin(self) -> None:
+        """Find the first candidates."""
+        self.navigator.begin(self.explore.reading, self.belief)
+
+    def _choose(self, index: int) -> None:
+        """Let the robot drive to a candidate; where there is none (-1), it looks around."""
+        if index >= 0:
+            self.navigator.choose(index)
+        else:
+            self.navigator.look_around()
+
     def _drive(self) -> str:
         """Drive until a decision is due, and return why."""
         while True:
@@ -295,13 +315,14 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return EPISODE_END
         return navigator.update(robot.reading, robot.belief)
 
-    def _control(self, twist: Twist) -> None:
-        """Drive by a twist for one control period."""
-        explore, robot = self.explore, self.explore.robots[0]
+    def _control(self, *twists: Twist) -> None:
+        """Drive by a twist for each robot for one control period."""
+        explore = self.explore
         if explore.render_mode == "human":
             explore.render()
-        robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
-        explore.advance([twist])
+        for robot, twist in zip(explore.robots, twists, strict=True):
+            robot.action = twist.v / robot.params.max_v, twist.w / robot.params.max_w
+        explore.advance(twists)
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
@@ -373,7 +394,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             "action": self._taken,
             "outcome": self._result,
             "decision_time": self._steps * explore.control_period,
-            "decision_length": info["path_length"] - self._path_length,
+            "decision_length": float(np.sum(info["path_length"])) - self._path_length,
             "decision_steps": self._steps,
             "area_left": self._task.coverage.area.area - info["explored_area"],
         }

@@ -23,6 +23,7 @@ TASKS = {
     "Explore": {**ROOMS, "control_hz": 5.0},
     "ExploreTeam": {**ROOMS, "control_hz": 5.0, "num_robots": 3},
     "ExploreFrontiers": {**ROOMS, "world_size": (10.0, 10.0)},
+    "ExploreTeamFrontiers": {**ROOMS, "world_size": (10.0, 10.0), "num_robots": 3},
     "Navigate": {"world": "turtlebot3_world", "physics": "kinematic"},
     "ReachGoal": {"world": "turtlebot3_world", "physics": "kinematic", "contact": "costs"},
     "ReachCrowd": {"physics": "kinematic", "contact": "costs", "people": (3, 6)},
@@ -98,7 +99,7 @@ def test_observations_share_no_memory_and_no_part_stays_constant(task):
 @every_task
 def test_the_docstring_tells_each_space_as_it_is(task):
     env = make(task).unwrapped
-    lines = (env if task == "ExploreFrontiers" else env.task).__doc__.splitlines()
+    lines = (env if "Frontiers" in task else env.task).__doc__.splitlines()
     spaces = dict(line.split("`")[1::2][:2] for line in lines if line.strip().startswith("| `") and "(" in line)
     names = {"num_beams": 360, "num_robots": 3, "max_candidates": 48, "float32": np.float32, "uint8": np.uint8}
     names |= {"Box": lambda low, high, shape, dtype: gymnasium.spaces.Box(low, high, shape, dtype)}
@@ -137,6 +138,7 @@ INFO_KEYS = {
     "Explore": EXPLORED,
     "ExploreTeam": EXPLORED,
     "ExploreFrontiers": EXPLORED | DECISION,
+    "ExploreTeamFrontiers": EXPLORED | DECISION | {"robot"},
     "Navigate": MOTION | {"distance_to_goal", "geodesic_distance", "progress", "is_lost"},
     "ReachGoal": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},
     "ReachCrowd": MOTION | {"distance_to_goal", "geodesic_distance", "progress"},

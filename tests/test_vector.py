@@ -100,6 +100,7 @@ CASES = {
     "frontiers": ("ExploreFrontiers", {**QUICK, "time_limit": 15.0}),
     "abstract": ("ExploreFrontiersAbstract", {**QUICK, "time_limit": 12.0, "randomize": LIDAR}),
     "team": ("ExploreTeam", {**QUICK, "num_robots": 2}),
+    "team frontiers": ("ExploreTeamFrontiers", {**QUICK, "time_limit": 8.0, "num_robots": 2}),
     "navigate": ("Navigate", QUICK),
     "reach": ("ReachGoal", QUICK),
     "reach, costs": ("ReachGoal", {**QUICK, "contact": "costs", "robot": "jackal", "reward": {"progress": 2.0}}),

@@ -8,7 +8,14 @@ from gymnasium.envs.registration import load_env_creator
 
 from .vector_env import LidarVectorEnv, make_vec
 
-__all__ = ["ExploreFrontiersAbstractEnvs", "ExploreFrontiersEnvs", "LidarEnvs", "LidarVectorEnv", "make_vec"]
+__all__ = [
+    "ExploreFrontiersAbstractEnvs",
+    "ExploreFrontiersEnvs",
+    "ExploreTeamFrontiersEnvs",
+    "LidarEnvs",
+    "LidarVectorEnv",
+    "make_vec",
+]
 
 
 def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
@@ -20,4 +27,7 @@ LidarEnvs: Callable[..., LidarVectorEnv] = partial(_make, "envs.core:LidarEnv")
 ExploreFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(_make, "envs.explore_frontiers:ExploreFrontiersEnv")
 ExploreFrontiersAbstractEnvs: Callable[..., LidarVectorEnv] = partial(
     _make, "envs.abstract:ExploreFrontiersAbstractEnv"
+)
+ExploreTeamFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(
+    _make, "envs.explore_team_frontiers:ExploreTeamFrontiersEnv"
 )

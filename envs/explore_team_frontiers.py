@@ -1,0 +1,169 @@
+"""Exploration by several robots at the level of decisions, one robot at a time."""
+
+from collections.abc import Mapping
+from functools import partial
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+
+from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
+from envs.navigation.team_robot import TeamRobot
+from envs.observations import Peers
+from envs.observations.positions import PEERS_RANGE
+from envs.robot import Robot
+from envs.tasks.explore import ExploreTeam
+
+
+class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
+    """Explore an unknown world with a team, by choosing the next frontier of the robot that needs one.
+
+    ## Description
+    The team, its shared map and its start are those of `ExploreTeam-v0`, the decisions those of `ExploreFrontiers-v0`.
+    A step is the decision of one robot, the one whose drive has ended; it lasts until a decision of any robot is due,
+    while the others drive on. Where several are due at once they decide one after the other, without any time in
+    between. So one policy, which chooses for a robot, explores with all of them, and policies for `ExploreFrontiers-v0`
+    that leave `peers` alone run unchanged. Robots that meet give way to each other as those of `rrt_team` do.
+
+    What another robot will see is no gain: the unknown area in view of candidates less than 2 m from a frontier that
+    another robot drives to counts in proportion to that distance.
+
+    ## Action Space
+    That of `ExploreFrontiers-v0`: the candidate that `info["robot"]` goes to.
+
+    ## Observation Space
+    `Dict`, as the robot sees it whose decision is due (fresh arrays each step); see `ExploreFrontiers-v0`:
+
+    | key | space | meaning |
+    |---|---|---|
+    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | a row per candidate; rows without one are 0 |
+    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
+    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between the candidates |
+    | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
+    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | shared map around the robot; channel 2 is where any robot has been |
+    | `robot` | `Box(0, 1, (3,), float32)` | range of the lidar, radius, speed |
+    | `peers` | `Box(-1, 1, (7 * (num_robots - 1),), float32)` | with two robots or more, of each of the others, in the order of their indices: position ahead and to the left over 16 m, cosine and sine of the heading; 1 if it drives to a frontier, and where that lies, ahead and to the left over 16 m |
+
+    `chosen` marks the candidate that this robot's last decision was for.
+
+    ## Rewards
+    `ExploreTeam-v0`'s, of the team: the sum over the control steps since the last decision of any robot.
+
+    ## Starting State
+    `ExploreTeam-v0`'s.
+
+    ## Episode End
+    1. Termination: the explored fraction reaches `target_coverage`.
+    2. Termination: no robot is left that could get to a frontier. A robot without any waits for the others.
+    3. Truncation: `time_limit` seconds have passed; decisions are cut short.
+
+    ## Information
+    That of `ExploreFrontiers-v0` and of `ExploreTeam-v0`, and `robot`, the index of the robot whose decision is due;
+    `decision_time`, `decision_steps` and `decision_length` (of all robots) count from the last decision of any robot,
+    `outcome` tells how the last drive of this robot has ended.
+
+    ## Arguments
+    Those of `ExploreFrontiers-v0` but for `return_home`, and
+
+    | argument | default | meaning |
+    |---|---|---|
+    | `num_robots` | `2` | robots, 1 to 4 |
+    | `start` | `"random"` | also a pose for each robot, see `ExploreTeam-v0` |
+
+    ## Version History
+    * v0: first version
+    """
+
+    task_kind = ExploreTeam
+
+    def __init__(self, *, num_robots: int = 2, max_decision_time: float = 4.0, **arguments: Any) -> None:
+        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
+        if arguments.get("return_home"):
+            raise ValueError("return_home is for one robot: choose lidarnaut/ExploreFrontiers-v0")
+        super().__init__(num_robots=num_robots, max_decision_time=max_decision_time, **arguments)
+        self._max_time = max_decision_time
+        self._peers = Peers(num_robots - 1)
+        if num_robots > 1:
+            assert isinstance(self.observation_space, spaces.Dict)
+            box = spaces.Box(-1.0, 1.0, (7 * (num_robots - 1),), np.float32)
+            self.observation_space = spaces.Dict({**self.observation_space.spaces, "peers": box})
+
+    @property
+    def deciding(self) -> Robot:
+        """The robot whose decision is due."""
+        return self.explore.robots[self.navigator.index if isinstance(self.navigator, TeamRobot) else 0]
+
+    @property
+    def why_not_fused(self) -> str:
+        """Why control periods need Python one by one."""
+        return "robots of a team take note of each other in each control period"
+
+    def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
+        """Return the observation in fresh arrays, or write it to the arrays of `out`, which may lack the `map`."""
+        seen = super().observe(out)
+        if "peers" not in seen:
+            return seen
+        rows, poses = seen["peers"].reshape(-1, 7), np.empty((len(self._team.team) - 1, 4), dtype=np.float32)
+        self._peers.write(self.deciding, poses.reshape(-1))
+        rows[:, :4], rows[:, 4:] = poses, 0.0
+        targets = self._team.targets
+        del targets[self.deciding.index]
+        for row, target in zip(rows, targets, strict=True):
+            if target is not None:
+                ahead = self.belief.pose.inverse().transform(np.array([target]))[0]
+                row[4], row[5:] = 1.0, np.clip(ahead / PEERS_RANGE, -1.0, 1.0)
+        return seen
+
+    def _begin(self) -> None:
+        """Find the first candidates of all robots, which are all due."""
+        explore, numbers = self.explore, range(len(self.explore.robots))
+        make = partial(TeamRobot, max_candidates=self._max_candidates, max_time=self._max_time)
+        team = [make(explore.robot, explore.control_period, k) for k in numbers]
+        self._team = TeamNavigator(explore.robot, team)
+        self._due = self._update()
+        self._turn(self._due.pop(0) if self._due else team[0])
+
+    def _update(self) -> list[TeamRobot]:
+        """Process what the last control period has brought; return the robots that have to choose."""
+        robots = self.explore.robots
+        due = self._team.update([robot.reading for robot in robots], [robot.belief for robot in robots])
+        idle = [robot for robot in due if len(robot.candidates) == 0]
+        self._team.choose(idle, [UNASSIGNED] * len(idle))
+        return [robot for robot in due if len(robot.candidates)]
+
+    def _turn(self, robot: TeamRobot) -> None:
+        """Let a robot decide next: what others go to is no gain for it."""
+        self.navigator = robot
+        for peer, target in zip(self._team.team, self._team.targets, strict=True):
+            if peer is not robot and peer not in self._due and target is not None:
+                discount(robot.candidates, target)
+
+    def _choose(self, index: int) -> None:
+        """Let the robot drive to a candidate; where there is none (-1), it waits for the others."""
+        assert isinstance(self.navigator, TeamRobot)
+        self._team.choose([self.navigator], [index])
+
+    def _drive(self) -> str:
+        """Drive until a decision is due, and return how the last drive of that robot has ended."""
+        explore = self.explore
+        while not self._due:
+            explore.plans[:] = self._team.plans
+            if self._team.end_reason is not None:
+                return EPISODE_END
+            self._control(*(robot.command(explore.robots[robot.index].belief) for robot in self._team.team))
+            if any(explore.is_over):
+                self.navigator.look(self.deciding.reading, self.belief)
+                return EPISODE_END
+            self._due = self._update()
+        robot = self._due.pop(0)
+        self._turn(robot)
+        explore.plans[:] = self._team.plans
+        return str(robot.outcome)
+
+    @property
+    def _end_reason(self) -> str | None:
+        return self._team.end_reason
+
+    def _info(self) -> dict[str, Any]:
+        return super()._info() | {"robot": self.deciding.index}
