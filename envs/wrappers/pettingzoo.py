@@ -1,12 +1,13 @@
-"""Teams as PettingZoo's `ParallelEnv`; needs the extra `[pettingzoo]`."""
+"""Teams as PettingZoo's `ParallelEnv` and `AECEnv`; needs the extra `[pettingzoo]`."""
 
 from typing import Any, ClassVar
 
 import numpy as np
 from gymnasium import spaces
-from pettingzoo import ParallelEnv
+from pettingzoo import AECEnv, ParallelEnv
 
 from envs.core import LidarEnv
+from envs.explore_team_frontiers import ExploreTeamFrontiersEnv
 from envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]
@@ -85,6 +86,80 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
 
     def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
         return {agent: info | {name: info[name][k] for name in PER_ROBOT} for k, agent in enumerate(self.agents)}
+
+
+class TeamFrontiersAECEnv(AECEnv[str, Observation, np.int64]):
+    """`ExploreTeamFrontiers-v0` with an agent per robot: the one is selected whose decision is due.
+
+    An agent is observed as it was when it had to decide last. The reward is the team's, and goes to all agents at each
+    decision of any of them. All agents end together.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {
+        **LidarEnv.metadata,
+        "name": "lidarnaut_explore_team_frontiers_v0",
+        "is_parallelizable": False,
+    }
+
+    def __init__(self, **arguments: Any) -> None:
+        """Make the team with arguments of `ExploreTeamFrontiers-v0`, which raises what is wrong with them."""
+        super().__init__()
+        self.env = ExploreTeamFrontiersEnv(**arguments)
+        """The environment of the team."""
+        self.render_mode = self.env.render_mode
+        self.possible_agents = [f"robot_{k}" for k in range(len(self.env.explore.robots))]
+        self.observation_spaces = dict.fromkeys(self.possible_agents, self.env.observation_space)
+        self.action_spaces = dict.fromkeys(self.possible_agents, self.env.action_space)
+
+    def observation_space(self, agent: str) -> spaces.Space:
+        """Return the observation space of an agent; always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space:
+        """Return the action space of an agent; always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
+        """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
+        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        observation, info = self.env.reset(seed=seed, options=known)
+        self.agents = list(self.possible_agents)
+        self.rewards = dict.fromkeys(self.agents, 0.0)
+        self._cumulative_rewards = dict.fromkeys(self.agents, 0.0)
+        self._seen = {agent: {name: np.zeros_like(part) for name, part in observation.items()} for agent in self.agents}
+        self._take(observation, info, terminated=False, truncated=False)
+
+    def step(self, action: Any) -> None:
+        """Drive until the next decision is due. Raises as `ExploreTeamFrontiersEnv.step`."""
+        agent = self.agent_selection
+        if self.terminations[agent] or self.truncations[agent]:
+            self._was_dead_step(action)
+            return
+        self._cumulative_rewards[agent] = 0.0
+        observation, reward, terminated, truncated, info = self.env.step(np.int64(action))
+        self.rewards = dict.fromkeys(self.agents, float(reward))
+        self._accumulate_rewards()
+        self._take(observation, info, terminated=terminated, truncated=truncated)
+
+    def observe(self, agent: str) -> Observation:
+        """Return what an agent saw when it had to decide last; zeros before."""
+        return self._seen[agent]
+
+    def render(self) -> np.ndarray | None:
+        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
+        return self.env.render()
+
+    def close(self) -> None:
+        """Release the physics engine and the window."""
+        self.env.close()
+
+    def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:
+        """Select the agent whose decision is due."""
+        self.agent_selection = f"robot_{info['robot']}"
+        self._seen[self.agent_selection] = observation
+        self.infos = dict.fromkeys(self.agents, info)
+        self.terminations = dict.fromkeys(self.agents, bool(terminated))
+        self.truncations = dict.fromkeys(self.agents, bool(truncated))
 
 
 def _row(space: spaces.Space) -> spaces.Box:

@@ -1,15 +1,16 @@
-"""Teams as PettingZoo's `ParallelEnv`."""
+"""Teams as PettingZoo's `ParallelEnv` and `AECEnv`."""
 
 import numpy as np
 import pytest
 
 pytest.importorskip("pettingzoo", reason="pettingzoo is not installed")
 
-from pettingzoo.test import parallel_api_test, parallel_seed_test
+from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
 from envs.core import LidarEnv
+from envs.explore_team_frontiers import ExploreTeamFrontiersEnv
 from envs.tasks.explore import ExploreTeam
-from envs.wrappers.pettingzoo import TeamParallelEnv
+from envs.wrappers.pettingzoo import TeamFrontiersAECEnv, TeamParallelEnv
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.0}
 
@@ -35,3 +36,30 @@ def test_agents_get_their_rows_of_the_team_environment():
             assert (terminations[agent], truncations[agent]) == (terminated, truncated)
             assert infos[agent]["path_length"] == info["path_length"][k]
     assert truncated
+
+
+def test_agents_of_decisions_act_in_turn_and_share_the_reward():
+    arguments = {
+        "world": "rooms",
+        "world_size": (8.0, 8.0),
+        "physics": "kinematic",
+        "num_robots": 2,
+        "time_limit": 20.0,
+    }
+    api_test(TeamFrontiersAECEnv(**arguments), num_cycles=20)
+    team, env = (make(**arguments) for make in (ExploreTeamFrontiersEnv, TeamFrontiersAECEnv))
+    expected, info = team.reset(seed=3)
+    env.reset(seed=3)
+    owed, truncated = dict.fromkeys(env.agents, 0.0), False
+    while not truncated:
+        agent = f"robot_{info['robot']}"
+        assert env.agent_selection == agent
+        observation, reward, *_ = env.last()
+        assert reward == pytest.approx(owed[agent])
+        for name, part in expected.items():
+            np.testing.assert_array_equal(observation[name], part)
+        owed[agent] = 0.0
+        expected, reward, _, truncated, info = team.step(np.int64(1))
+        owed = {name: one + reward for name, one in owed.items()}
+        env.step(np.int64(1))
+    assert env.truncations == {"robot_0": True, "robot_1": True}
