@@ -30,7 +30,7 @@ from .oracle.explorer import OracleExplorer
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
-from .teams.assignment import Auction
+from .teams.assignment import Auction, MinMaxTours
 from .teams.team import TeamExplorer
 
 EXPLORERS: dict[str, Callable[[], Explorer]] = {
@@ -71,6 +71,7 @@ TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
         "auction": partial(TeamExplorer, Auction()),
+        "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
 """The same of tasks of teams, where actions have an axis for the robots."""
@@ -119,6 +120,7 @@ __all__ = [
     "FrontierParams",
     "GainOverCostExplorer",
     "GreedyGainExplorer",
+    "MinMaxTours",
     "NearestExplorer",
     "NextBestViewExplorer",
     "NextBestViewParams",

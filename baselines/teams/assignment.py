@@ -7,9 +7,20 @@ from typing import Protocol
 import numpy as np
 
 from baselines.frontier.explorer import FrontierRule
+from baselines.frontier.tour import FAR, path_lengths
+from baselines.teams.tours import min_max_tours
 from envs.estimation import Belief
 from envs.navigation import Candidates, GainOverCost
 from envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
+
+COVER = 2.0
+"""Frontiers this near to that of a stop belong to it [m]."""
+MAX_STOPS = 32
+"""Stops of all tours together, those that are cheapest to get to."""
+WORK = 0.3
+"""Length of path that exploring a unit of unknown area takes beside the tour [1/m]."""
+KEEP = 6.0
+"""How much nearer a stop counts to the robot that is going there [m], so that robots do not turn to and fro."""
 
 
 class Assignment(Protocol):
@@ -53,3 +64,62 @@ class Auction:
     def _discount(self, offers: Sequence[Candidates], frontier: np.ndarray) -> None:
         for candidates in offers:
             discount(candidates, frontier, self._overlap)
+
+
+class MinMaxTours:
+    """Plans tours past all frontiers, the longest as short as can be; each robot goes to the first stop of its own.
+
+    The min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
+    multi-robot exploration" (2012). Stops cover the frontiers. Robots that get no stop go where `Auction` says.
+    """
+
+    def __init__(self) -> None:
+        self._auction = Auction()
+
+    def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
+        """Return each robot's candidate; see `Assignment`."""
+        table = np.concatenate([candidates.table for candidates in offers])
+        if len(table) == 0:
+            return [UNASSIGNED] * len(offers)
+        owners = np.repeat(np.arange(len(offers)), [len(candidates) for candidates in offers])
+        firsts = np.searchsorted(owners, np.arange(len(offers)))
+        stops, stop_of = cover(table)
+        is_known = stop_of >= 0
+        lengths, work = np.full((len(offers), len(stops)), FAR), np.zeros(len(stops))
+        np.minimum.at(lengths, (owners[is_known], stop_of[is_known]), table["cost"][is_known])
+        np.maximum.at(work, stop_of[is_known], WORK * table["visible"][is_known])
+        for k, candidates in enumerate(offers):
+            current = stop_of[firsts[k] + candidates.chosen] if candidates.chosen >= 0 else -1
+            if current >= 0:
+                lengths[k, current] -= KEEP
+        points = table["viewpoint"][stops]
+        between = path_lengths(max(offers, key=len).costmap, tuple(points[0].tolist()), points[1:])
+        tours = min_max_tours(lengths, between, work)
+        chosen = [UNASSIGNED] * len(offers)
+        for k, candidates in enumerate(offers):
+            own = np.flatnonzero(stop_of[firsts[k] : firsts[k] + len(candidates)] == tours[k, 0])
+            if tours[k, 0] >= 0 and len(own):
+                chosen[k] = int(own[0])  # the cheapest one
+        left = [k for k, index in enumerate(chosen) if index == UNASSIGNED]
+        goals = [offers[k]["frontier"][index] for k, index in enumerate(chosen) if index != UNASSIGNED]
+        rest = self._auction([offers[k] for k in left], np.vstack([taken, *goals]), [beliefs[k] for k in left])
+        for k, index in zip(left, rest, strict=True):
+            chosen[k] = index
+        return chosen
+
+
+def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
+    """Choose stops among candidates, shape (n,), of all robots, `CANDIDATE`: the cheapest that no other covers.
+
+    Returns the stops' indices, and for each candidate the stop that covers it, shape (n,), int64; -1 for none: beyond
+    `MAX_STOPS`, and those that failed, while there are others.
+    """
+    stops, stop_of = list[int](), np.full(len(table), -1)
+    is_left = table["failures"] == table["failures"].min()
+    for k in np.argsort(table["cost"], kind="stable").tolist():
+        if is_left[k] and len(stops) < MAX_STOPS:
+            gaps = np.hypot(*(table["frontier"] - table["frontier"][k]).T)
+            is_near = is_left & (gaps <= COVER)
+            stop_of[is_near], is_left = len(stops), is_left & ~is_near
+            stops.append(k)
+    return stops, stop_of

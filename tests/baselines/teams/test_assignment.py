@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
 
-from baselines import TEAMS, Auction, TeamExplorer
+from baselines import TEAMS, Auction, MinMaxTours, TeamExplorer
 from baselines.episode import run_episode
 from baselines.frontier.rules import nearest
+from baselines.teams.assignment import cover
 from envs.core import LidarEnv
 from envs.navigation import GainOverCost
 from envs.navigation.team_navigator import UNASSIGNED, discount
@@ -55,8 +56,8 @@ def test_gain_near_the_frontier_of_another_robot_counts_in_proportion_to_the_dis
     assert candidates["visible"][0] == 0.0
 
 
-def test_robots_without_candidates_get_none_and_all_others_get_one():
-    rule = Auction()
+@pytest.mark.parametrize("rule", [Auction(), MinMaxTours()])
+def test_robots_without_candidates_get_none_and_all_others_get_one(rule):
     closed = offers_at((5.0, 0.0), grid=corridor())
     pockets = offers_at((5.0, 0.0), (6.0, 0.0), (15.0, 0.0), grid=corridor((40, 60), (340, 360)))
     assert rule(*(closed[0], NONE, closed[1])) == [UNASSIGNED]
@@ -68,7 +69,28 @@ def test_robots_without_candidates_get_none_and_all_others_get_one():
     assert goals[2] > 15.0
 
 
-@pytest.mark.parametrize("name", ["auction"])
+def test_tours_share_out_pockets_so_that_neither_robot_drives_to_and_fro():
+    grid = corridor((30, 40), (90, 100), (290, 300), (350, 360))
+    offers, beliefs = offers_at((9.6, -0.4), (10.4, -0.4), grid=grid)
+    (left, _), (right, _) = frontiers(offers, MinMaxTours()(offers, NONE, beliefs))
+    assert left < 7.0 < 13.0 < right
+
+
+def test_stops_cover_all_frontiers_and_what_failed_waits():
+    candidates = candidates_from(10.0, 0.0, corridor((30, 40), (60, 70), (340, 360)))
+    table = candidates.table.copy()
+    stops, stop_of = cover(table)
+    assert len(stops) == 2 or len(stops) == 3
+    gaps = np.hypot(*(table["frontier"] - table["frontier"][stops][stop_of]).T)
+    assert (stop_of >= 0).all()
+    assert gaps.max() <= 2.0
+    table["failures"][stops[0]] = 1
+    others, left = cover(table)
+    assert stops[0] not in others
+    assert left[stops[0]] == -1
+
+
+@pytest.mark.parametrize("name", ["auction", "mtsp"])
 def test_a_team_explores_a_small_world_without_touching(name):
     env = LidarEnv(ExploreTeam, world="rooms", world_size=(8.0, 8.0), physics="kinematic", target_coverage=0.95)
     episode = run_episode(env, TEAMS["coverage"][name](), 1)
