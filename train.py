@@ -4,11 +4,12 @@ python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_00
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
 lidarnaut-train --config explore_frontiers --seed 1     where the package is installed, which brings configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
+python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     without a configuration: by the defaults
 
 Every key of the configuration is an option, with dots between the names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of agents.config.NetworkConfig.
---ray ADDRESS runs a sweep, or an evolution, on a Ray cluster.
+--ray ADDRESS runs a sweep, or an evolution, on a Ray cluster; --jobs 2 runs two trainings of a sweep side by side.
 """
 
 import argparse
@@ -28,14 +29,18 @@ from envs.command_line import fail, read_options
 from envs.files import LockedError, read_mapping
 from lidarnaut import find_configuration
 
+PLAIN = {"experiment": "plain", "total_steps": 300_000}
+"""What a training without a configuration is."""
+
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line and train; return the exit status."""
     parser = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
-    source = parser.add_mutually_exclusive_group()
-    source.add_argument("--config")
-    source.add_argument("--resume", type=Path)
+    begin = parser.add_mutually_exclusive_group()
+    begin.add_argument("--config")
+    begin.add_argument("--resume", type=Path)
     parser.add_argument("--ray")
+    parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
     given, others = parser.parse_known_args(arguments)
     if given.help:
@@ -44,10 +49,13 @@ def main(arguments: list[str] | None = None) -> int:
                 read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
-        if given.resume is None and given.config is None:
+        changes, data, source = read_changes(others), PLAIN, "the command line"
+        if given.resume is None and given.config is None and "algorithm" not in changes:
             raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
-        path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
-        run = start(change(read_mapping(path), read_changes(others)), str(path), given.resume, given.ray)
+        if given.resume is not None or given.config is not None:
+            path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
+            data, source = read_mapping(path), str(path)
+        run = start(change(data, changes), source, given.resume, given.ray, given.jobs)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -57,13 +65,13 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def start(data: dict, source: str, resume: Path | None, ray: str | None) -> Path:
+def start(data: dict, source: str, resume: Path | None, ray: str | None, jobs: int) -> Path:
     """Start, or go on with, what a configuration asks for; return the folder of the results. Raises as `train`."""
     # Torch takes seconds to load: mistakes in the configuration are reported at once.
     if {"sweep", "seeds"} & data.keys():
         from agents.sweep import run_sweep
 
-        return run_sweep(data, source, resume=resume, ray=ray)
+        return run_sweep(data, source, resume=resume, ray=ray, jobs=jobs)
     config = parse_config(data, source)
     if isinstance(config, EvolutionConfig):
         from agents.frontiers.evolution import evolve

@@ -128,7 +128,7 @@ class RunCallback(BaseCallback):
         title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
         write_evaluations(self._run, self._evaluations, title)
 
-    def _append(self, policy: str, summary: dict[str, float]) -> Row:
+    def _append(self, policy: str, summary: Row) -> Row:
         row: Row = {"policy": policy, "steps": self.num_timesteps, **summary}
         self._evaluations.append(row)
         return row

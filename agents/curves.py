@@ -14,11 +14,13 @@ Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
 LEARNED = "learned"
 """Policy of the rows that tell how well the trained one does."""
+SCORES = "scores"
+"""Column with the headline measure of each episode, in a text."""
 
 
 def read_evaluations(run: Path) -> list[Row]:
-    """Read `evaluations.csv` of a run folder; every column but `policy` holds numbers."""
-    kinds: dict[str, type] = {"policy": str, "steps": int}
+    """Read `evaluations.csv` of a run folder; every column but `policy` and `scores` holds numbers."""
+    kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
     with open(run / "evaluations.csv", newline="") as file:
         return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in csv.DictReader(file)]
 

@@ -9,6 +9,7 @@ from stable_baselines3.common.policies import BasePolicy
 
 from agents.algorithms import Actor
 from agents.config import EnvironmentConfig, TrainingConfig
+from agents.curves import SCORES, Row
 from agents.policies import make_policy
 from agents.vec_env import Observations, columns_of, make_env, make_vector
 from baselines.episode import decide_with, run_episode
@@ -52,11 +53,11 @@ class Evaluator:
         self._env.close()
         self._vector.close()
 
-    def policy(self, policy: BasePolicy) -> dict[str, float]:
+    def policy(self, policy: BasePolicy) -> Row:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
         return self.summarise(run_episodes(self._vector, Actor(policy), self._max_speed))
 
-    def reference(self, name: str) -> dict[str, float]:
+    def reference(self, name: str) -> Row:
         """Measure a classic policy, by name or `module:attribute`; ValueError if there is none for the task."""
         episodes = [run_episode(self._env, self.make_reference(name), seed) for seed in range(self._episodes)]
         return self.summarise([episode.course for episode in episodes])
@@ -70,8 +71,8 @@ class Evaluator:
         decide_with(policy, self._env)
         return policy
 
-    def summarise(self, courses: Sequence[Course]) -> dict[str, float]:
-        """Return the means of the measures and of the progress at the end, and the quartiles of the headline.
+    def summarise(self, courses: Sequence[Course]) -> Row:
+        """Return the means of the measures and of the progress at the end, quartiles of the headline, and all of it.
 
         What was never reached counts as the time limit, or as the distance that the robot can drive until then.
         """
@@ -80,10 +81,11 @@ class Evaluator:
         for measure in self.measures:
             speed = speeds.get(measure.limit, math.inf)
             columns[measure.name] = [min(measure.compute(one), speed * one.time_limit) for one in courses]
-        summary = {"episodes": float(len(courses))}
+        summary: Row = {"episodes": float(len(courses))}
         summary |= {name: mean for name, column in columns.items() if math.isfinite(mean := float(np.mean(column)))}
         name = self.headline.name
-        return summary | {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
+        summary |= {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
+        return summary | {SCORES: " ".join(f"{value:.5g}" for value in columns[name])}
 
 
 def run_episodes(

@@ -1,4 +1,4 @@
-"""Several trainings by one configuration: `sweep`, lists of values by key, and `seeds`; each in a run of its own."""
+"""Several trainings by one configuration: `sweep`, values by key, and `seeds`; each in a run of its own."""
 
 import contextlib
 import itertools
@@ -17,15 +17,17 @@ from rich.table import Table
 from scipy import stats
 
 from agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from agents.curves import LEARNED, draw_sweep, headline_of_rows, read_evaluations
+from agents.curves import LEARNED, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from agents.learned import POLICY
-from agents.pools import make_pool
+from agents.pools import make_pool, stop
 from agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
 from envs.command_line import make_console
 from envs.files import LockedError, naming, write_file
 from envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
+TIME = "processor_time"
+"""File of a run: the processor time that its process has taken [s], but for processes that were killed."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,6 +38,8 @@ class Member:
     """What the sweep gives it, by key; without the seed."""
     config: TrainingConfig | EvolutionConfig
     run: Path
+    group: str = ""
+    """The name of its settings, the first where the sweep has several; its trainings share a picture."""
 
     @property
     def label(self) -> str:
@@ -44,14 +48,20 @@ class Member:
 
 
 def run_sweep(
-    data: Mapping[str, Any], source: str, *, resume: Path | None = None, ray: str | None = None, progress: bool = True
+    data: Mapping[str, Any],
+    source: str,
+    *,
+    resume: Path | None = None,
+    ray: str | None = None,
+    jobs: int = 1,
+    progress: bool = True,
 ) -> Path:
     """Train all of a sweep, or what is left of it, and write its table and its picture; return the folder.
 
-    It holds a run for each training, `sweep.yaml`, `sweep.csv` and `sweep.png`. `data`: a configuration that comes from
+    It holds a run for each training, `sweep.yaml`, `sweep.csv` and pictures. `data`: a configuration that comes from
     `source`, which messages name, with `sweep` or `seeds` in it; `resume`: folder of a sweep that is to go on; `ray`:
-    address of a Ray cluster to train on, whose machines reach the folder under its path, None trains one after the
-    other; `progress`: whether to show progress bars, and to print the table.
+    address of a Ray cluster to train on, whose machines reach the folder under its path; without one, `jobs` trainings
+    run side by side on this machine; `progress`: whether to show progress bars, and to print the table.
 
     Raises:
         ValueError: if a configuration is wrong, or trainings fail; the others go on.
@@ -65,15 +75,20 @@ def run_sweep(
     bar = Progress(total=len(members), unit="training", disable=not progress)
     calls: list[Callable[[], Any]] = [partial(train_member, member, progress=progress) for member in members]
     try:
-        with bar, make_pool(None, ray) if ray else contextlib.nullcontext() as pool:
+        with bar, make_pool(jobs, ray) if ray or jobs > 1 else contextlib.nullcontext() as pool:
             if pool is not None:
                 calls = [pool.submit(train_member, member).result for member in members]
-            for member, finish in zip(members, calls, strict=True):
-                try:
-                    finish()
-                except (ValueError, CheckpointError, LockedError, OSError) as error:
-                    failures[member.run] = error
-                bar.update()
+            try:
+                for member, finish in zip(members, calls, strict=True):
+                    try:
+                        finish()
+                    except (ValueError, CheckpointError, LockedError, OSError) as error:
+                        failures[member.run] = error
+                    bar.update()
+            except BaseException:
+                if pool is not None:
+                    stop(pool)
+                raise
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"in a sweep; --resume {folder} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
@@ -86,68 +101,131 @@ def run_sweep(
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     """Return the trainings of a sweep, with runs in a folder.
 
+    Classic policies are measured once for each environment: by the first training there.
+
     Raises:
-        ValueError: if `sweep` or `seeds` is no list of values, or a configuration is wrong.
+        ValueError: if `sweep`, `exclude` or `seeds` is not of its form, or a configuration is wrong.
     """
-    keys, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
-    if not isinstance(keys, dict) or not all(isinstance(values, list) and values for values in keys.values()):
+    axes, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
+    if not isinstance(axes, dict) or not all(isinstance(values, list | dict) and values for values in axes.values()):
         raise ValueError(
-            f"{source}: sweep must hold lists of values by keys such as hyperparameters.gamma, got {keys!r}"
+            f"{source}: sweep must hold lists of values by keys such as hyperparameters.gamma, or settings by names, "
+            f"got {axes!r}"
         )
     if not isinstance(seeds, list) or not seeds:
         raise ValueError(f"{source}: seeds must be a list of whole numbers, got {seeds!r}")
-    base = {key: value for key, value in data.items() if key not in ("sweep", "seeds")}
-    members: list[Member] = []
-    for values in itertools.product(*keys.values()):
-        chosen = dict(zip(keys, values, strict=True))
+    excluded = _read_excluded(data, axes, source)
+    base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
+    members, measured = list[Member](), list[Any]()
+    for values in itertools.product(*axes.values()):
+        chosen = dict(zip(axes, values, strict=True))
+        if any(all(chosen[key] in rule[key] for key in rule) for rule in excluded):
+            continue
+        settings = base
+        for key, value in chosen.items():
+            is_named = isinstance(axes[key], dict)
+            settings = _merge(settings, axes[key][value]) if is_named else change(settings, {key: value})
         for seed in seeds:
-            config = parse_config(change(base, {**chosen, "seed": seed}), source)
+            config = parse_config(change(settings, {"seed": seed}), source)
+            if isinstance(config, TrainingConfig):
+                alone = config.evaluation.model_copy(update={"references": ()})
+                episodes = config.environment, config.evaluation.model_copy(update={"every": 1})
+                if episodes in measured:
+                    config = config.model_copy(update={"evaluation": alone})
+                measured.append(episodes)
             name = "_".join(f"{key.rpartition('.')[2]}={value}" for key, value in chosen.items())
-            name = re.sub(r"[^\w.+=-]+", "-", name)[:80]
-            members.append(Member(chosen, config, folder / f"{len(members):03d}_{name}__{seed}"))
+            group = next((str(value) for key, value in chosen.items() if isinstance(axes[key], dict)), "")
+            members.append(Member(chosen, config, folder / f"{len(members):03d}_{_slug(name)}__{seed}", group))
     return members
 
 
-def train_member(member: Member, *, progress: bool = False) -> None:
-    """Train one, or go on with it, unless it is finished; raises as `agents.training.train`."""
+def _slug(name: str) -> str:
+    """Return a name for a file."""
+    return re.sub(r"[^\w.+=-]+", "-", name)[:80]
+
+
+def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str) -> list[dict[str, list[Any]]]:
+    """Return which values are not trained together; ValueError names what is no value of the sweep."""
+    rules = list(data.get("exclude") or [])
+    for key, values in itertools.chain.from_iterable(rule.items() for rule in rules):
+        known = list(axes.get(key, ()))
+        if not isinstance(values, list) or any(value not in known for value in values):
+            raise ValueError(
+                f"{source}: exclude must hold lists of values of the sweep, got {key}: {values}; {key} has {known}"
+            )
+    return rules
+
+
+def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
+    """Return nested settings with those of others, which count where both have one."""
+    merged = dict(settings)
+    for key, value in more.items():
+        are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+        merged[key] = _merge(merged[key], value) if are_nested else value
+    return merged
+
+
+def is_finished(member: Member) -> bool:
+    """Tell whether a training has come to its end."""
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
-        from agents.frontiers.evolution import evolve
-
         record = run / POLICY / "policy.json"
-        if not record.exists() or json.loads(record.read_bytes())["generation"] < config.generations:
-            is_begun = (run / "config.yaml").exists()
-            evolve(config, run=run, resume=run if is_begun else None, progress=progress)
-        return
-    from agents.training import train
-
+        return record.exists() and json.loads(record.read_bytes())["generation"] >= config.generations
     saved = list_checkpoints(run)
-    if not saved or json.loads((saved[-1] / RECORD_FILE).read_bytes())["steps"] < config.total_steps:
-        train(config, run=run, resume=run if saved else None, progress=progress)
+    return bool(saved) and json.loads((saved[-1] / RECORD_FILE).read_bytes())["steps"] >= config.total_steps
+
+
+def train_member(member: Member, *, progress: bool = False) -> None:
+    """Train one, or go on with it, unless it is finished, and count its time; raises as `agents.training.train`."""
+    config, run, begun = member.config, member.run, time.process_time()
+    if is_finished(member):
+        return
+    try:
+        if isinstance(config, EvolutionConfig):
+            from agents.frontiers.evolution import evolve
+
+            evolve(config, run=run, resume=run if (run / "config.yaml").exists() else None, progress=progress)
+        else:
+            from agents.training import train
+
+            train(config, run=run, resume=run if list_checkpoints(run) else None, progress=progress)
+    finally:
+        if run.is_dir():
+            write_file(run / TIME, f"{processor_time(run) + time.process_time() - begun:.1f}\n")
+
+
+def processor_time(run: Path) -> float:
+    """Return the processor time that a sweep's training has taken so far [s], without worker processes."""
+    return float((run / TIME).read_text()) if (run / TIME).exists() else 0.0
 
 
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
-    """Write a row for each training, and draw the learning curves of those that differ in the seed alone."""
-    if not members:
-        return
-    curves: dict[str, list[np.ndarray]] = {}
+    """Write a row for each training, and draw the learning curves of those that differ in the seed alone.
+
+    There is a picture for each of the settings with a name: what they measure may differ.
+    """
     table: list[dict[str, Any]] = []
-    for member in members:
-        rows = read_evaluations(member.run)
-        learned, headline = [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows)
-        table.append({**member.values, "seed": member.config.seed, **learned[-1]})
-        curves.setdefault(member.label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
-    write_table(folder / TABLE, table)
-    intervals = {label: interval(runs) for label, runs in curves.items()}
-    with naming(folder / PICTURE):
-        draw_sweep(intervals, headline, folder.name, folder / PICTURE)
-    if shows:
-        shown = Table("trainings", "seeds", "steps", f"{headline} at the end", "95 % interval")
-        for label, points in intervals.items():
-            last, mean, low, high = points[-1]
-            bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
-            shown.add_row(label, str(len(curves[label])), f"{last:,.0f}", f"{mean:.4g}", bounds)
-        make_console().print(shown)
+    for group, some in itertools.groupby(members, lambda member: member.group):
+        curves: dict[str, list[np.ndarray]] = {}
+        for member in some:
+            rows = read_evaluations(member.run)
+            learned, headline = [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows)
+            last = {name: value for name, value in learned[-1].items() if name != SCORES}
+            table.append({**member.values, "seed": member.config.seed, TIME: processor_time(member.run), **last})
+            curves.setdefault(member.label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
+        intervals = {label: interval(runs) for label, runs in curves.items()}
+        picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
+        with naming(picture):
+            draw_sweep(intervals, headline, group or folder.name, picture)
+        if shows:
+            shown = Table("trainings", "seeds", "steps", f"{headline} at the end", "95 % interval")
+            for label, points in intervals.items():
+                last_steps, mean, low, high = points[-1]
+                bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
+                shown.add_row(label, str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds)
+            make_console().print(shown)
+    if table:
+        write_table(folder / TABLE, table)
 
 
 def interval(runs: Sequence[np.ndarray]) -> np.ndarray:

@@ -64,6 +64,9 @@ def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
         ({"sweep": {"hyperparameters.gamma": 0.9}}, "sweep must hold lists of values by keys"),
         ({"sweep": {"evaluation.evry": [1]}}, r"unknown key 'evaluation.evry' \(did you mean 'every'\?\)"),
         ({"sweep": {"experiment.name": [1]}}, "--experiment.name: experiment is 'tiny', and holds no keys"),
+        ({"exclude": [{"hyperparameters.gamma": [0.8]}]}, r"exclude must hold .*gamma: \[0.8\]; .* has \[0.9, 0.99\]"),
+        ({"exclude": [{"algorithm": ["PPO"]}]}, r"exclude must hold .* got algorithm: \['PPO'\]; algorithm has \[\]"),
+        ({"sweep": {"task": {"a": {"totl_steps": 1}}}}, r"unknown key 'totl_steps' \(did you mean 'total_steps'\?\)"),
         ({"seeds": 3}, "seeds must be a list of whole numbers, got 3"),
     ],
 )
@@ -71,6 +74,35 @@ def test_mistakes_are_named_before_anything_is_trained(data, tmp_path, changes, 
     with pytest.raises(ValueError, match=message):
         run_sweep(data | changes, "mem", resume=tmp_path / "sweep", progress=False)
     assert not (tmp_path / "sweep").exists()
+
+
+def test_tasks_bring_settings_of_their_own_and_some_algorithms_fit_some_of_them(data, tmp_path):
+    tasks = {"short": {"environment": {"time_limit": 2.0}}, "long": {"total_steps": 256, "evaluation": {"episodes": 2}}}
+    few = {"algorithm": "A2C", "hyperparameters": {"batch_size": 1}, "num_envs": 2}
+    data["sweep"] = {"task": tasks, "algorithm": {"PPO": {"algorithm": "PPO"}, "few": few}}
+    data["exclude"] = [{"task": ["long"], "algorithm": ["few"]}]
+    data["evaluation"] = {"every": 64, "episodes": 1, "references": ["random"]}
+    members = expand(data, "mem", tmp_path)
+    settings = [(one.group, one.config.algorithm, one.config.total_steps, one.config.seed) for one in members]
+    assert settings == [
+        *(("short", algorithm, 128, seed) for algorithm in ("PPO", "A2C") for seed in (0, 1)),
+        *(("long", "PPO", 256, seed) for seed in (0, 1)),
+    ]
+    assert [one.config.environment.arguments.get("time_limit") for one in members] == [2.0] * 4 + [4.0] * 2
+    assert members[0].config.hyperparameters == {"n_steps": 32, "batch_size": 64, "n_epochs": 2}
+    # Who measures the classic policies: the first training of each task, since the others meet the same episodes.
+    assert [bool(one.config.evaluation.references) for one in members] == [True, False, False, False, True, False]
+
+
+def test_trainings_side_by_side_count_their_time_and_draw_a_picture_for_each_task(data, tmp_path):
+    data |= {"sweep": {"task": {"one": {}, "two": {"environment": {"time_limit": 2.0}}}}, "seeds": [0]}
+    folder = run_sweep(data, "mem", resume=tmp_path / "sweep", jobs=2, progress=False)
+    assert {path.stem for path in folder.glob("*.png")} == {"one", "two"}
+    table = read_table(folder / "sweep.csv", "steps", "processor_time")
+    assert [steps for steps, _ in table] == [128, 128]
+    assert all(0.0 < seconds < 60.0 for _, seconds in table)
+    run_sweep(data, "mem", resume=folder, progress=False)  # nothing is left to do, and no time is added
+    assert read_table(folder / "sweep.csv", "steps", "processor_time") == table
 
 
 def test_evolutions_are_swept_as_well_and_a_ray_cluster_takes_them(tmp_path, monkeypatch):
