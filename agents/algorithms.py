@@ -27,12 +27,20 @@ from agents.pursuit import PursuitPolicy
 from agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
 from envs.files import explain_unknown, load_object, parse_record
 
-DEFAULTS: tuple[tuple[str, dict[str, Any]], ...] = (
-    ("n_epochs", {"learning_rate": "lin_0.0003", "n_steps": 128, "batch_size": 512, "n_epochs": 4}),
-    ("buffer_size", {"train_freq": 1, "gradient_steps": 4, "learning_starts": 1000, "batch_size": 256}),
-)
-"""What differs from the libraries' defaults, of algorithms that take an argument: PPO and its relatives, and those with
-a replay buffer."""
+_PPO = {"learning_rate": "lin_0.0007", "n_steps": 128, "batch_size": 512, "n_epochs": 4}
+_ENTROPY = {"learning_rate": 1e-3, "gamma": 0.98, "ent_coef": "auto_0.05"}
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "PPO": _PPO,
+    "MaskablePPO": _PPO,
+    "RecurrentPPO": _PPO | {"policy_kwargs": {"lstm_hidden_size": 64}},
+    "OffPolicyAlgorithm": {"train_freq": 1, "gradient_steps": 4, "learning_starts": 1000, "batch_size": 256},
+    "SAC": _ENTROPY | {"tau": 0.02},
+    "TQC": _ENTROPY | {"tau": 0.02},
+    "CrossQ": _ENTROPY,
+    "TD3": {"learning_rate": 1e-3, "gamma": 0.98, "action_noise": 0.1},
+}
+"""What differs from the libraries' defaults, by class and base class. Rewards of a step are small here (progress within
+a period): with entropy weighted 1, as SAC begins by default, a few thousand updates learn nothing but to be random."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
 """Largest replay buffer by default."""
 OURS = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
@@ -75,7 +83,9 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
-    defaults = next((values for name, values in DEFAULTS if name in allowed), {})
+    defaults: dict[str, Any] = {}
+    for kind in reversed(algorithm.__mro__):
+        defaults |= DEFAULTS.get(kind.__name__, {})
     if "buffer_size" in allowed:
         seen = env.observation_space
         parts = seen.values() if isinstance(seen, spaces.Dict) else [seen]

@@ -1,3 +1,4 @@
+import contextlib
 import copy
 from pathlib import Path
 
@@ -5,7 +6,9 @@ import pytest
 
 import train
 from agents import training
+from agents.algorithms import complete
 from agents.config import TrainingConfig, parse_config
+from agents.vec_env import make_vec_env
 from envs.files import dump_record, read_mapping, read_record
 
 CONFIGS = sorted(
@@ -115,3 +118,31 @@ def test_help_names_every_key(capsys):
 def test_one_name_will_do_where_several_are_allowed():
     data = {"experiment": "one", "algorithm": "PPO", "total_steps": 8, "environment": {"id": "lidarnaut/Explore-v0"}}
     assert parse_config(data | {"evaluation": {"references": "nearest"}}, "one").evaluation.references == ("nearest",)
+
+
+def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypatch, tmp_path, capsys):
+    configs = []
+    monkeypatch.setattr("agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
+    assert train.main(["--algorithm", "SAC", "--environment.id", "lidarnaut/ReachCrowd-v0"]) == 0
+    (config,) = configs
+    assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
+    assert train.main(["--seed", "1"]) == 2
+    assert "name a configuration, --config FILE" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("algorithm", "expected"),
+    [
+        ("RecurrentPPO", {"learning_rate": "lin_0.0007", "n_steps": 128, "policy_kwargs": {"lstm_hidden_size": 64}}),
+        ("SAC", {"ent_coef": "auto_0.05", "tau": 0.02, "gradient_steps": 4, "buffer_size": 1000}),
+        ("DDPG", {"action_noise": 0.1, "learning_starts": 1000}),  # derived from TD3
+        ("TRPO", {"gamma": 0.5}),
+    ],
+)
+def test_hyperparameters_are_the_projects_unless_given(algorithm, expected, tiny_data):
+    given = {"total_steps": 500, "algorithm": algorithm, "hyperparameters": {"gamma": 0.5}}
+    config = parse_config(tiny_data | given | {"checkpoints": {"every": 10_000}}, "mem")
+    with contextlib.closing(make_vec_env(config)) as env:
+        found = complete(config, env).hyperparameters
+    assert found.items() >= (expected | {"gamma": 0.5}).items()
+    assert (found.keys() == {"gamma"}) == (algorithm == "TRPO")

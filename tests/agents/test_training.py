@@ -40,7 +40,7 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
         "checkpoints", "config.yaml", "evaluations.csv", "learning_curve.png", "tensorboard", "versions.json",
     }  # fmt: skip
     saved = read_record(tiny_run / "config.yaml", TrainingConfig)
-    assert saved.hyperparameters == {"learning_rate": "lin_0.0003", **tiny_config.hyperparameters}
+    assert saved.hyperparameters == {"learning_rate": "lin_0.0007", **tiny_config.hyperparameters}
     assert saved.model_copy(update={"hyperparameters": tiny_config.hyperparameters, "network": {}}) == tiny_config
     assert [path.name for path in list_checkpoints(tiny_run)] == ["step_000000512", "step_000000768"]
     assert evaluated_steps(tiny_run) == [0, 256, 512, 768]
@@ -140,7 +140,7 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     logged = [event.step for event in events]
     assert logged == sorted(set(logged))
     # The rate falls to one update's share of the first, as if nothing had happened.
-    assert events[-1].value == pytest.approx(3e-4 * 2 / num_updates(config))
+    assert events[-1].value == pytest.approx(7e-4 * 2 / num_updates(config))
 
 
 @pytest.mark.parametrize("step", [1, 100])
