@@ -1,0 +1,204 @@
+"""The table of algorithms: a sweep over tasks and algorithms as a page of the documentation.
+
+python train.py --config algorithms --jobs 2
+python -m benchmarks.algorithms runs/algorithms__sweep__20250101-120000
+
+Scores of a training are the headline measure of its task in the episodes of its last evaluation; classic policies meet
+the same episodes. Interquartile means over seeds, and bootstrap intervals, follow Agarwal et al., "Deep Reinforcement
+Learning at the Edge of the Statistical Precipice" (2021); resamples draw seeds and episodes, each by themselves.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import cycle, groupby
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure as Picture
+
+from agents.curves import LEARNED, SCORES, read_evaluations
+from agents.run_folder import SWEEP
+from agents.sweep import Member, expand, is_finished, processor_time
+from agents.vec_env import make_env
+from benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
+from benchmarks.arena.plots import INK, LINES, MUTED, render
+from benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
+from benchmarks.arena.trace import slug
+from envs.command_line import run_command
+from envs.core import lidar_env_of
+from envs.files import read_mapping
+from envs.measures import Measure, headline_of
+
+TEXT = """\
+What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
+budgets, and what is made easier than in the registered environments, are in
+[`configs/experiments/algorithms.yaml`](../configs/experiments/algorithms.yaml); hyperparameters are those that
+`train.py` takes by default.
+
+```
+python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on
+python -m benchmarks.algorithms runs/algorithms__sweep__TIME
+```
+
+A score is the mean of the task's headline measure over the evaluation's episodes, in worlds of the test split; all
+policies meet the same episodes. Shown are interquartile means over seeds with 95 % intervals of the bootstrap over
+seeds and episodes (Agarwal et al. 2021); of fewer than four seeds the interquartile mean is the mean. An algorithm is
+above or below another policy where the interval of the difference in the same episodes leaves out 0.
+"""
+RANDOM, SHARE = "random", Measure("share", "share of the way from random to the best classic", "", True, digits=2)
+DASHES = ("dashed", "dashdot", (0, (5.0, 1.2)), (0, (1.0, 1.2)))
+Scores = Mapping[str, np.ndarray]
+
+
+@dataclass(frozen=True, slots=True)
+class Task:
+    """What was measured of a task."""
+
+    name: str
+    measure: Measure
+    steps: Mapping[str, np.ndarray]
+    """Steps at evaluations, shape (n,), by algorithm."""
+    scores: Scores
+    """Scores then, shape (n, seeds, episodes), by algorithm."""
+    references: Scores
+    """Scores of the classic policies, best first, and of `random`, shape (1, episodes) each."""
+    times: Mapping[str, float]
+    """Mean processor time of a training by algorithm [s]."""
+    missing: int
+    """Number of trainings that are not done."""
+
+    @property
+    def classic(self) -> str:
+        """The best classic policy."""
+        return next((name for name in self.references if name != RANDOM), "")
+
+    @property
+    def sign(self) -> float:
+        """1 where more of the measure is better, else -1."""
+        return 1.0 if self.measure.higher_is_better else -1.0
+
+
+def score(scores: np.ndarray) -> Estimate:
+    """Return the interquartile mean over seeds of the mean over episodes; shape (seeds, episodes)."""
+    rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
+    seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
+    episodes = rng.integers(num_episodes, size=(NUM_RESAMPLES, num_episodes))
+    means = scores[:, episodes].mean(axis=2).T
+    low, high = np.quantile(interquartile_mean(np.take_along_axis(means, seeds, axis=1)), TAILS)
+    return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
+
+
+def read_tasks(file: Path) -> list[Task]:
+    """Read the tasks of a sweep, by its configuration in its folder."""
+    members = expand(read_mapping(file), str(file), file.parent)
+    return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
+
+
+def read_task(name: str, members: Sequence[Member]) -> Task:
+    """Read what the trainings of a task have measured, and are done with."""
+    done = {member.run: read_evaluations(member.run) for member in members if is_finished(member)}
+    env = make_env(members[0].config.environment, "test")  # type: ignore[union-attr]
+    measure = headline_of(lidar_env_of(env).task.measures)
+    env.close()
+    sign = -1.0 if measure.higher_is_better else 1.0
+    rows = [row for run in done.values() for row in run if row["policy"] != LEARNED]
+    found = {str(row["policy"]): _numbers(row[SCORES])[None] for row in rows}
+    references = dict(sorted(found.items(), key=lambda item: sign * item[1].mean()))
+    steps, scores, times = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, float]()
+    finished = [member for member in members if member.run in done]
+    for algorithm, some in groupby(finished, lambda member: str(member.config.algorithm)):
+        runs = [member.run for member in some]
+        curves = [[row for row in done[run] if row["policy"] == LEARNED] for run in runs]
+        steps[algorithm] = np.array([row["steps"] for row in curves[0]])
+        scores[algorithm] = np.array([[_numbers(row[SCORES]) for row in rows] for rows in zip(*curves, strict=True)])
+        times[algorithm] = float(np.mean([processor_time(run) for run in runs]))
+    return Task(name, measure, steps, scores, references, times, len(members) - len(done))
+
+
+def _numbers(text: object) -> np.ndarray:
+    return np.array(str(text).split(), dtype=np.float64)
+
+
+def difference(task: Task, algorithm: str, policy: str) -> Estimate:
+    """Return how much more an algorithm scores at the end than a policy that meets the same episodes."""
+    return score(task.scores[algorithm][-1] - task.references[policy])
+
+
+def task_section(task: Task) -> Section:
+    """Return what is known of a task: who is above what in a sentence, curves, and the numbers."""
+    if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
+        return Section(task.name, (f"Not measured yet: {task.missing} trainings are to be done.",))
+    sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
+    for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic, {task.classic}")):
+        groups: dict[str, list[str]] = {"Above": [], "Not told apart from": [], "Below": []}
+        for name in task.scores:
+            low, high = sorted(task.sign * end for end in difference(task, name, policy)[1:3])
+            groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not told apart from"].append(name)
+        sentences += [f"{group} {words}: {', '.join(names)}." for group, names in groups.items() if names]
+    if task.missing:
+        sentences.append(f"{task.missing} trainings are not done yet.")
+    for name in task.scores:
+        others = [difference(task, name, policy) for policy in (RANDOM, task.classic)]
+        gaps = [Cell.of(gap, measure, sign="+") for gap in others]
+        seeds, steps, time = task.scores[name].shape[1], task.steps[name][-1], task.times[name]
+        counts = [Cell(f"{count:,.0f}") for count in (seeds, steps, time)]
+        lines.append((Cell(name), Cell.of(score(task.scores[name][-1]), measure), *gaps, *counts))
+    for name, scores in task.references.items():
+        lines.append((Cell(name), Cell.of(score(scores), measure), *[Cell("")] * 5))
+    head = ("", measure.title, "over random", f"over {task.classic}", "seeds", "steps", "processor time s")
+    caption = f"{measure.title} in the evaluation's episodes over training steps, with 95 % intervals"
+    picture = Figure(slug(task.name), render(draw_task, task), caption)
+    return Section(task.name, (" ".join(sentences), picture, Table(head, lines, is_open=True)))
+
+
+def draw_task(task: Task) -> Picture:
+    """Draw the learning curves of a task, with the levels of the classic policies and of `random`."""
+    figure, scale = Picture(figsize=(6.6, 3.6)), task.measure.scale
+    axes = figure.subplots()
+    for color, (name, scores) in zip(cycle(LINES), task.scores.items()):
+        middle, low, high = np.array([score(one)[:3] for one in scores]).T * scale
+        axes.fill_between(task.steps[name] / 1000, low, high, color=color, alpha=0.15, linewidth=0)
+        axes.plot(task.steps[name] / 1000, middle, color=color, marker=".", label=f"{name}, {task.times[name]:.0f} s")
+    for dash, (name, scores) in zip(cycle(DASHES), task.references.items()):
+        color = MUTED if name == RANDOM else INK
+        axes.axhline(scores.mean() * scale, color=color, linestyle=dash, linewidth=1.2, label=name)
+    axes.set(xlabel="thousand steps", ylabel=task.measure.title, title=task.name, ylim=(0.0, None))
+    figure.legend(loc="outside right center")
+    return figure
+
+
+def overview(tasks: Sequence[Task]) -> Section:
+    """Return how far the algorithms get over all tasks that have been measured.
+
+    A score is 0 for `random` and 1 for the best classic policy; resamples draw the seeds of each task by themselves.
+    """
+    strata: dict[str, list[np.ndarray]] = {}
+    for task in tasks:
+        levels = {name: float(scores.mean()) for name, scores in task.references.items()}
+        none, one = (levels.get(name, 0.0) for name in (RANDOM, task.classic))
+        for name, scores in task.scores.items() if task.sign * (one - none) > 0.0 else ():
+            strata.setdefault(name, []).append((scores[-1].mean(axis=1) - none) / (one - none))
+    if not strata:
+        return Section("At a glance", ("No training is done yet.",))
+    lines = [
+        (Cell(name), Cell.of(estimate(some), SHARE), Cell(str(len(some))), Cell(str(sum(map(len, some)))))
+        for name, some in strata.items()
+    ]
+    text = "Interquartile means over seeds and tasks with stratified bootstrap intervals, of the tasks that fit."
+    return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "trainings"), lines, is_open=True)))
+
+
+def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:
+    """Write `algorithms.md`, and its pictures into `algorithms/`.
+
+    Args:
+        sweep: folder of a sweep, finished or not; or a configuration, for a page without results.
+        docs: folder of the documentation.
+    """
+    tasks = read_tasks(sweep / SWEEP if sweep.is_dir() else sweep)
+    sections = [overview(tasks), *map(task_section, tasks)]
+    write_markdown("Algorithms", TEXT, sections, docs / "algorithms.md", docs / "algorithms")
+
+
+if __name__ == "__main__":
+    run_command(main)

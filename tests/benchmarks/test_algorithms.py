@@ -1,0 +1,111 @@
+"""The table of algorithms: its statistics, what it says of a task, and its page with and without results."""
+
+import numpy as np
+import pytest
+import yaml
+
+from agents.sweep import run_sweep
+from benchmarks import algorithms
+from benchmarks.algorithms import Task, difference, overview, score, task_section
+from envs.measures import REACH
+from lidarnaut import find_configuration
+
+TINY = {
+    "experiment": "tiny",
+    "total_steps": 16,
+    "num_envs": 2,
+    "environment": {"num_workers": 0, "time_limit": 1.0, "world": "rooms", "world_size": [6, 6], "slam": "truth"},
+    "hyperparameters": {"batch_size": 4},
+    "network": {"features": 8, "channels": 2, "hidden": 8},
+    "evaluation": {"every": 16, "episodes": 2},
+    "sweep": {
+        "task": {
+            "Rooms": {
+                "environment": {"id": "lidarnaut/Explore-v0"},
+                "evaluation": {"references": ["random", "nearest"]},
+            },
+            "Goals": {
+                "environment": {"id": "lidarnaut/ReachGoal-v0"},
+                "evaluation": {"references": ["random", "pursuit"]},
+            },
+        },
+        "algorithm": {
+            "PPO": {"algorithm": "PPO", "hyperparameters": {"n_steps": 4}},
+            "SAC": {"algorithm": "SAC", "hyperparameters": {"train_freq": 4, "learning_starts": 4}},
+        },
+    },
+    "seeds": [0],
+}
+
+
+def make_task(**scores):
+    """A task of two seeds and forty episodes, of which `random` reaches none and `pursuit` half."""
+    half = (np.arange(40) % 2.0)[None]
+    return Task(
+        name="Halls",
+        measure=REACH[0],
+        steps={name: np.array([0, 100]) for name in scores},
+        scores={name: np.stack([np.zeros((2, 40)), values]) for name, values in scores.items()},
+        references={"pursuit": half, "random": np.zeros((1, 40))},
+        times=dict.fromkeys(scores, 9.0),
+        missing=0,
+    )
+
+
+def test_scores_have_the_width_of_what_differs_between_seeds_and_between_episodes():
+    assert score(np.full((3, 5), 0.25))[:3] == (0.25, 0.25, 0.25)
+    by_seed = score(np.repeat([[0.0], [0.5], [1.0]], 50, axis=1))
+    assert by_seed[:3] == pytest.approx((0.5, 0.0, 1.0))
+    rng = np.random.default_rng(1)
+    _, low, high, *_ = score(np.tile(rng.random(100) < 0.5, (3, 1)).astype(float))  # the same in all seeds
+    assert high - low == pytest.approx(4 * np.sqrt(0.25 / 100), rel=0.15)
+    # Outliers among four seeds are left out.
+    assert score(np.repeat([[-9.0], [0.4], [0.6], [9.0]], 2, axis=1)).iqm == pytest.approx(0.5)
+
+
+def test_differences_are_those_in_the_same_episodes():
+    half = (np.arange(40) % 2.0)[None]
+    task = make_task(PPO=np.repeat(half + 0.1, 2, axis=0))
+    assert difference(task, "PPO", "pursuit")[:3] == pytest.approx((0.1, 0.1, 0.1))
+
+
+def test_a_task_says_who_is_above_random_and_below_the_classic():
+    half = (np.arange(40) % 2.0)[None]
+    task = make_task(PPO=np.ones((2, 40)), SAC=np.repeat(half, 2, axis=0), TQC=np.zeros((2, 40)))
+    text, picture, table = task_section(task).parts
+    assert text == (
+        "Above random: PPO, SAC. Not told apart from random: TQC. Above the best classic, pursuit: PPO. "
+        "Not told apart from the best classic, pursuit: SAC. Below the best classic, pursuit: TQC."
+    )
+    assert picture.content.startswith(b"\x89PNG")
+    rows = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
+    assert rows["PPO"] == ["100.0", "+100.0", "+50.0", "2", "100", "9"]
+    assert rows["pursuit"][0] == "50.0"
+    _, glance = overview([task]).parts
+    assert [[cell.text for cell in line] for line in glance.lines] == [
+        ["PPO", "2.00", "1", "2"],
+        ["SAC", "1.00", "1", "2"],
+        ["TQC", "0.00", "1", "2"],
+    ]
+
+
+def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path):
+    folder = run_sweep(TINY, "mem", resume=tmp_path / "sweep", progress=False)
+    algorithms.main(folder, docs=tmp_path / "docs")
+    page = (tmp_path / "docs" / "algorithms.md").read_text()
+    assert {path.stem for path in (tmp_path / "docs" / "algorithms").iterdir()} == {"Rooms", "Goals"}
+    assert page.count("the best classic, nearest") >= 1
+    assert page.count("the best classic, pursuit") >= 1
+    tasks = algorithms.read_tasks(folder / "sweep.yaml")
+    assert [task.scores["SAC"].shape for task in tasks] == [(2, 1, 2)] * 2
+    assert [set(task.references) for task in tasks] == [{"random", "nearest"}, {"random", "pursuit"}]
+
+    (folder / "sweep.yaml").write_text(yaml.safe_dump(TINY | {"total_steps": 32, "seeds": [0, 1]}))
+    (later,) = {task.missing for task in algorithms.read_tasks(folder / "sweep.yaml")}
+    assert later == 4
+    algorithms.main(find_configuration("algorithms"), docs=tmp_path / "docs")
+    page = (tmp_path / "docs" / "algorithms.md").read_text()
+    assert "No training is done yet." in page
+    assert page.count("Not measured yet: 12 trainings are to be done.") == 7
+    assert page.count("Not measured yet: 6 trainings are to be done.") == 1
+    assert not list((tmp_path / "docs" / "algorithms").iterdir())
