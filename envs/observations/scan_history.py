@@ -88,7 +88,7 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Write to `seen`, inf at first, the least ranges as seen from a base that has moved.
+    """Write to `seen`, inf at first, the least ranges as seen from a base that has moved; no return is 1,000 km.
 
     What a sector shows lies in its middle, and between sectors of one surface is a straight line. `motion`: pose
     (x, y, theta) of the base now, as seen from where it measured `ranges`; `polar`: shape (2, n), float32, workspace.
@@ -105,12 +105,9 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
         polar[0, k], polar[1, k] = math.sqrt(dx * dx + dy * dy), along if along >= 0 else along + whole
     last = count - 1
     for k in range(count):
-        if ranges[k] == np.inf:
-            last = k
-            continue
         r, along = polar[0, k], polar[1, k]
         steps, change_r, change = 1, np.float32(0.0), np.float32(0.0)
-        if ranges[last] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE:
+        if ranges[last] < np.inf and ranges[k] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE:
             change = polar[1, last] - along
             change -= whole * np.float32(round(change / whole))
             if abs(change) < WIDEST:
@@ -155,7 +152,9 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
             else:
                 seen[:] = past
             for k in range(count):
-                out[i, j * count + k] = near / (max(seen[k] - radius, np.float32(0.0)) + near)
+                shown = near / (max(seen[k] - radius, np.float32(0.0)) + near)
+                is_seen = seen[k] < np.inf or age == 0
+                out[i, j * count + k] = shown if is_seen else out[i, k]
 
 
 class ScanHistory:
@@ -163,8 +162,8 @@ class ScanHistory:
 
     A range r is shown as 0.5 m / (max(r - radius of the footprint, 0) + 0.5 m): 1 at the footprint, 0 without a return,
     and fine where obstacles are near. A sector whose beams are all lost, or ended too near to be measured, shows 1.
-    Past scans are shifted by the robot's own odometry to where it is now, so that what has changed has moved. To be
-    written after each control period.
+    Past scans are shifted by the robot's own odometry to where it is now, so that what has changed has moved; where they
+    did not see, the newest one stands in. To be written after each control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
