@@ -162,8 +162,8 @@ class ScanHistory:
 
     A range r is shown as 0.5 m / (max(r - radius of the footprint, 0) + 0.5 m): 1 at the footprint, 0 without a return,
     and fine where obstacles are near. A sector whose beams are all lost, or ended too near to be measured, shows 1.
-    Past scans are shifted by the robot's own odometry to where it is now, so that what has changed has moved; where they
-    did not see, the newest one stands in. To be written after each control period.
+    A past scan is shifted by the robot's own odometry to where it is now, so that what has changed has moved; where it
+    did not see, the newest stands in. To be written after each control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
