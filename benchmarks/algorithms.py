@@ -32,7 +32,7 @@ from envs.measures import Measure, headline_of
 TEXT = """\
 What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
 budgets, and what is made easier than in the registered environments, are in
-[`configs/experiments/algorithms.yaml`](../configs/experiments/algorithms.yaml); hyperparameters are those that
+[`configs/algorithms.yaml`](../configs/algorithms.yaml); hyperparameters are those that
 `train.py` takes by default.
 
 ```

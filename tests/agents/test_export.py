@@ -138,9 +138,7 @@ def test_a_file_that_would_act_otherwise_is_not_written(onnxruntime, tmp_path):
     hyperparameters = {"n_steps": 4, "batch_size": 8, "policy_kwargs": network}
     config = tiny("PPO", "Explore", hyperparameters=hyperparameters, evaluation=NO_REFERENCES)
     run = train(config, run=tmp_path / "run", progress=False)
-    message = (
-        r"cannot be written as ONNX: it acts otherwise than the policy: action\[\d\] is .*, not .*, in step 0 of random"
-    )
+    message = r"cannot be written as ONNX: it acts otherwise than the policy: action\[\d\] is .*, not .*, in step \d+"
     with pytest.raises(ValueError, match=message):
         main(str(run), tmp_path / "policy.onnx")
     assert not (tmp_path / "policy.onnx").exists()
