@@ -8,6 +8,7 @@ import train
 from agents import training
 from agents.algorithms import complete
 from agents.config import TrainingConfig, parse_config
+from agents.sweep import expand
 from agents.vec_env import make_vec_env
 from envs.files import dump_record, read_mapping, read_record
 
@@ -18,10 +19,10 @@ CONFIGS = sorted(
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.stem)
 def test_configurations_of_the_project_are_valid_and_survive_being_written(path, tmp_path):
-    config = parse_config(read_mapping(path), str(path))
-    assert config.experiment == path.stem
-    (tmp_path / "again.yaml").write_text(dump_record(config))
-    assert read_record(tmp_path / "again.yaml", type(config)) == config
+    for member in expand(read_mapping(path), str(path), tmp_path):
+        assert member.config.experiment == path.stem
+        (tmp_path / "again.yaml").write_text(dump_record(member.config))
+        assert read_record(tmp_path / "again.yaml", type(member.config)) == member.config
 
 
 def test_numbers_in_scientific_notation_are_numbers(tmp_path):
