@@ -2,7 +2,6 @@
 
 import multiprocessing
 from collections.abc import Iterator, Sequence
-from functools import partial
 from itertools import chain
 from typing import Any, Literal
 
@@ -151,14 +150,10 @@ class GymnasiumVecEnv(VecEnv):
         return self._shown(self._observations)
 
     def step_async(self, actions: np.ndarray) -> None:
-        env: Any = self.env
-        has_halves = env is env.unwrapped and hasattr(env, "step_async")  # through wrappers one steps at once
-        self._end_step = env.step_wait if has_halves else partial(env.step, actions)
-        if has_halves:
-            env.step_async(actions)
+        self._actions = actions
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        self._observations, rewards, terminated, truncated, info = self._end_step()
+        self._observations, rewards, terminated, truncated, info = self.env.step(self._actions)
         self._returns += rewards
         self._lengths += 1
         dones = np.asarray(terminated) | np.asarray(truncated)
@@ -224,7 +219,7 @@ class GymnasiumVecEnv(VecEnv):
 
 
 class JoinedVecEnv(VecEnv):
-    """Several vector environments with the same spaces as one; their workers step side by side."""
+    """Several vector environments with the same spaces as one; they are stepped one after the other."""
 
     def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
         """Join environments, whose spaces must be the same."""

@@ -155,11 +155,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             gymnasium.error.ClosedEnvironmentError: after `close`.
             RuntimeError: after a call that was interrupted.
         """
-        self.step_async(actions)
-        return self.step_wait()
-
-    def step_async(self, actions: np.ndarray) -> None:
-        """Let the workers begin a step, which `step_wait` ends; arguments and errors as for `step`."""
         self._check_open()
         if not self._has_begun:
             raise gymnasium.error.ResetNeeded("call reset first: no episodes have begun, or a step has failed")
@@ -170,17 +165,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             if ended:
                 raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
         self._has_begun = False  # unless all succeed: where one fails, others have gone on
-        self._send(itertools.repeat(b"s"))
-
-    def step_wait(
-        self,
-    ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """End the step that `step_async` began; returns as `step`. RuntimeError if none has begun."""
-        if not self._is_under_way:
-            raise RuntimeError("call step_async first: no step has begun")
-        arrays = self._arrays
         with interrupts_delayed():
-            results = self._collect(self._shard.step)
+            results = self._exchange(itertools.repeat(b"s"), self._shard.step)
             self._has_begun = True
         info = self._info(results)
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
@@ -256,15 +242,9 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
         """Send the workers their requests, do the own share, and return all results, or raise the first error."""
-        self._send(requests)
-        return self._collect(work)
-
-    def _send(self, requests: Iterable[bytes]) -> None:
-        self._is_under_way = True  # and stays so where Ctrl-C, or what else is no `Exception`, comes before the end
+        self._is_under_way = True  # and stays so where Ctrl-C, or what else is no `Exception`, ends this method
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
-
-    def _collect(self, work: Callable[[], Any]) -> list[Any]:
         try:
             own = work()
         except Exception as error:

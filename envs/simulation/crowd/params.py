@@ -28,9 +28,8 @@ class Crowd:
     """How many people there are, at most 1,000; of a pair, drawn for each episode."""
     model: Literal["social_force", "orca"] = "social_force"
     """Pedestrian model: Helbing and Molnar (1995), or van den Berg et al. (2011)."""
-    attentive: Share | tuple[Share, Share] = 1.0
-    """Probability that a person sees robots and gives way to them; the others are blind to robots. Of a pair, drawn for
-    each episode."""
+    attentive: Share = 1.0
+    """Probability that a person sees robots and gives way to them; the others are blind to robots."""
     standing: Share = 0.0
     """Probability that a person stands still."""
     radius: tuple[Radius, Radius] = (0.3, 0.3)
@@ -47,7 +46,7 @@ class Crowd:
     """Parameters of ORCA."""
 
     def __post_init__(self) -> None:
-        for name in ("number", "attentive", "radius", "speed"):
+        for name in ("number", "radius", "speed"):
             value = getattr(self, name)
             if isinstance(value, tuple) and value[0] > value[1]:
                 raise ValueError(f"{name} of a crowd must be (low, high), got {value}")

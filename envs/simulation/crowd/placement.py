@@ -43,8 +43,7 @@ def draw_people(
     rows[:, at.RADIUS] = rng.uniform(*crowd.radius, count)
     rows[:, at.SPEED] = rng.uniform(*crowd.speed, count)
     stands, sees = rng.random((2, count))
-    attentive = rng.uniform(*crowd.attentive) if isinstance(crowd.attentive, tuple) else crowd.attentive
-    rows[:, at.KIND] = np.where(sees < attentive, at.ATTENTIVE, at.BLIND)
+    rows[:, at.KIND] = np.where(sees < crowd.attentive, at.ATTENTIVE, at.BLIND)
     rows[stands < crowd.standing, at.KIND] = at.STANDING
     rows[:, at.GOAL] = rng.integers(len(routes.points), size=count)
     rows[:, at.HEADING] = rng.uniform(-math.pi, math.pi, count)

@@ -42,12 +42,6 @@ def test_people_are_drawn_by_what_the_crowd_says():
     np.testing.assert_allclose(quadrants, 0.25, atol=0.06)
 
 
-def test_how_many_see_robots_is_drawn_for_each_episode():
-    crowd = Crowd(number=50, attentive=(0.2, 1.0))
-    shares = [(begin(HALL, crowd, seed).rows[:, at.KIND] == at.ATTENTIVE).mean() for seed in range(20)]
-    assert min(shares) < 0.4 < 0.85 < max(shares)
-
-
 def test_people_on_fixed_routes_are_kept_clear_of():
     route = FixedRoute(radius=0.5, waypoints=np.array([(-2.0, 0.0), (2.0, 0.0)]), speed=0.5)
     people = begin(replace(HALL, people=(route,)), Crowd(number=20, flow="along"))
