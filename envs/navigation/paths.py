@@ -175,19 +175,17 @@ class TravelField:
     @property
     def costs(self) -> np.ndarray:
         """What `cost` returns of all cells, shape of the raster, float32 [m]."""
-        inner = self.travel[1:-1, 1:-1]
-        costs = inner * (self.costmap.grid.resolution / (STRAIGHT * SCALE))
-        costs[inner == UNREACHED] = np.inf
-        return costs.astype(np.float32)
+        return self._metres(self.travel[1:-1, 1:-1]).astype(np.float32)
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
         """Return the lengths of the paths to cells inside the raster, each step weighted by its costs [m].
 
         `cells` have the shape (..., 2), int, (row, column); what is returned shape (...), inf where no path leads.
         """
-        travel = self.travel[cells[..., 0] + 1, cells[..., 1] + 1]
-        metres = self.costmap.grid.resolution / (STRAIGHT * SCALE)
-        return np.where(travel == UNREACHED, np.inf, travel * metres)
+        return self._metres(self.travel[cells[..., 0] + 1, cells[..., 1] + 1])
+
+    def _metres(self, travel: np.ndarray) -> np.ndarray:
+        return np.where(travel == UNREACHED, np.inf, travel * (self.costmap.grid.resolution / (STRAIGHT * SCALE)))
 
     def path(self, row: int, col: int) -> np.ndarray | None:
         """Return the path to a cell as points a cell apart, from start to goal: shape (n, 2), float64 [m].
