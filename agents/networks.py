@@ -94,7 +94,8 @@ class ScanWindows(BaseFeaturesExtractor):
             )
         self._key, self._shape = key, (spaces.flatdim(observation_space[key]) // num_sectors, num_sectors)
         self._width, self._stride, self._gain = width, stride, gain
-        others = sum(spaces.flatdim(space) for name, space in observation_space.items() if name != key)
+        self._others = [name for name in observation_space.spaces if name != key]
+        others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
         super().__init__(observation_space, ((num_sectors - width) // stride + 1) * channels + others)
         self.window = nn.Sequential(nn.Linear(self._shape[0] * width, channels), nn.ReLU())
 
@@ -104,7 +105,7 @@ class ScanWindows(BaseFeaturesExtractor):
         scans = torch.cat([scans[:, :1], self._gain * (scans[:, :1] - scans[:, 1:])], dim=1)
         windows = scans.unfold(2, self._width, self._stride).transpose(1, 2).flatten(2)
         windows = self.window(windows).flatten(1)
-        others = [part.flatten(1) for name, part in observations.items() if name != self._key]
+        others = [observations[name].flatten(1) for name in self._others]  # in whatever order they are given
         return torch.cat([windows, *others], dim=1)
 
 

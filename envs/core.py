@@ -143,7 +143,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
             if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
-        self._layout: list[tuple[str, Any, Any]] = [(name, space[name].shape, space[name].dtype) for name in self.parts]
+        self._layout: list[tuple[str, Any, Any]] = [
+            (name, space[name].shape, space[name].dtype) for name in space.spaces
+        ]
         self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._prepared: tuple[Mapping[str, Any], World] | None = None

@@ -118,7 +118,7 @@ def test_a_prepared_world_is_the_one_that_would_have_been_drawn():
 
 def test_observations_are_chosen_by_name_and_argument():
     env = LidarEnv(Explore, **QUICK, observations=("motion", "map_far"))
-    assert list(env.reset(seed=0)[0]) == ["motion", "map_far"]
+    assert list(env.reset(seed=0)[0]) == list(env.observation_space) == ["map_far", "motion"]
     parts = {"scan": None, "map_near": {"resolution": 0.1, "size": 64}, "wide": MapCrop(0.4, size=48)}
     env = LidarEnv(Explore, **QUICK, observations=parts)
     observation, _ = env.reset(seed=0)

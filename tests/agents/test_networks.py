@@ -87,3 +87,12 @@ def test_windows_that_do_not_fit_the_scans_are_refused(wrong):
     space = spaces.Dict({"scan_history": spaces.Box(0, 1, (36,))})
     with pytest.raises(ValueError, match=r"ScanWindows needs scans of \d+ sectors"):
         ScanWindows(space, **({"num_sectors": 12} | wrong))
+
+
+def test_windows_of_scans_look_at_the_names_of_parts_and_not_at_their_order():
+    space = spaces.Dict(
+        {name: spaces.Box(-1, 1, (width,)) for name, width in (("goal", 4), ("limits", 3), ("scan_history", 36))}
+    )
+    network = ScanWindows(space, num_sectors=12, width=4, stride=2)
+    inputs = sample(space, 2)
+    assert torch.equal(network(inputs), network(dict(reversed(inputs.items()))))
