@@ -9,7 +9,6 @@ from gymnasium import spaces
 
 from baselines.explorer import OnePerRobot, Policy
 from baselines.frontier.explorer import RuleExplorer
-from envs.observations import Observations
 from envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
@@ -59,12 +58,16 @@ def level_of(value: Any) -> Level:
     return level
 
 
-def observations_of(value: Any) -> Observations | None:
-    """Return the parts of the observation that a policy needs, its `observations`; ValueError if not by name."""
+def needed_arguments(value: Any) -> dict[str, Any]:
+    """Return the arguments of the environment that a policy needs, as far as it has attributes of their names.
+
+    They are `observations`, and `collision_monitor` where it drives with one. ValueError if observations are not named.
+    """
     parts = getattr(value, "observations", None)
     if parts is not None and (isinstance(parts, str) or not all(isinstance(part, str) for part in parts)):
         raise ValueError(f"observations of {value!r} must be names of parts, got {parts!r}")
-    return parts if parts is None or isinstance(parts, Mapping) else tuple(parts)
+    needed = {} if parts is None else {"observations": parts if isinstance(parts, Mapping) else tuple(parts)}
+    return needed | ({"collision_monitor": True} if getattr(value, "collision_monitor", False) else {})
 
 
 class CalledPolicy:

@@ -12,6 +12,7 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
+from envs.collision_monitor import CollisionMonitor
 from envs.estimation import Belief
 from envs.estimation.dead_reckoning import DeadReckoning
 from envs.files import explain_unknown, resolve
@@ -62,6 +63,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
       robot's; see docs/training.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
+    - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
+      sees, see `envs.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     """
 
@@ -81,6 +84,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         sensors: Sequence[Any] = (),
         randomize: Ranges | None = None,
         clip_actions: bool = False,
+        collision_monitor: bool = False,
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
@@ -131,6 +135,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = self.task.is_team
+        self.collision_monitor = CollisionMonitor(self.robot, period) if collision_monitor else None
+        """What slows commands down."""
         self.sensors = make_sensors(sensors)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = self.task.default_observations() if observations is None else observations
@@ -248,7 +254,11 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 v, w = min(max(v, -1.0), 1.0), min(max(w, -1.0), 1.0)
             robot.action = (v, w)
             twists.append(Twist(v * max_v, w * max_w))
-        return twists
+        if self.collision_monitor is None:
+            return twists
+        commands = np.array(twists)
+        self.collision_monitor.slow_down(commands, self.rows.ranges, np.ones(len(commands), dtype=np.bool_))
+        return [Twist(v, w) for v, w in commands.tolist()]
 
     def check_begun(self) -> None:
         """Raise `gymnasium.error.ResetNeeded` if no episode has begun: `reset` was not called, or failed."""

@@ -3,7 +3,7 @@
 import glob
 import re
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from inspect import signature
 from pathlib import Path
@@ -12,12 +12,11 @@ from typing import Any
 import yaml
 from gymnasium import spaces
 
-from agents.policies import Level, level_of, make_policy, observations_of
+from agents.policies import Level, level_of, make_policy, needed_arguments
 from baselines import CLASSIC, EXPLORERS
 from baselines.explorer import Omniscient
 from baselines.explorer import Policy as Driver
 from envs.files import explain_unknown, load_object, resolve
-from envs.observations import Observations
 
 GROUND_TRUTH = " (ground truth)"
 """How the name of a policy ends that is given ground truth; no other name can end so."""
@@ -53,8 +52,8 @@ class Policy:
     """First 12 digits of the SHA-256 of its weights."""
     level: Level | None = None
     """What it decides; None where it does not say."""
-    observations: Observations | None = None
-    """Parts of the observation that it needs; None for the environment's own."""
+    arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
+    """Arguments of the environment that it needs; see `agents.policies.needed_arguments`."""
 
     def make(self, space: spaces.Space | None = None) -> Driver:
         """Make the policy for an action space."""
@@ -122,7 +121,7 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:
-        known = {field.name: getattr(params, field.name) for field in fields(params)}
+        known = {one.name: getattr(params, one.name) for one in fields(params)}
         allowed.extend(known)
         taken = {name: given.pop(name) for name in known.keys() & given.keys()}
         return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
@@ -141,9 +140,9 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
 
 
 def _checked(policy: Policy, source: Any) -> Policy:
-    """Return a policy with its level and observations, and marked if it is a bound, after making it once."""
+    """Return a policy with its level and arguments, and marked if it is a bound, after making it once."""
     made = make_policy(source)
     said = made if hasattr(made, "level") else source
     name = policy.name + GROUND_TRUTH if isinstance(made, Omniscient) else policy.name
     level = level_of(said) if hasattr(said, "level") else None
-    return replace(policy, name=name, level=level, observations=observations_of(said))
+    return replace(policy, name=name, level=level, arguments=needed_arguments(said))

@@ -13,7 +13,6 @@ from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 
 from agents.config import Section
 from envs.ids import EXPLORE, arguments_of
-from envs.observations import Observations
 from envs.simulation.crowd import crowd_of
 from envs.slam import DEFAULT_SLAM
 from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
@@ -58,19 +57,18 @@ class Case:
         return value if value != USUAL else str(getattr(usual, "name", usual))
 
     def make_env(
-        self, given: Mapping[str, Any] = MappingProxyType({}), observations: Observations | None = None
+        self, given: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
     ) -> gymnasium.Env[Any, Any]:
         """Make the environment; procedural families draw from their test split.
 
-        `given` holds worlds, robots and SLAMs of the user's own that names stand for, `observations` are the parts of
-        the observation, None for the environment's own.
+        `given` holds worlds, robots and SLAMs of the user's own that names stand for, `needed` the arguments that the
+        policy needs.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
         own = {name: given.get(value, value) for name, value in parts.items() if name and value != USUAL}
-        own |= {} if observations is None else {"observations": observations}
         usual = {"split": "test"} if "split" in arguments_of(self.id) else {}
-        return gymnasium.make(self.id, **{**usual, **self.arguments, **own}, disable_env_checker=True)
+        return gymnasium.make(self.id, **{**usual, **self.arguments, **own, **needed}, disable_env_checker=True)
 
 
 def parse_world(name: str) -> tuple[str, str]:

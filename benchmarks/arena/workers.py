@@ -52,11 +52,11 @@ class Task:
     @property
     def conditions(self) -> tuple[Any, ...]:
         """What decides which environment it is."""
-        return self.case, repr(self.policy.observations)
+        return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
         """Make the environment."""
-        return self.case.make_env(self.given, self.policy.observations)
+        return self.case.make_env(self.given, self.policy.arguments)
 
 
 @dataclass(frozen=True, slots=True)

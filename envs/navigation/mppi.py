@@ -17,7 +17,7 @@ from numba import njit
 from envs.geometry import Pose2D, wrap_angle
 from envs.geometry.distance_transform import squared_distances
 from envs.geometry.lines import lengths_along
-from envs.navigation.obstacles import free_distance, without_people
+from envs.navigation.obstacles import stoppable_share, without_people
 from envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
 from envs.robots import RobotParams
 from envs.simulation import Twist
@@ -244,11 +244,7 @@ class MppiPlanner:
         Predictions are wrong at times, and what counts as a person may be a wall.
         """
         p = self._numbers
-        braking = p.braking * p.max_acc_v
-        free, delay = p.max_v, braking * p.period
-        if v != 0.0:
-            free = free_distance(obstacles, w / v, p.radius, v * p.period + 0.5 * v * abs(v) / braking)
-        share = min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), 1e-9))
+        share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:

@@ -128,6 +128,20 @@ def free_distance(points, curvature, radius, distance):
     return abs(distance)
 
 
+@njit(cache=True, error_model="numpy")
+def stoppable_share(points, v, w, radius, braking, period):
+    """Return the share of a twist, at most 1, at which the robot can stop on its arc before it touches a point.
+
+    It drives on for one more control period `period` [s] before it brakes at `braking` [m/s2]. Others: see
+    `free_distance`.
+    """
+    if v == 0.0:
+        return 1.0
+    delay = braking * period
+    free = free_distance(points, w / v, radius, v * period + 0.5 * v * abs(v) / braking)
+    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / abs(v))
+
+
 def without_people(points, people, margin=0.15):
     """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m].
 

@@ -141,6 +141,8 @@ class Batch:
         actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
         numbers[:, at.COMMAND_V : at.COMMAND_W + 1] = numbers[:, at.ACTION_V : at.ACTION_W + 1] * self._limits
+        if (monitor := envs[0].collision_monitor) is not None:
+            monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
         step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.around)
