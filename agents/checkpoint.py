@@ -38,7 +38,8 @@ Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 class SpaceRecord(BaseModel):
     """A `Box` with the same bounds for every element, a `Discrete` from 0, or a `MultiBinary` with one axis."""
 
-    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
+    # JSON knows no infinity: bounds that are not there are strings.
+    model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True, ser_json_inf_nan="strings")
 
     kind: Literal["Box", "Discrete", "MultiBinary"]
     shape: Annotated[tuple[Size, ...], Field(max_length=4)]

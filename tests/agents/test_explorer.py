@@ -6,6 +6,7 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium import spaces
 
 from agents.algorithms import Actor, build_model
 from agents.checkpoint import load_checkpoint
@@ -166,3 +167,23 @@ def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
     policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
     assert env.action_space.contains(policy(env.reset(seed=0)[0]))
     env.close()
+
+
+class Position:
+    """An observation part without bounds: where the robot is along an axis [m]."""
+
+    def space(self, robot):
+        return spaces.Box(-np.inf, np.inf, (1,), np.float32)
+
+    def write(self, robot, out):
+        out[0] = robot.belief.pose.x
+
+
+def test_parts_without_bounds_are_observed_and_saved(tmp_path):
+    parts = {"motion": None, "position": f"{__name__}:Position"}
+    config = tiny("PPO", "Explore", environment={"id": "lidarnaut/Explore-v0", "world": "rooms", "observations": parts})
+    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False))
+    env = gymnasium.make("lidarnaut/Explore-v0", world="rooms", physics="kinematic", observations=policy.observations)
+    observation, _ = env.reset(seed=0)
+    policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
+    assert policy(observation).shape == (2,)

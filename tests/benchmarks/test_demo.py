@@ -10,20 +10,20 @@ from tests.agents.test_every_algorithm import tiny
 
 @pytest.fixture
 def config():
-    environment = {"world": "turtlebot3_world", "time_limit": 2.0, "target_coverage": 0.95, "num_workers": 0}
+    environment = {"id": "lidarnaut/ReachCrowd-v0", "world": "hall", "num_worlds": 2, "num_workers": 0}
     return tiny(
         "PPO",
-        "Explore",
-        environment={"id": "lidarnaut/Explore-v0", **environment},
+        "ReachCrowd",
+        environment={**environment, "time_limit": 2.0},
         hyperparameters={"n_steps": 8, "batch_size": 16, "n_epochs": 1},
-        evaluation={"every": 16, "episodes": 1, "references": ["nearest"]},
+        evaluation={"every": 16, "episodes": 1, "references": ["pursuit"]},
         checkpoints={"every": 16},
     )
 
 
 def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config):
     monkeypatch.setattr("benchmarks.demo.NUM_FRAMES", 3)
-    monkeypatch.setattr("benchmarks.demo.LARGEST_RATIO", 1.0)
+    monkeypatch.setattr("benchmarks.demo.LEAST_LEAD", -2.0)
     folder = tmp_path / "demo"
     folder.mkdir()
     (folder / "report.html").write_text("of an earlier demo")
@@ -38,26 +38,30 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
     for picture in ("paths.png", "learning_curve.png", f"map_{WORLD}_{LEARNED}.png"):
         assert (folder / picture).read_bytes().startswith(b"\x89PNG")
     assert (folder / "report.html").read_text().count("data:image/gif") == 1
-    assert sentence.startswith(f"{folder / 'report.html'}: PPO took 2.0 s to 95% of turtlebot3_world before training")
+    assert sentence.startswith(f"{folder / 'report.html'}: In ReachCrowd-v0, PPO reached 0% of its goals at first, 0%")
     assert sentence.endswith(f"as shares of nearest's (median start): {CLASSIC} 1.00, {LEARNED} 1.00, {TWIST} 1.00.")
 
 
 def test_a_training_that_does_not_improve_fails_and_leaves_an_earlier_demo(tmp_path, config):
     (tmp_path / "demo").mkdir()
-    with pytest.raises(RuntimeError, match=r"95% of turtlebot3_world took 2\.0 s before and 2\.0 s after it"):
+    with pytest.raises(
+        RuntimeError, match=r"in ReachCrowd-v0, PPO reached 0% .* and 0% after .* more than pursuit, 0%"
+    ):
         demo(config, tmp_path / "demo")
     assert (tmp_path / "demo").exists()
     assert (tmp_path / "demo.new" / "training" / "learning_curve.png").exists()
 
 
-def test_a_training_counts_if_it_halves_the_time():
-    rows = [{"policy": policy, "steps": 0.0, "time_to_95": 16.0} for policy in ("nearest", "learned")]
-    improved = [*rows, {"policy": "learned", "steps": 4096.0, "time_to_95": 8.0}]
-    sentence = "PPO took 16.0 s to T before training, 8.0 s after 4,096 steps (nearest 16.0 s)."
-    assert check_learning(improved, "T") == sentence
-    for time in (8.1, float("nan")):
-        improved[-1]["time_to_95"] = time
-        with pytest.raises(RuntimeError, match=f"16.0 s before and {time:.1f} s after"):
+def test_a_training_counts_if_it_gets_above_pursuit():
+    rows = [{"policy": policy, "steps": 0, "success": share} for policy, share in (("pursuit", 0.35), ("learned", 0.1))]
+    improved = [*rows, {"policy": "learned", "steps": 4096, "success": 0.4}]
+    assert (
+        check_learning(improved, "T")
+        == "In T, PPO reached 10% of its goals at first, 40% after 4,096 steps (pursuit 35%)."
+    )
+    for share in (0.35, float("nan")):
+        improved[-1]["success"] = share
+        with pytest.raises(RuntimeError, match=r"10% of its goals before and .* more than pursuit, 35%"):
             check_learning(improved, "T")
 
 
