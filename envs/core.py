@@ -12,12 +12,12 @@ from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
 from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
-from envs.collision_monitor import CollisionMonitor
 from envs.estimation import Belief
 from envs.estimation.dead_reckoning import DeadReckoning
 from envs.files import explain_unknown, resolve
 from envs.geometry import Pose2D
 from envs.measures import PEOPLE
+from envs.navigation.collision_monitor import CollisionMonitor
 from envs.observations import Observations, Tracks, make_parts
 from envs.randomization import Randomization, Ranges
 from envs.rendering.scene import Scene, scene_of
@@ -64,7 +64,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       robot's; see docs/training.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
     - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
-      sees, see `envs.collision_monitor`.
+      sees, see `envs.navigation.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     """
 
