@@ -2,6 +2,7 @@
 
 import argparse
 import csv
+import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -35,9 +36,8 @@ def draw_learning_curve(
 ) -> None:
     """Draw how often goals are reached, or how much of the task is done, and the headline measure, over training steps.
 
-    A line is the mean over episodes; the band spans the quartiles of the headline, or, of several seeds, their range.
-    What does not learn is a level line. `runs` are rows of `evaluations.csv` by the run's label, see `mean_over_seeds`;
-    `axis` is what their column `steps` counts.
+    A line is the mean over episodes; the band spans the quartiles of the headline. What does not learn is a level line.
+    `runs` are rows of `evaluations.csv` by the run's label, `axis` is what their column `steps` counts.
     """
     from matplotlib.figure import Figure
 
@@ -50,12 +50,12 @@ def draw_learning_curve(
             learned = [row for row in run if row["policy"] == LEARNED]
             steps = [int(row["steps"]) for row in learned]
             axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
-            if f"{measure}_q25" in learned[0]:
+            if measure == headline:
                 low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
         # All runs of one experiment measure the references on the same episodes.
         references = [row for row in first if row["policy"] != LEARNED]
-        for row, style in zip(references, ("-", "--", ":", "-."), strict=False):
+        for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
         axes.set_xlabel(axis)
         names = {"progress": "share of the task that is done", "success": "share of goals reached"}
@@ -64,27 +64,6 @@ def draw_learning_curve(
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path)
-
-
-def mean_over_seeds(runs: Sequence[Sequence[Row]]) -> list[Row]:
-    """Return rows with the means of the measures of several trainings, as far as all got, and their range as quartiles.
-
-    References are those of the first one that has them.
-    """
-    learned = [[row for row in run if row["policy"] == LEARNED] for run in runs]
-    rows = next(run for run in sorted(runs, key=lambda run: run[0]["policy"] == LEARNED))
-    means = [row for row in rows if row["policy"] != LEARNED]
-    for same in zip(*learned, strict=False):
-        names = [
-            name for name, value in same[0].items() if isinstance(value, float) and not name.endswith(("q25", "q75"))
-        ]
-        mean = {name: float(np.mean([float(row[name]) for row in same])) for name in names}
-        for name in ("success", headline_of_rows(rows)):
-            if name in mean:
-                values = [float(row[name]) for row in same]
-                mean |= {f"{name}_q25": min(values), f"{name}_q75": max(values)}
-        means.append({"policy": LEARNED, "steps": same[0]["steps"], **mean})
-    return means
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
@@ -104,22 +83,17 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
 
 
 def main() -> None:
-    """Draw the curves of several runs of one task into one picture; seeds of an algorithm are one line."""
+    """Draw the curves of several runs of one experiment into one picture."""
     parser = argparse.ArgumentParser(prog="python -m agents.curves", description=main.__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="run folders")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     parser.add_argument("--title", default="", help="title of the figure")
     arguments = parser.parse_args()
-    groups = dict[str, list[Sequence[Row]]]()
-    for run in arguments.runs:
-        config = read_record(run / "config.yaml", TrainingConfig)
-        groups.setdefault(config.algorithm, []).append(read_evaluations(run))
-    rows = dict[str, Sequence[Row]]()
-    for algorithm, each in groups.items():
-        several = len(each) > 1
-        rows[f"{algorithm}, {len(each)} seeds" if several else algorithm] = (
-            mean_over_seeds(each) if several else each[0]
-        )
+    rows = {
+        f"{config.algorithm}, seed {config.seed}": read_evaluations(run)
+        for run in arguments.runs
+        for config in [read_record(run / "config.yaml", TrainingConfig)]
+    }
     draw_learning_curve(rows, arguments.title, arguments.out)
 
 

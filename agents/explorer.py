@@ -34,7 +34,7 @@ class LearnedPolicy:
         self.observations = self.arguments.get("observations")
         """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
         self.collision_monitor = bool(self.arguments.get("collision_monitor"))
-        """Whether it was trained with one, and needs one."""
+        """Whether it drives with one: that of its evaluations, or else of its training."""
         self.control_hz = record.control_hz
         """Control steps per second in its training; `baselines.episode.run_episode` asks it as often."""
         self._is_first = True

@@ -11,6 +11,8 @@ SIGHT_STEP = 0.02
 """Spacing of the poses along an arc at which the footprint is tested [m]."""
 SAME_POINT = 0.02
 """Distance up to which two remembered points count as one [m]."""
+SLOWEST = 1e-9
+"""Forward speed below which a twist counts as one of this speed [m/s]."""
 CAPACITY = 1000
 """Points of scans that are remembered at most."""
 BUMP_POINTS = 5
@@ -139,7 +141,7 @@ def stoppable_share(points, v, w, radius, braking, period):
         return 1.0
     delay = braking * period
     free = free_distance(points, w / v, radius, v * period + 0.5 * v * abs(v) / braking)
-    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / abs(v))
+    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), SLOWEST))
 
 
 def without_people(points, people, margin=0.15):
