@@ -83,7 +83,7 @@ class GaussianNetworkConfig(NetworkConfig):
 
     log_std: float = Field(default=-0.5, ge=-20, le=20)
     """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
-    speed: float = Field(default=0.5, ge=-1, le=1)
+    speed: float = Field(default=0.0, ge=-1, le=1)
     """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
     pursuit: float = Field(default=0.0, ge=0, le=1)
     """Weight in the mean of the twist that follows the first path of the observation `plan`; 0 leaves it out."""
