@@ -266,4 +266,4 @@ def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Sp
         return lambda progress: rate * min(progress + 1.0 / updates, 1.0)
     if isinstance(value, str) and ":" in value:
         return load_object(value)
-    return tuple(value) if isinstance(value, list) else value
+    return tuple(value) if name == "train_freq" and isinstance(value, list) else value
