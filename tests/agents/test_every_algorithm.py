@@ -42,7 +42,7 @@ def tiny(algorithm, id, **changes):
     hyperparameters = {"n_steps": 4} if algorithm == "A2C" else {"n_steps": 4, "batch_size": 8}
     if algorithm in WITH_BUFFER:
         hyperparameters = {"train_freq": 4, "gradient_steps": 2, "batch_size": 4, "learning_starts": 4}
-        hyperparameters |= {"buffer_size": 12}
+        hyperparameters |= {"buffer_size": 12, "policy_kwargs": {"net_arch": [8, 8]}}
     if algorithm in ("TD3", "DDPG"):
         hyperparameters["action_noise"] = 0.1
     network = {"features": 8, "channels": 2, "hidden": 8}
