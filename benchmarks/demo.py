@@ -13,7 +13,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from agents.config import TrainingConfig
+from agents.config import TrainingConfig, change
 from agents.curves import LEARNED as LEARNS
 from agents.curves import Row as CurveRow
 from agents.curves import draw_learning_curve, read_evaluations
@@ -25,11 +25,17 @@ from benchmarks.arena.settings import Settings
 from benchmarks.arena.trace import Trace, trace_path
 from benchmarks.films import save_film
 from envs.command_line import run_command
-from envs.files import Lock, read_record
+from envs.files import Lock, parse_record, read_mapping
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "reach_crowd.yaml"
-TRAINING = {"total_steps": 500_000, "evaluation": {"every": 125_000, "episodes": 100, "references": ("pursuit", "dwb")}}
+TRAINING = {
+    "total_steps": 500_000,
+    "environment.people.attentive": 0.5,
+    "evaluation.every": 125_000,
+    "evaluation.episodes": 100,
+    "evaluation.references": ["pursuit", "dwb"],
+}
 """What the demo changes of that configuration."""
 WORLD = "turtlebot3_house"
 """Where the explorers meet. No training has seen it: `agents/frontiers/held_out.yaml` names it."""
@@ -174,9 +180,7 @@ def main() -> None:
     """Run the demo."""
     physics = "bullet" if importlib.util.find_spec("pybullet") else "kinematic"
     try:
-        config = read_record(CONFIG, TrainingConfig)
-        evaluation = config.evaluation.model_copy(update=TRAINING["evaluation"])
-        config = config.model_copy(update={**TRAINING, "evaluation": evaluation})
+        config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
         print(demo(config, FOLDER, physics=physics))
     except KeyboardInterrupt:
         sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is as it was\n")
