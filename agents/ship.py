@@ -20,6 +20,8 @@ from envs.files import write_file
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
+LEAVES_THEM = b"agents.frontiers.tasks:", b"agents.robots:"
+"""What the configuration of a training names that draws its worlds or its robots from what is not held out."""
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
@@ -40,7 +42,7 @@ def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyr
     files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
     files["curve.csv"] = (run / "evaluations.csv").read_bytes()
-    if is_score or b"agents.frontiers.tasks:" in files["config.yaml"]:
+    if is_score or any(name in files["config.yaml"] for name in LEAVES_THEM):
         files["held_out.yaml"] = HELD_OUT.read_bytes()
     sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]
     folder.mkdir(parents=True, exist_ok=True)
