@@ -19,6 +19,7 @@ INCLUDED = {
     "CHANGELOG.md": "changelog.md",
     "agents/pretrained/frontiers/README.md": "pretrained.md",
     "agents/pretrained/twist/README.md": "pretrained.md",
+    "agents/pretrained/crowd/README.md": "pretrained.md",
 }
 """Markdown files outside of docs, and the pages that include them."""
 
