@@ -33,7 +33,8 @@ TEXT = """\
 What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
 budgets, and what is made easier than in the registered environments, are in
 [`configs/algorithms.yaml`](../configs/algorithms.yaml); hyperparameters are those that
-`train.py` takes by default.
+`train.py` takes by default, but that PPO and RecurrentPPO begin twists by driving ahead at half speed. At decisions,
+PPO begins as the rule `gain_over_cost`.
 
 ```
 python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on
