@@ -93,18 +93,18 @@ class ScanWindows(BaseFeaturesExtractor):
                 f"parts are {shapes}"
             )
         self._key, self._shape = key, (spaces.flatdim(observation_space[key]) // num_sectors, num_sectors)
-        self._width, self._stride, self._gain = width, stride, gain
+        self._width, self._gain, self._starts = width, gain, range(0, num_sectors - width + 1, stride)
         self._others = [name for name in observation_space.spaces if name != key]
         others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
-        super().__init__(observation_space, ((num_sectors - width) // stride + 1) * channels + others)
+        super().__init__(observation_space, len(self._starts) * channels + others)
         self.window = nn.Sequential(nn.Linear(self._shape[0] * width, channels), nn.ReLU())
 
     def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
         """Return the features, shape (batch, features_dim)."""
-        scans = observations[self._key].unflatten(1, self._shape)
+        scans = observations[self._key].reshape(-1, *self._shape)
         scans = torch.cat([scans[:, :1], self._gain * (scans[:, :1] - scans[:, 1:])], dim=1)
-        windows = scans.unfold(2, self._width, self._stride).transpose(1, 2).flatten(2)
-        windows = self.window(windows).flatten(1)
+        windows = [scans[:, :, start : start + self._width].flatten(1) for start in self._starts]  # ONNX has no unfold
+        windows = self.window(torch.stack(windows, dim=1)).flatten(1)
         others = [observations[name].flatten(1) for name in self._others]  # in whatever order they are given
         return torch.cat([windows, *others], dim=1)
 

@@ -8,10 +8,11 @@ import pytest
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import CombinedExtractor
 
+from agents.checkpoint import POLICY_FILE
 from agents.evaluation import evaluation_environment
 from agents.explorer import LearnedPolicy
 from agents.export import main
-from agents.learned import find_policy
+from agents.learned import PRETRAINED, find_policy
 from agents.run_folder import CheckpointError
 from agents.training import train
 from agents.vec_env import make_env
@@ -114,6 +115,15 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
         "about": "Of four numbers, that of the quadrant that the robot heads for is 1.",
     }
     assert about["robot"]["name"] == "sees_around"
+
+
+@pytest.mark.parametrize(
+    "name", sorted(folder.name for folder in PRETRAINED.glob("*/") if (folder / POLICY_FILE).exists())
+)
+def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path):
+    about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares them, on batches of 64 and of 1
+    session, _ = read(onnxruntime, tmp_path / "policy.onnx")
+    assert {one.name for one in session.get_inputs()} == about["inputs"].keys()
 
 
 def test_the_metadata_are_enough_to_drive(onnxruntime, tmp_path):
