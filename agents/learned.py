@@ -65,4 +65,6 @@ def fingerprint(folder: Path) -> str:
     from agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
-    return hashlib.sha256(weights.read_bytes()).hexdigest()
+    completion = folder / COMPLETION_FILE
+    content = weights.read_bytes() + (completion.read_bytes() if completion.exists() else b"")
+    return hashlib.sha256(content).hexdigest()

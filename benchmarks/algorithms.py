@@ -34,8 +34,8 @@ What the algorithms of [`train.py`](training.md) learn in minutes of one core, b
 budgets, and what is made easier than in the registered environments, are in
 [`configs/algorithms.yaml`](../configs/algorithms.yaml); hyperparameters are those that
 `train.py` takes by default, but that PPO and RecurrentPPO begin twists by driving ahead at half speed. In
-ExploreFrontiers, PPO begins as the rule `gain_over_cost` (`PPO_from_rule` there). It makes the rule's choices still at
-the end, in every episode: that it is above random is no effect of its training, and counts as 1 at a glance.
+ExploreFrontiers, PPO begins as the rule `gain_over_cost` (`PPO_from_rule` there): what training has changed is its
+difference from that rule, not from random.
 
 ```
 python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on

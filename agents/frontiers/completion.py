@@ -36,8 +36,6 @@ CHANNELS = 24, 48, 96, 128
 """Channels of the network, from the finest cells to the coarsest."""
 CAUTION = 0.5
 """Exponent of the chance that a cell on a ray is free: neighbours are blocked together, which chances do not say."""
-MOST = 48
-"""Candidates whose views are completed at most, as many as scores are given; the estimates of rays are not alike."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -98,10 +96,7 @@ class _Block(nn.Sequential):
 
 
 class CompletionNetwork(nn.Module):
-    """From crops, shape (batch, SIDE, SIDE), uint8, to logits that cells are blocked, of that shape, float32.
-
-    Coarse features are added to finer ones, which takes half the time of stacking them.
-    """
+    """From crops, shape (batch, SIDE, SIDE), uint8, to logits that cells are blocked, of that shape, float32."""
 
     def __init__(self) -> None:
         super().__init__()
@@ -127,10 +122,9 @@ class CompletionNetwork(nn.Module):
 class Completion:
     """Estimates the areas in view of candidates by a completed map; for `FrontierNavigator.estimate`."""
 
-    def __init__(self, network: CompletionNetwork, caution: float = CAUTION) -> None:
+    def __init__(self, network: CompletionNetwork) -> None:
         """Take a trained network."""
-        self._network, self._caution = network.eval(), caution
-        self._crops = np.zeros((MOST, SIDE, SIDE), dtype=np.uint8)
+        self._network = network.eval()
 
     @classmethod
     def load(cls, folder: Path) -> "Completion":
@@ -158,13 +152,11 @@ class Completion:
 
     def __call__(self, navigator: FrontierNavigator, table: np.ndarray) -> None:
         """Write the expected areas of candidates, shape (k,), `CANDIDATE`, into their field `visible` [m2]."""
-        count, planning = min(len(table), MOST), navigator.map
-        if count == 0:
-            return
-        frame, crops = (*planning.origin, planning.side), self._crops[:count]
-        for k, (x, y) in enumerate(table["viewpoint"][:count].tolist()):
+        planning = navigator.map
+        frame, crops = (*planning.origin, planning.side), np.empty((len(table), SIDE, SIDE), dtype=np.uint8)
+        for k, (x, y) in enumerate(table["viewpoint"].tolist()):
             crop(planning.joined, frame, x, y, crops[k])
         blocked = self.blocked(crops)
         reach = int(planning.tables[0].view_reach * planning.side / CELL)
-        for k in range(count):
-            table["visible"][k] = expected_area(crops[k], blocked[k], reach, self._caution)
+        for k in range(len(table)):
+            table["visible"][k] = expected_area(crops[k], blocked[k], reach, CAUTION)

@@ -30,6 +30,7 @@ PER_DECISION = 4
 NEAR = 4.0
 """Distance over which the weight of a cell falls to 1/e [m]."""
 BATCH, RATE = 64, 2e-3
+"""Samples of a step, and the greatest learning rate."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,12 +57,8 @@ def true_crop(is_open, frame, pose, x, y, out):
 
 def samples_of(task: Task) -> np.ndarray:
     """Explore a task by the rule; return what is known around candidates, and the truth: (n, 2, SIDE, SIDE), uint8."""
-    env, rule, rng = (
-        make_environment(task.robot, task.resolution, task.drift),
-        FrontierScore(),
-        np.random.default_rng(0),
-    )
-    samples = list[np.ndarray]()
+    env = make_environment(task.robot, task.resolution, task.drift)
+    rule, rng, samples = FrontierScore(), np.random.default_rng(task.seed), list[np.ndarray]()
 
     def choose(observation: dict[str, np.ndarray]) -> np.int64:
         area, planning, views = env.explore.task.coverage.area, env.navigator.map, env.candidates["viewpoint"]
