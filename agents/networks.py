@@ -103,7 +103,8 @@ class ScanWindows(BaseFeaturesExtractor):
         """Return the features, shape (batch, features_dim)."""
         scans = observations[self._key].reshape(-1, *self._shape)
         scans = torch.cat([scans[:, :1], self._gain * (scans[:, :1] - scans[:, 1:])], dim=1)
-        windows = [scans[:, :, start : start + self._width].flatten(1) for start in self._starts]  # unfold needs a fixed batch in ONNX
+        # Not by `Tensor.unfold`, which becomes ONNX for a fixed batch alone.
+        windows = [scans[:, :, start : start + self._width].flatten(1) for start in self._starts]
         windows = self.window(torch.stack(windows, dim=1)).flatten(1)
         others = [observations[name].flatten(1) for name in self._others]  # in whatever order they are given
         return torch.cat([windows, *others], dim=1)
