@@ -14,4 +14,4 @@ RUN useradd --home-dir /home/explorer explorer && mkdir -m 1777 /home/explorer
 USER explorer
 WORKDIR /home/explorer
 
-CMD ["python", "-m", "benchmarks.demo"]
+CMD ["python", "-m", "lidarnaut.benchmarks.demo"]

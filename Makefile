@@ -19,7 +19,7 @@ warm: install
 	$(BIN)/python -m lidarnaut.warm
 
 demo: install
-	$(BIN)/python -m benchmarks.demo
+	$(BIN)/python -m lidarnaut.benchmarks.demo
 
 test: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal

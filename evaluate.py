@@ -21,12 +21,12 @@ import tyro
 import yaml
 from rich.console import Console
 
-from benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from envs.command_line import fail, read_options
-from envs.files import naming, read_record
 from lidarnaut import find_configuration
+from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.envs.command_line import fail, read_options
+from lidarnaut.envs.files import naming, read_record
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     wit
 
 Every key of the configuration is an option, with dots between the names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
---hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of agents.config.NetworkConfig.
+--hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig in agents.config.
 --ray ADDRESS runs a sweep, or an evolution, on a Ray cluster; --jobs 2 runs two trainings of a sweep side by side.
 """
 
@@ -23,11 +23,11 @@ from typing import Any
 import gymnasium
 import yaml
 
-from agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from agents.run_folder import CheckpointError, find_config
-from envs.command_line import fail, read_options
-from envs.files import LockedError, read_mapping
 from lidarnaut import find_configuration
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
+from lidarnaut.agents.run_folder import CheckpointError, find_config
+from lidarnaut.envs.command_line import fail, read_options
+from lidarnaut.envs.files import LockedError, read_mapping
 
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
 """What a training without a configuration is."""
@@ -69,17 +69,17 @@ def start(data: dict, source: str, resume: Path | None, ray: str | None, jobs: i
     """Start, or go on with, what a configuration asks for; return the folder of the results. Raises as `train`."""
     # Torch takes seconds to load: mistakes in the configuration are reported at once.
     if {"sweep", "seeds"} & data.keys():
-        from agents.sweep import run_sweep
+        from lidarnaut.agents.sweep import run_sweep
 
         return run_sweep(data, source, resume=resume, ray=ray, jobs=jobs)
     config = parse_config(data, source)
     if isinstance(config, EvolutionConfig):
-        from agents.frontiers.evolution import evolve
+        from lidarnaut.agents.frontiers.evolution import evolve
 
         return evolve(config, resume=resume, ray=ray)
     if ray is not None:
         raise ValueError("--ray is for sweeps and evolutions: a training by itself runs in one place")
-    from agents.training import train
+    from lidarnaut.agents.training import train
 
     return train(config, resume=resume)
 

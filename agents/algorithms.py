@@ -17,15 +17,21 @@ from stable_baselines3.common.on_policy_algorithm import OnPolicyAlgorithm
 from stable_baselines3.common.policies import BasePolicy
 from torch import nn
 
-from agents.checkpoint import POLICY_FILE, Checkpoint, check_tensors, damaged
-from agents.config import ALGORITHMS, DecisionNetworkConfig, GaussianNetworkConfig, NetworkConfig, TrainingConfig
-from agents.frontiers.network import NEEDED, RULE, FrontierPolicy
-from agents.frontiers.score import FrontierScore
-from agents.learned import find_policy
-from agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
-from agents.pursuit import PursuitPolicy
-from agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
-from envs.files import explain_unknown, load_object, parse_record
+from lidarnaut.agents.checkpoint import POLICY_FILE, Checkpoint, check_tensors, damaged
+from lidarnaut.agents.config import (
+    ALGORITHMS,
+    DecisionNetworkConfig,
+    GaussianNetworkConfig,
+    NetworkConfig,
+    TrainingConfig,
+)
+from lidarnaut.agents.frontiers.network import NEEDED, RULE, FrontierPolicy
+from lidarnaut.agents.frontiers.score import FrontierScore
+from lidarnaut.agents.learned import find_policy
+from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
+from lidarnaut.agents.pursuit import PursuitPolicy
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
+from lidarnaut.envs.files import explain_unknown, load_object, parse_record
 
 _PPO = {"learning_rate": "lin_0.0007", "n_steps": 128, "batch_size": 512, "n_epochs": 4}
 _ENTROPY = {"learning_rate": 1e-3, "gamma": 0.98, "ent_coef": "auto_0.05"}

@@ -9,15 +9,15 @@ from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from stable_baselines3.common.utils import safe_mean
 
-from agents.algorithms import rollout_steps
-from agents.checkpoint import Checkpoint, save_checkpoint
-from agents.config import TrainingConfig
-from agents.curves import LEARNED, Row
-from agents.evaluation import Evaluator
-from agents.replay import ReplayFiles
-from agents.run_folder import list_checkpoints, write_evaluations
-from agents.state import capture
-from envs.progress import Progress
+from lidarnaut.agents.algorithms import rollout_steps
+from lidarnaut.agents.checkpoint import Checkpoint, save_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import LEARNED, Row
+from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.replay import ReplayFiles
+from lidarnaut.agents.run_folder import list_checkpoints, write_evaluations
+from lidarnaut.agents.state import capture
+from lidarnaut.envs.progress import Progress
 
 
 class RunCallback(BaseCallback):

@@ -16,10 +16,10 @@ from pydantic import BaseModel, ConfigDict, Field, FiniteFloat, NonNegativeInt, 
 from safetensors import SafetensorError
 from torch import Tensor
 
-from agents.config import TrainingConfig
-from agents.curves import Row
-from agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
-from envs.files import explain_errors, write_folder
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import Row
+from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
+from lidarnaut.envs.files import explain_errors, write_folder
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""
@@ -115,7 +115,7 @@ class Record(BaseModel):
     control_hz: FiniteFloat
     """Control steps per second of the environment."""
     replay: dict[str, str] = {}
-    """Checksums of the files of transitions that the replay buffer is made of, oldest first; see `agents.replay`."""
+    """Checksums of the replay buffer's files of transitions, oldest first; see `lidarnaut.agents.replay`."""
     evaluations: list[Row]
     """Rows of `evaluations.csv` so far."""
     sha256: dict[str, str] = {}

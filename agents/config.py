@@ -6,8 +6,8 @@ from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
 
-from agents.frontiers.tasks import SIDES
-from envs.files import explain_unknown, parse_record
+from lidarnaut.agents.frontiers.tasks import SIDES
+from lidarnaut.envs.files import explain_unknown, parse_record
 
 ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
@@ -68,7 +68,7 @@ class EnvironmentConfig(Section):
 
 
 class NetworkConfig(Section):
-    """Network over the parts of an observation; see `agents.networks`."""
+    """Network over the parts of an observation; see `lidarnaut.agents.networks`."""
 
     features: Width = 128
     """Width of the features that policy and value share."""
@@ -90,7 +90,7 @@ class GaussianNetworkConfig(NetworkConfig):
 
 
 class DecisionNetworkConfig(Section):
-    """Network that chooses frontiers by PPO or A2C; see `agents.frontiers.network`."""
+    """Network that chooses frontiers by PPO or A2C; see `lidarnaut.agents.frontiers.network`."""
 
     width: Width = 64
     """Width of all layers."""
@@ -139,7 +139,7 @@ class CheckpointConfig(Section):
 
 
 class EvolutionConfig(Section):
-    """Evolution of a frontier score by CMA-ES; see `agents.frontiers.evolution`."""
+    """Evolution of a frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
 
     algorithm: Literal["evolution"]
     """Tells this configuration from others."""

@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from agents.config import TrainingConfig
-from envs.files import read_record
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.envs.files import read_record
 
 Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
@@ -84,7 +84,7 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
 
 def main() -> None:
     """Draw the curves of several runs of one experiment into one picture."""
-    parser = argparse.ArgumentParser(prog="python -m agents.curves", description=main.__doc__)
+    parser = argparse.ArgumentParser(prog="python -m lidarnaut.agents.curves", description=main.__doc__)
     parser.add_argument("runs", nargs="+", type=Path, help="run folders")
     parser.add_argument("--out", type=Path, required=True, help="PNG to write")
     parser.add_argument("--title", default="", help="title of the figure")

@@ -7,16 +7,16 @@ import numpy as np
 from gymnasium.vector import VectorEnv
 from stable_baselines3.common.policies import BasePolicy
 
-from agents.algorithms import Actor
-from agents.config import EnvironmentConfig, TrainingConfig
-from agents.curves import SCORES, Row
-from agents.policies import make_policy
-from agents.vec_env import Observations, columns_of, make_env, make_vector
-from baselines.episode import decide_with, run_episode
-from baselines.explorer import Policy
-from envs.core import lidar_env_of
-from envs.files import resolve
-from envs.measures import Course, headline_of, measures_of
+from lidarnaut.agents.algorithms import Actor
+from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
+from lidarnaut.agents.curves import SCORES, Row
+from lidarnaut.agents.policies import make_policy
+from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
+from lidarnaut.baselines.episode import decide_with, run_episode
+from lidarnaut.baselines.explorer import Policy
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.measures import Course, headline_of, measures_of
 
 
 def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
@@ -64,7 +64,9 @@ class Evaluator:
 
     def make_reference(self, name: str) -> Policy:
         """Return a classic policy for the task; raises as `reference`."""
-        from baselines import policies_for  # brings scikit-learn, which a training without references need not load
+        from lidarnaut.baselines import (
+            policies_for,  # brings scikit-learn, which a training without references need not load
+        )
 
         self._env.reset(seed=0)  # what the task offers is known from then on
         policy = make_policy(resolve(name, policies_for(self._env), "policy"), self._env.action_space)

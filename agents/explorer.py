@@ -8,11 +8,11 @@ import numpy as np
 import torch
 from stable_baselines3.common.policies import BasePolicy
 
-from agents.algorithms import Actor, build_policy
-from agents.checkpoint import Record, load_checkpoint
-from agents.policies import Level
-from agents.run_folder import CheckpointError, find_checkpoint
-from envs.robots import RobotParams, load_robot
+from lidarnaut.agents.algorithms import Actor, build_policy
+from lidarnaut.agents.checkpoint import Record, load_checkpoint
+from lidarnaut.agents.policies import Level
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.envs.robots import RobotParams, load_robot
 
 
 class LearnedPolicy:
@@ -26,7 +26,7 @@ class LearnedPolicy:
         self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
         self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
-        """What it decides; see `agents.policies.Level`."""
+        """What it decides; see `lidarnaut.agents.policies.Level`."""
         self.id = record.config.environment.id
         """Environment that it was trained in."""
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
@@ -36,7 +36,7 @@ class LearnedPolicy:
         self.collision_monitor = bool(self.arguments.get("collision_monitor"))
         """Whether it drives with one: that of its evaluations, or else of its training."""
         self.control_hz = record.control_hz
-        """Control steps per second in its training; `baselines.episode.run_episode` asks it as often."""
+        """Control steps per second in its training; `lidarnaut.baselines.episode.run_episode` asks it as often."""
         self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
         spaces = {key: described.space() for key, described in record.observation.items()}

@@ -1,4 +1,4 @@
-"""Write a policy as ONNX, for a robot without torch: `python -m agents.export POLICY OUT.onnx`.
+"""Write a policy as ONNX, for a robot without torch: `python -m lidarnaut.agents.export POLICY OUT.onnx`.
 
 POLICY is a run folder of `train.py`, a checkpoint, or `ppo:pretrained/twist`, as `evaluate.py --policies` takes it. The
 file has an input for each part of the observation by its name, shape (batch, ...), in the environment's dtype, and an
@@ -27,16 +27,16 @@ from gymnasium import spaces
 from stable_baselines3.common.policies import BasePolicy
 from torch import Tensor, nn
 
-from agents.algorithms import Actor, build_policy
-from agents.checkpoint import Record, SpaceRecord, load_checkpoint
-from agents.evaluation import evaluation_environment
-from agents.frontiers.score import RECORD_FILE
-from agents.learned import find_policy, fingerprint
-from agents.run_folder import LIBRARIES, CheckpointError
-from agents.vec_env import Observations, make_env
-from envs.command_line import run_command
-from envs.core import lidar_env_of
-from envs.files import write_file
+from lidarnaut.agents.algorithms import Actor, build_policy
+from lidarnaut.agents.checkpoint import Record, SpaceRecord, load_checkpoint
+from lidarnaut.agents.evaluation import evaluation_environment
+from lidarnaut.agents.frontiers.score import RECORD_FILE
+from lidarnaut.agents.learned import find_policy, fingerprint
+from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
+from lidarnaut.agents.vec_env import Observations, make_env
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import write_file
 
 TOLERANCE = 1e-5
 """Greatest difference between an action of the policy and that of the file; choices are the same."""
@@ -107,7 +107,7 @@ class _Graph(nn.Module):
         arguments = {"action_masks": seen["action_mask"]} if self.has_masks else {}
         if state:
             arguments |= {"lstm_states": state, "episode_starts": torch.zeros(state[0].shape[1])}
-        if isinstance(self.policy.observation_space, spaces.Box):  # as `agents.networks.flatten`
+        if isinstance(self.policy.observation_space, spaces.Box):  # as `lidarnaut.agents.networks.flatten`
             seen = torch.cat([seen[name].reshape(seen[name].shape[0], -1).float() for name in sorted(seen)], dim=1)
         found: Any = self.policy._predict(seen, deterministic=True, **arguments)
         action, state = found if state else (found, ())

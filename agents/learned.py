@@ -3,7 +3,7 @@
 import hashlib
 from pathlib import Path
 
-from agents.frontiers.score import (
+from lidarnaut.agents.frontiers.score import (
     COMPLETION_FILE,
     RECORD_FILE,
     WEIGHTS_FILE,
@@ -11,8 +11,8 @@ from agents.frontiers.score import (
     PursuitScoreExplorer,
     ScoreExplorer,
 )
-from agents.run_folder import CheckpointError, find_checkpoint
-from baselines.explorer import Explorer, ObservationPolicy
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.baselines.explorer import Explorer, ObservationPolicy
 
 PRETRAINED = Path(__file__).with_name("pretrained")
 """Folder of the policies that come with the package."""
@@ -41,7 +41,7 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | ObservationPolicy:
     """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
-    That explorer drives by `pursuit` if asked (`baselines.frontier.pursuit`).
+    That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`).
 
     Raises:
         CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.
@@ -49,20 +49,20 @@ def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | Observatio
     if (folder / RECORD_FILE).exists():
         score, estimate = FrontierScore.load(folder), None
         if (folder / COMPLETION_FILE).exists():
-            from agents.frontiers.completion import Completion
+            from lidarnaut.agents.frontiers.completion import Completion
 
             estimate = Completion.load(folder)
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(score, estimate)
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
-    from agents.explorer import LearnedPolicy  # torch takes seconds to load
+    from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
 
     return LearnedPolicy.load(folder)
 
 
 def fingerprint(folder: Path) -> str:
     """Return the SHA-256 of the weights in a folder that `find_policy` returned."""
-    from agents.checkpoint import POLICY_FILE
+    from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
     completion = folder / COMPLETION_FILE

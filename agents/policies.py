@@ -7,9 +7,9 @@ from typing import Any, Literal, get_args
 import numpy as np
 from gymnasium import spaces
 
-from baselines.explorer import OnePerRobot, Policy
-from baselines.frontier.explorer import RuleExplorer
-from envs.robots import RobotParams
+from lidarnaut.baselines.explorer import OnePerRobot, Policy
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
 """What a policy decides: twists, or which frontier to go to in `ExploreFrontiers-v0`."""
@@ -38,7 +38,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         value = value()
     if hasattr(value, "act"):
         if not hasattr(value, "reset"):
-            raise ValueError(f"explorer {value!r} lacks reset; see baselines.explorer.Explorer")
+            raise ValueError(f"explorer {value!r} lacks reset; see lidarnaut.baselines.explorer.Explorer")
         for name in {"end_reason", "plan"} - {*dir(value)}:  # properties may need a reset
             setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1

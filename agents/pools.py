@@ -5,7 +5,7 @@ from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from typing import Any
 
-from envs.processes import start_worker, stop_workers
+from lidarnaut.envs.processes import start_worker, stop_workers
 
 
 class RayExecutor(Executor):

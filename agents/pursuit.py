@@ -9,9 +9,9 @@ from stable_baselines3.common.distributions import DiagGaussianDistribution
 from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
-from agents.networks import JointPolicy, Tensors
-from baselines.frontier.pursuit import TURN
-from envs.observations.plan import WIDTH
+from lidarnaut.agents.networks import JointPolicy, Tensors
+from lidarnaut.baselines.frontier.pursuit import TURN
+from lidarnaut.envs.observations.plan import WIDTH
 
 BACK = -0.3
 """Forward speed of the guess in contact, as a fraction of the robot's limit."""

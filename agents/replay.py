@@ -12,9 +12,9 @@ import torch
 from safetensors import SafetensorError
 from stable_baselines3.common.buffers import ReplayBuffer
 
-from agents.checkpoint import load_tensors
-from agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
-from envs.files import write_file
+from lidarnaut.agents.checkpoint import load_tensors
+from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
+from lidarnaut.envs.files import write_file
 
 FOLDER = "replay"
 """Folder of a run with the files."""

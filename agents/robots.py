@@ -6,7 +6,7 @@ Of the library's robots none but the Jackal is seen in training.
 from dataclasses import replace
 from typing import Any
 
-from envs.robots import RobotParams, load_robot
+from lidarnaut.envs.robots import RobotParams, load_robot
 
 JACKAL = load_robot("jackal")
 

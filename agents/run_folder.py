@@ -14,9 +14,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-from agents.config import EvolutionConfig, TrainingConfig
-from agents.curves import Row, draw_learning_curve
-from envs.files import Lock, dump_record, sweep, write_file
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
+from lidarnaut.agents.curves import Row, draw_learning_curve
+from lidarnaut.envs.files import Lock, dump_record, sweep, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
@@ -65,7 +65,7 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
 
     Raises:
         ValueError: if the folder holds a run already.
-        envs.files.LockedError: if another process is at it.
+        lidarnaut.envs.files.LockedError: if another process is at it.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
     run.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Make the folder of a policy that comes with the package: `python -m agents.ship RUN agents/pretrained/NAME`.
+"""Make the folder of a packaged policy: `python -m lidarnaut.agents.ship RUN agents/pretrained/NAME`.
 
 RUN is a run folder of `train.py`, of evolution or of PPO (its newest checkpoint is taken, without the optimizer). The
 new folder holds the policy, `config.yaml`, the learning curve (`curve.png`, and `curve.csv` that it is drawn from),
@@ -12,15 +12,15 @@ from typing import Annotated
 
 import tyro
 
-from agents.checkpoint import POLICY_FILE
-from agents.learned import POLICY, find_policy
-from agents.run_folder import RECORD_FILE
-from envs.command_line import run_command
-from envs.files import write_file
+from lidarnaut.agents.checkpoint import POLICY_FILE
+from lidarnaut.agents.learned import POLICY, find_policy
+from lidarnaut.agents.run_folder import RECORD_FILE
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.files import write_file
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
-LEAVES_THEM = b"agents.frontiers.tasks:", b"agents.robots:"
+LEAVES_THEM = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
 """What the configuration of a training names that draws its worlds or its robots from what is not held out."""
 
 

@@ -12,17 +12,25 @@ from stable_baselines3.common.base_class import BaseAlgorithm
 from torch import Tensor
 from torch.optim import Optimizer
 
-from agents.checkpoint import POLICY_FILE, TRAINING_FILE, Checkpoint, Record, SpaceRecord, check_tensors, damaged
-from agents.config import TrainingConfig
-from agents.curves import Row
-from agents.run_folder import CheckpointError
+from lidarnaut.agents.checkpoint import (
+    POLICY_FILE,
+    TRAINING_FILE,
+    Checkpoint,
+    Record,
+    SpaceRecord,
+    check_tensors,
+    damaged,
+)
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import Row
+from lidarnaut.agents.run_folder import CheckpointError
 
 COUNTERS = ("_episode_num", "_n_calls", "exploration_rate")
 """Numbers of algorithms that have them, besides steps and updates."""
 
 
 def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row], control_hz: float) -> Checkpoint:
-    """Take the state of a training between two updates, but for the replay buffer; see `agents.replay`."""
+    """Take the state of a training between two updates, but for the replay buffer; see `lidarnaut.agents.replay`."""
     state: Any = np.random.get_state()  # noqa: NPY002
     algorithm, key, position, has_gauss, gauss = state
     env: Any = model.env  # whose parts are known also where the algorithm gets vectors

@@ -16,14 +16,14 @@ import yaml
 from rich.table import Table
 from scipy import stats
 
-from agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from agents.curves import LEARNED, SCORES, draw_sweep, headline_of_rows, read_evaluations
-from agents.learned import POLICY
-from agents.pools import make_pool, stop
-from agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
-from envs.command_line import make_console
-from envs.files import LockedError, naming, write_file
-from envs.progress import Progress
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
+from lidarnaut.agents.curves import LEARNED, SCORES, draw_sweep, headline_of_rows, read_evaluations
+from lidarnaut.agents.learned import POLICY
+from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
+from lidarnaut.envs.command_line import make_console
+from lidarnaut.envs.files import LockedError, naming, write_file
+from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
@@ -176,17 +176,17 @@ def is_finished(member: Member) -> bool:
 
 
 def train_member(member: Member, *, progress: bool = False) -> None:
-    """Train one, or go on with it, unless it is finished, and count its time; raises as `agents.training.train`."""
+    """Train one, or go on with it, unless it is finished, and count its time; raises as `training.train`."""
     config, run, begun = member.config, member.run, time.process_time()
     if is_finished(member):
         return
     try:
         if isinstance(config, EvolutionConfig):
-            from agents.frontiers.evolution import evolve
+            from lidarnaut.agents.frontiers.evolution import evolve
 
             evolve(config, run=run, resume=run if (run / "config.yaml").exists() else None, progress=progress)
         else:
-            from agents.training import train
+            from lidarnaut.agents.training import train
 
             train(config, run=run, resume=run if list_checkpoints(run) else None, progress=progress)
     finally:

@@ -8,17 +8,17 @@ from stable_baselines3.common.logger import Logger, TensorBoardOutputFormat
 from stable_baselines3.common.off_policy_algorithm import OffPolicyAlgorithm
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.algorithms import build_model, complete, find_algorithm, num_updates, rollout_steps, takes_vectors
-from agents.callbacks import RunCallback
-from agents.checkpoint import load_checkpoint
-from agents.config import TrainingConfig
-from agents.evaluation import Evaluator
-from agents.replay import ReplayFiles
-from agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
-from agents.state import check_spaces, restore
-from agents.vec_env import make_vec_env
-from envs.files import Lock
-from envs.progress import Progress
+from lidarnaut.agents.algorithms import build_model, complete, find_algorithm, num_updates, rollout_steps, takes_vectors
+from lidarnaut.agents.callbacks import RunCallback
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.replay import ReplayFiles
+from lidarnaut.agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
+from lidarnaut.agents.state import check_spaces, restore
+from lidarnaut.agents.vec_env import make_vec_env
+from lidarnaut.envs.files import Lock
+from lidarnaut.envs.progress import Progress
 
 
 def train(
@@ -33,7 +33,7 @@ def train(
         ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training
             diverges; then the message names the last good checkpoint.
         CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
-        envs.files.LockedError: if another process is at the run.
+        lidarnaut.envs.files.LockedError: if another process is at the run.
         KeyboardInterrupt: on Ctrl-C; the state before the running rollout is saved, and the message names the run.
     """
     source = checkpoint = None

@@ -13,12 +13,12 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from stable_baselines3.common.monitor import Monitor
 from stable_baselines3.common.vec_env import VecEnv
 
-from agents.config import EnvironmentConfig, TrainingConfig
-from agents.networks import flat_space, flatten
-from envs.core import lidar_env_of
-from envs.files import explain_unknown
-from envs.ids import arguments_of, find_spec
-from envs.vector import LidarVectorEnv
+from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
+from lidarnaut.agents.networks import flat_space, flatten
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import explain_unknown
+from lidarnaut.envs.ids import arguments_of, find_spec
+from lidarnaut.envs.vector import LidarVectorEnv
 
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
@@ -35,7 +35,7 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
     try:
         lidar_env_of(env)
     except TypeError as error:
-        why = f"environment.id: {config.id!r} has no task that declares measures; see envs.task.Task"
+        why = f"environment.id: {config.id!r} has no task that declares measures; see lidarnaut.envs.task.Task"
         raise ValueError(why) from error
     return env
 
@@ -118,7 +118,7 @@ class GymnasiumVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
-        """Wrap `env`; with `is_flat`, observations are vectors (`agents.networks.flatten`).
+        """Wrap `env`; with `is_flat`, observations are vectors (`lidarnaut.agents.networks.flatten`).
 
         Raises:
             ValueError: if `env` was made with another autoreset mode than `AutoresetMode.SAME_STEP`.

@@ -7,8 +7,8 @@ from typing import Any
 import gymnasium
 from gymnasium import spaces
 
-from envs.files import resolve
-from envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 
 from .explorer import Explorer, Omniscient, OnePerRobot, Policy
 from .frontier.explorer import RuleExplorer

@@ -11,11 +11,11 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.core import NO_TRACKS, lidar_env_of
-from envs.files import explain_unknown
-from envs.measures import Course, CourseRecorder, measures_of
-from envs.navigation import HomeNavigator
-from envs.rendering.scene import people_in
+from lidarnaut.envs.core import NO_TRACKS, lidar_env_of
+from lidarnaut.envs.files import explain_unknown
+from lidarnaut.envs.measures import Course, CourseRecorder, measures_of
+from lidarnaut.envs.navigation import HomeNavigator
+from lidarnaut.envs.rendering.scene import people_in
 
 from .explorer import Omniscient, Policy, to_action
 
@@ -81,7 +81,7 @@ class Episode:
     """
 
     values: Mapping[str, float]
-    """By the names of the task's measures, and of those of all tasks (`envs.measures.measures_of`)."""
+    """By the names of the task's measures, and of those of all tasks (`lidarnaut.envs.measures.measures_of`)."""
     course: Course
     """Samples of `info`, from which they were computed."""
     decision_times: np.ndarray
@@ -224,8 +224,8 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     Args:
         env: any environment of this package, or of a task of your own, wrapped or not.
-        policy: an explorer, a team, or what is called with observations; see `baselines.explorer`. It gets what the
-            robots sense and estimate only, unless it is `Omniscient`.
+        policy: an explorer, a team, or what is called with observations; see `lidarnaut.baselines.explorer`. It gets
+            what the robots sense and estimate only, unless it is `Omniscient`.
         seed: of everything: world, start, noise, and the policy's own draws.
         on_step: called with `info` after the reset and after every step, to record pictures.
     """

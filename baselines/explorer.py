@@ -6,10 +6,10 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
-from envs.tasks.coverage import Coverage
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
+from lidarnaut.envs.tasks.coverage import Coverage
 
 
 class Policy(Protocol):
@@ -39,7 +39,7 @@ class Policy(Protocol):
 class Explorer(Policy, Protocol):
     """Decides, from sensor readings and pose and map estimates, how to drive. Metres in, metres per second out.
 
-    Never sees ground truth. `baselines.episode.run_episode` also takes policies (`ObservationPolicy`).
+    Never sees ground truth. `lidarnaut.baselines.episode.run_episode` also takes policies (`ObservationPolicy`).
     """
 
     def act(self, reading: Reading, belief: Belief) -> Twist:

@@ -1,4 +1,4 @@
-"""Mapping, global localization and navigation: `python -m baselines.global_localization --world turtlebot3_world`.
+"""Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
 The whole experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), in one command. A robot explores an
 unknown world and saves the map as PGM and YAML. Then it starts at an unknown pose on that map. It drives by the scan
@@ -14,17 +14,17 @@ import numpy as np
 import pygame
 from PIL import Image
 
-from baselines import make_explorer
-from baselines.episode import Info, begin_episode, decide_with, run, run_episode
-from envs.command_line import make_console, run_command
-from envs.core import LidarEnv
-from envs.localization import load_preset
-from envs.navigation import GoalNavigator, GoalParams, crop_to_known
-from envs.rendering.picture import Picture
-from envs.tasks.explore import Explore
-from envs.tasks.goals import draw_goal
-from envs.tasks.navigate import Navigate
-from envs.worlds import save_map
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import Info, begin_episode, decide_with, run, run_episode
+from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.localization import load_preset
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
+from lidarnaut.envs.rendering.picture import Picture
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.goals import draw_goal
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL for a map that a SLAM made: such maps are off by centimetres, and explain a little less of a scan."""

@@ -5,12 +5,12 @@ from itertools import product
 
 import numpy as np
 
-from baselines.frontier.explorer import RuleExplorer
-from envs.estimation import ORIGIN, Belief
-from envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
-from envs.tasks.route import Route
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
+from lidarnaut.envs.tasks.route import Route
 
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Curvatures that are tried, from right to left, for a robot of a tenth of a metre; larger ones curve less [1/m]."""

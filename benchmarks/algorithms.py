@@ -1,7 +1,7 @@
 """The table of algorithms: a sweep over tasks and algorithms as a page of the documentation.
 
 python train.py --config algorithms --jobs 2
-python -m benchmarks.algorithms runs/algorithms__sweep__20250101-120000
+python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
 
 Scores of a training are the headline measure of its task in the episodes of its last evaluation; classic policies meet
 the same episodes. Interquartile means over seeds, and bootstrap intervals, follow Agarwal et al., "Deep Reinforcement
@@ -16,18 +16,18 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from agents.curves import LEARNED, SCORES, read_evaluations
-from agents.run_folder import SWEEP
-from agents.sweep import Member, expand, is_finished, processor_time
-from agents.vec_env import make_env
-from benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
-from benchmarks.arena.plots import INK, LINES, MUTED, render
-from benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
-from benchmarks.arena.trace import slug
-from envs.command_line import run_command
-from envs.core import lidar_env_of
-from envs.files import read_mapping
-from envs.measures import Measure, headline_of
+from lidarnaut.agents.curves import LEARNED, SCORES, read_evaluations
+from lidarnaut.agents.run_folder import SWEEP
+from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
+from lidarnaut.agents.vec_env import make_env
+from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
+from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
+from lidarnaut.benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
+from lidarnaut.benchmarks.arena.trace import slug
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import read_mapping
+from lidarnaut.envs.measures import Measure, headline_of
 
 TEXT = """\
 What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
@@ -39,7 +39,7 @@ difference from that rule, not from random.
 
 ```
 python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on
-python -m benchmarks.algorithms runs/algorithms__sweep__TIME
+python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__TIME
 ```
 
 A score is the mean of the task's headline measure over the evaluation's episodes, in worlds of the test split; all

@@ -13,19 +13,19 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from rich.console import Console
 
-from agents.config import TrainingConfig, change
-from agents.curves import LEARNED as LEARNS
-from agents.curves import Row as CurveRow
-from agents.curves import draw_learning_curve, read_evaluations
-from benchmarks.arena.plots import STYLE, draw_growth, draw_map, extent_of, render
-from benchmarks.arena.publish import print_results, publish, run_with_progress
-from benchmarks.arena.records import Row
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.trace import Trace, trace_path
-from benchmarks.films import save_film
-from envs.command_line import run_command
-from envs.files import Lock, parse_record, read_mapping
+from lidarnaut.agents.config import TrainingConfig, change
+from lidarnaut.agents.curves import LEARNED as LEARNS
+from lidarnaut.agents.curves import Row as CurveRow
+from lidarnaut.agents.curves import draw_learning_curve, read_evaluations
+from lidarnaut.benchmarks.arena.plots import STYLE, draw_growth, draw_map, extent_of, render
+from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress
+from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.benchmarks.arena.trace import Trace, trace_path
+from lidarnaut.benchmarks.films import save_film
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.files import Lock, parse_record, read_mapping
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "reach_crowd.yaml"
@@ -70,9 +70,9 @@ def demo(
 
     Raises:
         RuntimeError: if the training did not get above a classic controller.
-        envs.files.LockedError: if another process is at it.
+        lidarnaut.envs.files.LockedError: if another process is at it.
     """
-    from agents.training import train  # torch takes seconds to load: the first line should not wait for it
+    from lidarnaut.agents.training import train  # torch takes seconds to load: the first line should not wait for it
 
     console, began = Console(stderr=True), time.monotonic()
 

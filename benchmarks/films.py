@@ -1,6 +1,6 @@
-"""Films of environments: `python -m benchmarks.films` films all that are registered, for the documentation.
+"""Films of environments: `python -m lidarnaut.benchmarks.films` films all that are registered, for the documentation.
 
-`python -m benchmarks.films --only Explore-v0 --out FILM.gif --policy frontier` films one of them.
+`python -m lidarnaut.benchmarks.films --only Explore-v0 --out FILM.gif --policy frontier` films one of them.
 """
 
 import math
@@ -13,14 +13,13 @@ import numpy as np
 import yaml
 from PIL import Image
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import policies_for
-from baselines.episode import run_episode
-from benchmarks.arena.episodes import REFERENCES
-from envs.command_line import run_command
-from envs.core import lidar_env_of
-from envs.files import resolve
-from envs.geometry.lines import lengths_along
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.benchmarks.arena.episodes import REFERENCES
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.geometry.lines import lengths_along
 
 NUM_FRAMES = 48
 """Frames of a film, besides the last one, at most; at least half as many in episodes that last."""

@@ -7,9 +7,9 @@ from typing import Any
 
 import gymnasium
 
-LIDAR_ENV = "envs.core:LidarEnv"
-_REACH = "envs.tasks.reach_goal:ReachGoal"
-_EXPLORE = "envs.tasks.explore:Explore"
+LIDAR_ENV = "lidarnaut.envs.core:LidarEnv"
+_REACH = "lidarnaut.envs.tasks.reach_goal:ReachGoal"
+_EXPLORE = "lidarnaut.envs.tasks.explore:Explore"
 _FROM_SPAWN = {"robot": "jackal", "start": "spawn", "goal": "world"}
 ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/Explore-v0": (LIDAR_ENV, {"task": _EXPLORE}),
@@ -20,11 +20,11 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreMaze-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "maze"}),
     "lidarnaut/ExploreAisles-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "warehouse"}),
     "lidarnaut/ExploreCaves-v0": (LIDAR_ENV, {"task": _EXPLORE, "world": "caves"}),
-    "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "envs.tasks.explore:ExploreTeam"}),
-    "lidarnaut/ExploreFrontiers-v0": ("envs.explore_frontiers:ExploreFrontiersEnv", {}),
-    "lidarnaut/ExploreTeamFrontiers-v0": ("envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
-    "lidarnaut/ExploreFrontiersAbstract-v0": ("envs.abstract:ExploreFrontiersAbstractEnv", {}),
-    "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "envs.tasks.navigate:Navigate"}),
+    "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.explore:ExploreTeam"}),
+    "lidarnaut/ExploreFrontiers-v0": ("lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv", {}),
+    "lidarnaut/ExploreTeamFrontiers-v0": ("lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
+    "lidarnaut/ExploreFrontiersAbstract-v0": ("lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv", {}),
+    "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
         LIDAR_ENV,
@@ -34,23 +34,24 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house", "min_distance": 5.0}),
     "lidarnaut/Track-v0": (
         LIDAR_ENV,
-        {"task": "envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},
+        {"task": "lidarnaut.envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},
     ),
 }
-"""Environments: id -> class and arguments, of which one is the task. Vector environments: `envs.vector`."""
+"""Environments: id -> class and arguments, of which one is the task. Vector environments: `lidarnaut.envs.vector`."""
 
 
 def register(id: str, task: Any, **defaults: Any) -> None:
     """Register environments of a task for `gymnasium.make` and `gymnasium.make_vec`, with defaults of their arguments.
 
-    `id` is such as "my_lab/Escape-v0", and `task` a subclass of `envs.task.Task` or `module:attribute` of one.
+    `id` is such as "my_lab/Escape-v0", and `task` a subclass of `lidarnaut.envs.task.Task` or `module:attribute` of
+    one.
     """
     _register(id, LIDAR_ENV, {"task": task, **defaults})
 
 
 def _register(id: str, entry_point: str, arguments: dict[str, Any]) -> None:
     gymnasium.registry.pop(id, None)  # of an earlier import: Gymnasium would warn
-    vector = f"envs.vector:{entry_point.partition(':')[2]}s"
+    vector = f"lidarnaut.envs.vector:{entry_point.partition(':')[2]}s"
     gymnasium.register(id=id, entry_point=entry_point, vector_entry_point=vector, kwargs=arguments)
 
 

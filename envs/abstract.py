@@ -6,15 +6,15 @@ from typing import Any, cast
 
 import numpy as np
 
-from envs.arguments import check_positive, is_number
-from envs.estimation import ORIGIN
-from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
-from envs.geometry import Pose2D, wrap_angle
-from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
-from envs.simulation import KinematicSimulator
-from envs.simulation.crowd.step import step_people
-from envs.simulation.records import THETA, X
-from envs.slam import KnownPoses
+from lidarnaut.envs.arguments import check_positive, is_number
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, SPUN, TIME_UP
+from lidarnaut.envs.simulation import KinematicSimulator
+from lidarnaut.envs.simulation.crowd.step import step_people
+from lidarnaut.envs.simulation.records import THETA, X
+from lidarnaut.envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97
 """Speed along a path over the robot's greatest: navigators slow down in bends and near obstacles."""

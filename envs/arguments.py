@@ -8,8 +8,8 @@ from typing import Any, TypeGuard
 
 import numpy as np
 
-from envs.robots import RobotParams, load_robot
-from envs.worlds import World
+from lidarnaut.envs.robots import RobotParams, load_robot
+from lidarnaut.envs.worlds import World
 
 USUAL_ROBOT = "turtlebot3_burger"
 """Robot of worlds that `USUAL_ROBOTS` does not name."""

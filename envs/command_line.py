@@ -14,7 +14,7 @@ import tyro
 from pydantic import ValidationError
 from rich.console import Console
 
-from envs.files import explain_errors
+from lidarnaut.envs.files import explain_errors
 
 
 def _read_count(texts: list[str]) -> int:

@@ -13,8 +13,8 @@ from numba.core import caching, event
 from tqdm import tqdm
 
 _log = logging.getLogger("lidarnaut")
-_ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
-_OWN = re.compile(r"(agents|baselines|benchmarks|envs)\b")
+_ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
+_OWN = re.compile(r"lidarnaut\b")
 _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 
 

@@ -11,26 +11,26 @@ import numpy as np
 from gymnasium import spaces
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
-from envs.estimation import Belief
-from envs.estimation.dead_reckoning import DeadReckoning
-from envs.files import explain_unknown, resolve
-from envs.geometry import Pose2D
-from envs.measures import PEOPLE
-from envs.navigation.collision_monitor import CollisionMonitor
-from envs.observations import Observations, Tracks, make_parts
-from envs.randomization import Randomization, Ranges
-from envs.rendering.scene import Scene, scene_of
-from envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
-from envs.robots import RobotParams
-from envs.sensor import Measured, make_sensors
-from envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
-from envs.simulation import records as at
-from envs.simulation.crowd.params import PeopleLike, crowd_of
-from envs.simulation.rows import Rows
-from envs.task import Task
-from envs.transition import people_metrics, pose_errors, update_robots
-from envs.worlds import World
+from lidarnaut.envs.arguments import check_positive, choose_robot, clip_hint, is_number, read_action, read_options
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.files import explain_unknown, resolve
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.measures import PEOPLE
+from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
+from lidarnaut.envs.observations import Observations, Tracks, make_parts
+from lidarnaut.envs.randomization import Randomization, Ranges
+from lidarnaut.envs.rendering.scene import Scene, scene_of
+from lidarnaut.envs.robot import REMEMBER_TRUE, GroundTruth, Robot, reset_robots
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.sensor import Measured, make_sensors
+from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.crowd.params import PeopleLike, crowd_of
+from lidarnaut.envs.simulation.rows import Rows
+from lidarnaut.envs.task import Task
+from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
+from lidarnaut.envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
@@ -41,7 +41,7 @@ FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "o
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Lidar robots in a world, driven by twists, one control period in a step.
 
-    What the robots are to do is a task; see `envs.task.Task`. Actions are forward speed and yaw rate
+    What the robots are to do is a task; see `lidarnaut.envs.task.Task`. Actions are forward speed and yaw rate
     (counter-clockwise) as fractions of the robot's limits.
 
     ## Arguments
@@ -52,19 +52,19 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       otherwise.
     - `control_hz` (`10.0`): steps per second.
     - `time_limit` (`None`): length of an episode [s]; `None` gives the task's usual one.
-    - `observations` (`None`): parts of the observation, see `envs.observations.make_parts`; `None` gives the task's
-      usual ones.
+    - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` gives the
+      task's usual ones.
     - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
-      `"doorway"`, `"crossing"`), an `envs.simulation.Crowd`, or a mapping of its parameters; drawn for each episode. At
-      its end `info` has the measures of people as well, see `envs.measures.PEOPLE`.
+      `"doorway"`, `"crossing"`), an `lidarnaut.envs.simulation.Crowd`, or a mapping of its parameters; drawn for each
+      episode. At its end `info` has the measures of people as well, see `lidarnaut.envs.measures.PEOPLE`.
     - `track_people` (`None`): whether robots track people by their scans (`belief.people`) and leave them out of their
       maps; `None`: where `people` are asked for, and scans are matched.
-    - `sensors` (`()`): sensors of your own, see `envs.sensor.Sensor`.
+    - `sensors` (`()`): sensors of your own, see `lidarnaut.envs.sensor.Sensor`.
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
       robot's; see docs/training.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
     - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
-      sees, see `envs.navigation.collision_monitor`.
+      sees, see `lidarnaut.envs.navigation.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     """
 
@@ -88,7 +88,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         render_mode: str | None = None,
         **settings: Any,
     ) -> None:
-        """Assemble an environment for a task, a subclass of `envs.task.Task` or `module:attribute` of one.
+        """Assemble an environment for a task, a subclass of `lidarnaut.envs.task.Task` or `module:attribute` of one.
 
         See the class for the other arguments, of which `settings` are the task's.
 
@@ -415,7 +415,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             return None
         self.check_begun()
         if self._renderer is None:
-            from envs.rendering import Renderer
+            from lidarnaut.envs.rendering import Renderer
 
             self._renderer = Renderer(self.render_mode, self.metadata["render_fps"])
         return self._renderer.draw(self.scene())
@@ -474,7 +474,9 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
     """Return a new task of a class, or `module:attribute` of one; see `LidarEnv` for what is raised."""
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
-        raise ValueError(f"task must be a subclass of envs.task.Task, or module:attribute of one, got {task!r}")
+        raise ValueError(
+            f"task must be a subclass of lidarnaut.envs.task.Task, or module:attribute of one, got {task!r}"
+        )
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
         raise TypeError(f"task {kind.__name__} has no argument {explain_unknown(unknown[0], allowed)}")

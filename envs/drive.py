@@ -2,12 +2,17 @@
 
 from numba import njit
 
-from envs.navigation.navigator_kernels import DRIVING, check_progress, compute_velocity_command, update_obstacles
-from envs.observations.scan import ONE
-from envs.robot import SCAN
-from envs.simulation import records as at
-from envs.simulation.kinematic import step_robots
-from envs.transition import note_positions, update_robots
+from lidarnaut.envs.navigation.navigator_kernels import (
+    DRIVING,
+    check_progress,
+    compute_velocity_command,
+    update_obstacles,
+)
+from lidarnaut.envs.observations.scan import ONE
+from lidarnaut.envs.robot import SCAN
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.kinematic import step_robots
+from lidarnaut.envs.transition import note_positions, update_robots
 
 UNCHECKED = -1
 """Progress of a drive that has not been checked after the last control period."""

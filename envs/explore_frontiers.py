@@ -8,18 +8,25 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.arguments import check_positive, is_whole
-from envs.core import LidarEnv
-from envs.drive import UNCHECKED, drive
-from envs.estimation import Belief
-from envs.navigation import FEATURES, NUM_SECTORS, Candidates, FrontierNavigator, HomeNavigator, robot_features
-from envs.observations import FAR_PIXEL, MapCrop
-from envs.robot import SCAN, Robot
-from envs.robots import RobotParams
-from envs.simulation import Twist
-from envs.simulation import records as at
-from envs.simulation.rows import BLOCK
-from envs.tasks.explore import Explore
+from lidarnaut.envs.arguments import check_positive, is_whole
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.drive import UNCHECKED, drive
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import (
+    FEATURES,
+    NUM_SECTORS,
+    Candidates,
+    FrontierNavigator,
+    HomeNavigator,
+    robot_features,
+)
+from lidarnaut.envs.observations import FAR_PIXEL, MapCrop
+from lidarnaut.envs.robot import SCAN, Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.rows import BLOCK
+from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
 """Most candidates of a decision: the observation has a number for each pair of them."""

@@ -7,13 +7,13 @@ from typing import Any
 import numpy as np
 from gymnasium import spaces
 
-from envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
-from envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
-from envs.navigation.team_robot import TeamRobot
-from envs.observations import Peers
-from envs.observations.positions import PEERS_RANGE
-from envs.robot import Robot
-from envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.explore_frontiers import EPISODE_END, ExploreFrontiersEnv
+from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, TeamNavigator, discount
+from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.observations import Peers
+from lidarnaut.envs.observations.positions import PEERS_RANGE
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.tasks.explore import ExploreTeam
 
 
 class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):

@@ -10,8 +10,7 @@ from typing import Any
 import gymnasium
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-import envs  # noqa: F401  registers the environments
-from envs.files import explain_unknown, resolve
+from lidarnaut.envs.files import explain_unknown, resolve
 
 EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
 """Exploration by twists, and by decisions."""

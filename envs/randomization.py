@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from pydantic import ValidationError
 
-from envs.files import explain_errors
-from envs.robots import RobotParams
+from lidarnaut.envs.files import explain_errors
+from lidarnaut.envs.robots import RobotParams
 
 _RECORDS = {
     "body": ("friction", "mass"),

@@ -6,22 +6,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
-from envs.estimation.belief import check_belief
-from envs.estimation.dead_reckoning import DeadReckoning
-from envs.estimation.map_pyramid import MapPyramid
-from envs.estimation.motion import update_bias
-from envs.estimation.peers import PeerFilter
-from envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
-from envs.estimation.trail import Trail, interpolate
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.pose import distance
-from envs.robots import RobotParams
-from envs.simulation import Reading, RobotState, Twist
-from envs.simulation import records as at
-from envs.simulation.rows import Rows
-from envs.slam import KnownPoses, TinySlam
-from envs.slam.key_scans import KeyScanSlam
+from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, Estimator
+from lidarnaut.envs.estimation.belief import check_belief
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.estimation.map_pyramid import MapPyramid
+from lidarnaut.envs.estimation.motion import update_bias
+from lidarnaut.envs.estimation.peers import PeerFilter
+from lidarnaut.envs.estimation.tracking import LARGE_ENOUGH, NOT_STANDING, PeopleTracker
+from lidarnaut.envs.estimation.trail import Trail, interpolate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, RobotState, Twist
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.rows import Rows
+from lidarnaut.envs.slam import KnownPoses, TinySlam
+from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """What is left to do for a robot: process its scan, which corrects the pose; remember its estimated position; remember
@@ -72,7 +72,9 @@ def _follows_odometry(slam: Any) -> bool:
 
 
 class Robot:
-    """A robot with its sensors, odometry and estimator: a view of its row, see `envs.simulation.records`, and its map.
+    """A robot with its sensors, odometry and estimator: a view of its row, and its map.
+
+    The row is one of `lidarnaut.envs.simulation.records`.
 
     Holds no ground truth. What it is told of its true motion, where users ask for `slam="truth"`, reaches the estimator
     alone.
@@ -85,7 +87,7 @@ class Robot:
         self.params = params
         self.estimator = estimator
         kind = type(estimator)  # checks of the project's own would take a twentieth of a kinematic step
-        self._own_estimator = "" if kind.__module__.startswith("envs.") else kind.__name__
+        self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
         """Time between two readings [s]."""
         self.peers: list[Robot] = []

@@ -7,11 +7,11 @@ from typing import Any, Protocol
 import numpy as np
 from gymnasium import spaces
 
-from envs.files import resolve
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.worlds import World
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.worlds import World
 
 MEMBERS = ("name", "shape", "reset", "measure")
 """What a sensor has."""
@@ -62,7 +62,7 @@ def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
         found = resolve(given, {}, "sensor")
         sensor = found() if isinstance(found, type) else copy.deepcopy(found)
         if missing := [name for name in MEMBERS if not hasattr(sensor, name)]:
-            raise ValueError(f"sensor {given!r} lacks {', '.join(missing)}; see envs.sensor.Sensor")
+            raise ValueError(f"sensor {given!r} lacks {', '.join(missing)}; see lidarnaut.envs.sensor.Sensor")
         made.append(sensor)
     names = [sensor.name for sensor in made]
     if len(set(names)) < len(names):

@@ -8,15 +8,15 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 from gymnasium import spaces
 
-from envs.arguments import is_number
-from envs.estimation import Estimator
-from envs.files import resolve
-from envs.geometry import Pose2D
-from envs.measures import TIME_TO_SUCCESS, Measure
-from envs.robot import Prior, Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.worlds import World
+from lidarnaut.envs.arguments import is_number
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.measures import TIME_TO_SUCCESS, Measure
+from lidarnaut.envs.robot import Prior, Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.worlds import World
 
 
 class ObservationPart(Protocol):
@@ -24,7 +24,7 @@ class ObservationPart(Protocol):
 
     A part that keeps something for an episode also has `reset(robot)`, called once the robot has processed its first
     reading. One with `write_rows(batch, out)` writes the rows of many robots at once where `batch.active`; see
-    `envs.vector.batch.Batch`.
+    `lidarnaut.envs.vector.batch.Batch`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
@@ -79,16 +79,16 @@ class Task(ABC):
     """In which world an episode runs, what is rewarded, and when it ends.
 
     The parameters of a task's constructor are arguments of its environments, beside those that all of them share
-    (`envs.core.LidarEnv`); dataclasses need no constructor of their own. A task sees ground truth. Policies see of it
-    only its observation parts and what it tells robots at the start (`prior`).
+    (`lidarnaut.envs.core.LidarEnv`); dataclasses need no constructor of their own. A task sees ground truth. Policies
+    see of it only its observation parts and what it tells robots at the start (`prior`).
 
     A task that keeps what it knows of an episode in `Rows.memory` may have `update_rows(batch)`: it does what `update`
     does for the environments of `batch.active` at once, and returns `quantities`, `metrics`, and whether the task has
-    ended the episode, as columns with an entry for each environment; see `envs.tasks.reach_goal`.
+    ended the episode, as columns with an entry for each environment; see `lidarnaut.envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
-    """Measures of an episode, one of them the headline; `envs.measures.COMMON` and `SUCCESS` come on top."""
+    """Measures of an episode, one of them the headline; `lidarnaut.envs.measures.COMMON` and `SUCCESS` come on top."""
     progress: ClassVar[str] = "is_success"
     """Entry of `info` that says how much of the task is done, from 0 to 1; curves show it over time."""
     reset_options: ClassVar[tuple[str, ...]] = ()
@@ -141,7 +141,7 @@ class Task(ABC):
         return ("scan", "map_near", "map_far", "motion", *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the observation parts that the task adds to `envs.observations.PARTS`, by name."""
+        """Return the observation parts that the task adds to `lidarnaut.envs.observations.PARTS`, by name."""
         return {}
 
     @abstractmethod

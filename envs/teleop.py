@@ -1,4 +1,4 @@
-"""Drive a robot by keyboard and see its map grow: `python -m envs.teleop --world turtlebot3_house`."""
+"""Drive a robot by keyboard and see its map grow: `python -m lidarnaut.envs.teleop --world turtlebot3_house`."""
 
 import math
 from pathlib import Path
@@ -8,15 +8,15 @@ import numpy as np
 import pygame
 import tyro
 
-from envs.command_line import run_command
-from envs.core import LidarEnv
-from envs.rendering.picture import GAP, Typesetter
-from envs.rendering.renderer import SIZE, open_window
-from envs.rendering.style import PAPER
-from envs.slam import DEFAULT_SLAM
-from envs.tasks.explore import Explore
-from envs.worlds import save_map
-from envs.worlds.map_files import map_paths
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.rendering.picture import GAP, Typesetter
+from lidarnaut.envs.rendering.renderer import SIZE, open_window
+from lidarnaut.envs.rendering.style import PAPER
+from lidarnaut.envs.slam import DEFAULT_SLAM
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.worlds import save_map
+from lidarnaut.envs.worlds.map_files import map_paths
 
 HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
 TURN_RATE = 1.0

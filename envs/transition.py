@@ -1,6 +1,7 @@
-"""What a control period does to robots, but for what their scans tell: kernels over rows (`envs.simulation.records`).
+"""What a control period does to robots, but for what their scans tell: kernels over rows.
 
-They are the step of every environment: of one robot, of a team, of a shard's sub-environments, of a drive.
+Rows are those of `lidarnaut.envs.simulation.records`. Kernels are the step of every environment: of one robot, of a
+team, of a shard's sub-environments, of a drive.
 """
 
 import math
@@ -9,15 +10,15 @@ import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from envs.estimation.motion import gyro_motion, wheel_motion
-from envs.estimation.trail import TRAIL_SPACING
-from envs.geometry.pose import between, compose, distance
-from envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
-from envs.simulation import records as at
-from envs.simulation.contact import drove_into
-from envs.simulation.crowd import records as crowd_at
-from envs.simulation.kinematic import step_robots
-from envs.slam.key_scans import has_moved
+from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
+from lidarnaut.envs.estimation.trail import TRAIL_SPACING
+from lidarnaut.envs.geometry.pose import between, compose, distance
+from lidarnaut.envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.contact import drove_into
+from lidarnaut.envs.simulation.crowd import records as crowd_at
+from lidarnaut.envs.simulation.kinematic import step_robots
+from lidarnaut.envs.slam.key_scans import has_moved
 
 SETUP_SIZE = len(Setup._fields)
 PERSONAL_SPACE = 0.45

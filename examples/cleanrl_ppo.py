@@ -10,8 +10,7 @@ import numpy as np
 import tyro
 from gymnasium.vector import AutoresetMode
 
-import agents  # noqa: F401  (tells idle threads of torch to sleep, before torch is imported)
-import envs  # noqa: F401  (registers the environments)
+import lidarnaut.agents  # noqa: F401  (registers the environments; idle threads of torch sleep, if before torch)
 import torch
 from torch.distributions import Normal
 

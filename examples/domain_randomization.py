@@ -4,11 +4,11 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.core import lidar_env_of
-from envs.robots import load_robot
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.robots import load_robot
 
 ROBOT = load_robot("turtlebot3_burger")
 RADIUS = ROBOT.drive.wheel_radius

@@ -1,19 +1,19 @@
 """Explore, save the map, start at an unknown pose on it, localize, and drive to a goal.
 
-`python -m baselines.global_localization` does the same with several goals and a film.
+`python -m lidarnaut.baselines.global_localization` does the same with several goals and a film.
 """
 
 from pathlib import Path
 
 import tyro
 
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.core import LidarEnv
-from envs.navigation import GoalNavigator, GoalParams, crop_to_known
-from envs.tasks.explore import Explore
-from envs.tasks.navigate import Navigate
-from envs.worlds import save_map
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import save_map
 
 
 def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_drive"), seed: int = 0) -> str:

@@ -8,14 +8,14 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from agents.policies import make_policy
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.estimation import Belief
-from envs.navigation import Candidates
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.agents.policies import make_policy
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import Candidates
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 
 def largest(candidates: Candidates, belief: Belief) -> np.ndarray:

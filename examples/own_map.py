@@ -4,11 +4,11 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
-from envs.worlds import World, world_from_map
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.worlds import World, world_from_map
 
 RESOLUTION = 0.1
 """Side of a cell [m]."""

@@ -5,9 +5,9 @@ import numpy as np
 import tyro
 from gymnasium import spaces
 
-import envs  # noqa: F401  (registers the environments)
-from envs.robot import Robot
-from envs.robots import RobotParams
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
 
 
 class Sectors:

@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from envs.task import Rewards
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.task import Rewards
 
 
 class Careful(Rewards):

@@ -3,10 +3,19 @@
 import gymnasium
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.robots import BodyParams, Caster, DriveParams, LidarParams, Mount, OdometryNoise, OdometryParams, RobotParams
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.robots import (
+    BodyParams,
+    Caster,
+    DriveParams,
+    LidarParams,
+    Mount,
+    OdometryNoise,
+    OdometryParams,
+    RobotParams,
+)
 
 ROBOT = RobotParams(
     name="my_robot",

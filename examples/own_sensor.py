@@ -10,11 +10,11 @@ import numpy as np
 import tyro
 from gymnasium import spaces
 
-import envs  # noqa: F401  (registers the environments)
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.worlds import World
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.worlds import World
 
 POSITIONS = np.array([[-2.0, -2.0], [2.0, -2.0], [0.0, 2.5]])
 """Of the beacons, shape (n, 2), world frame [m]."""

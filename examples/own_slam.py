@@ -1,7 +1,7 @@
 """A SLAM of one's own: maps at the pose of a filter that takes 98 % of each turn, to see what that costs.
 
 An `Estimator` has `reset`, `update` and `belief` (`envs/estimation/estimator.py`). This one changes a smaller part of
-`KnownPoses`; from scratch, subclass `envs.slam.key_scans.KeyScanSlam`, or nothing at all.
+`KnownPoses`; from scratch, subclass `lidarnaut.envs.slam.key_scans.KeyScanSlam`, or nothing at all.
 """
 
 from dataclasses import replace
@@ -10,14 +10,14 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.estimation import Belief
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
-from envs.simulation import Reading
-from envs.slam import KnownPoses, load_params
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import KnownPoses, load_params
 
 
 class Forgetful(KnownPoses):

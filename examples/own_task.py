@@ -9,14 +9,14 @@ import gymnasium
 import numpy as np
 import tyro
 
-from envs import register
-from envs.geometry import Pose2D
-from envs.observations import Goal
-from envs.robot import Robot
-from envs.simulation import Simulator
-from envs.tasks.goals import GeodesicDistance, draw_goal
-from envs.measures import GOAL
-from envs.tasks.starts import UnknownWorldTask
+from lidarnaut.envs import register
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations import Goal
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.tasks.goals import GeodesicDistance, draw_goal
+from lidarnaut.envs.measures import GOAL
+from lidarnaut.envs.tasks.starts import UnknownWorldTask
 
 
 @dataclass(kw_only=True, eq=False)

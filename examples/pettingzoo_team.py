@@ -6,7 +6,7 @@ Needs the extra: `pip install -e ".[pettingzoo]"`.
 import numpy as np
 import tyro
 
-from envs.wrappers.pettingzoo import TeamParallelEnv
+from lidarnaut.envs.wrappers.pettingzoo import TeamParallelEnv
 
 
 def main(steps: int = 100, num_robots: int = 3) -> dict[str, float]:

@@ -8,10 +8,10 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from agents.learned import find_policy, load_policy
-from baselines.episode import Info, run_episode
-from benchmarks.films import save_film
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.agents.learned import find_policy, load_policy
+from lidarnaut.baselines.episode import Info, run_episode
+from lidarnaut.benchmarks.films import save_film
 
 
 def has_display() -> bool:

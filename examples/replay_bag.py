@@ -9,13 +9,13 @@ import gymnasium
 import numpy as np
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.logs import load_log
-from envs.logs.replay import Options
-from envs.logs.replay import main as replay
-from envs.wrappers import RecordBag
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.logs.replay import Options
+from lidarnaut.envs.logs.replay import main as replay
+from lidarnaut.envs.wrappers import RecordBag
 
 
 def convert(bag: Path, archive: Path) -> Path:

@@ -20,7 +20,7 @@ from ray.tune.registry import register_env
 
 def make_env(config: dict[str, Any]) -> gymnasium.Env:
     """Return an environment whose observation is one vector; runs in RLlib's processes."""
-    import envs  # noqa: F401  (registers the environments)
+    import lidarnaut  # noqa: F401  (registers the environments)
 
     env = gymnasium.make("lidarnaut/ExploreRooms-v0", physics="kinematic", **config)
     return gymnasium.wrappers.FlattenObservation(env)

@@ -1,8 +1,8 @@
 """Drive a robot by a policy in ONNX, with onnxruntime and NumPy alone.
 
-`python -m agents.export ppo:pretrained/twist runs/twist.onnx` writes the file; where it is not there, this does so, in
-a process of its own, since writing needs torch. On a robot, the observations come from its sensors: the metadata of the
-file say what each number means.
+`python -m lidarnaut.agents.export ppo:pretrained/twist runs/twist.onnx` writes the file; where it is not there, this
+does so, in a process of its own, since writing needs torch. On a robot, the observations come from its sensors: the
+metadata of the file say what each number means.
 """
 
 import json
@@ -16,7 +16,7 @@ import numpy as np
 import onnxruntime
 import tyro
 
-import envs  # noqa: F401  (registers the environments)
+import lidarnaut  # noqa: F401  (registers the environments)
 
 
 class OnnxPolicy:
@@ -44,7 +44,7 @@ class OnnxPolicy:
 def main(path: Path = Path("runs/twist.onnx"), seconds: float = 60.0) -> dict[str, Any]:
     """Drive in the environment of the policy's evaluations; return the last `info`."""
     if not path.exists():
-        subprocess.run([sys.executable, "-m", "agents.export", "ppo:pretrained/twist", path], check=True)
+        subprocess.run([sys.executable, "-m", "lidarnaut.agents.export", "ppo:pretrained/twist", path], check=True)
     policy = OnnxPolicy(path)
     environment, robot = policy.about["environment"], policy.about["robot"]
     env = gymnasium.make(environment["id"], **{"split": "test", **environment["arguments"]})

@@ -13,10 +13,10 @@ import gymnasium
 import tyro
 from gymnasium.vector import AutoresetMode
 
-import envs  # noqa: F401  (registers the environments)
-from agents.policies import make_policy
-from agents.vec_env import GymnasiumVecEnv  # imported before torch, whose idle threads it tells to sleep
-from baselines.episode import run_episode
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.agents.policies import make_policy
+from lidarnaut.agents.vec_env import GymnasiumVecEnv  # imported before torch, whose idle threads it tells to sleep
+from lidarnaut.baselines.episode import run_episode
 
 
 def main(

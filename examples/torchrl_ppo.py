@@ -2,8 +2,7 @@
 
 import tyro
 
-import agents  # noqa: F401  (tells idle threads of torch to sleep, before torch is imported)
-import envs  # noqa: F401  (registers the environments)
+import lidarnaut.agents  # noqa: F401  (registers the environments; idle threads of torch sleep, if before torch)
 import torch
 from tensordict.nn import TensorDictModule, TensorDictSequential
 from tensordict.nn.distributions import NormalParamExtractor

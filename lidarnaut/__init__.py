@@ -1,14 +1,14 @@
 """Lidarnaut: Gymnasium environments in which lidar robots explore unknown worlds.
 
-Importing this package registers the environments, as `import envs` does, so that `gymnasium.make` knows their ids; so
-does an id with the module before it: `gymnasium.make("lidarnaut:lidarnaut/Explore-v0")`.
+Importing this package, or any of it, registers the environments, so that `gymnasium.make` knows their ids; so does an
+id with the module before it: `gymnasium.make("lidarnaut:lidarnaut/Explore-v0")`.
 """
 
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 
-from envs import ENVIRONMENTS, register
-from envs.files import explain_unknown
+from lidarnaut.envs import ENVIRONMENTS, register
+from lidarnaut.envs.files import explain_unknown
 
 __all__ = ["ENVIRONMENTS", "__version__", "find_configuration", "register"]
 
@@ -16,7 +16,7 @@ try:
     __version__ = version("lidarnaut")
 except PackageNotFoundError:  # a checkout that is on the path, but not installed
     __version__ = "0+unknown"
-CONFIGURATIONS = Path(__file__).parents[1] / "configs"
+CONFIGURATIONS = Path(__file__).with_name("configs").resolve()
 """Folder of the configurations, in a checkout and where the package is installed."""
 
 

@@ -5,11 +5,11 @@ from typing import Any
 
 import gymnasium
 
-from agents.learned import find_policy, load_policy
-from baselines import EXPLORERS, make_explorer
-from baselines.episode import run_episode
-from envs.progress import Progress
-from envs.slam import SLAM_NAMES
+from lidarnaut.agents.learned import find_policy, load_policy
+from lidarnaut.baselines import EXPLORERS, make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.slam import SLAM_NAMES
 
 
 def warm() -> None:

@@ -3,12 +3,12 @@
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.simulation import records as robots_at
-from envs.simulation.crowd import Crowd, People
-from envs.simulation.crowd import records as at
-from envs.simulation.crowd.step import step_people
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.simulation import records as robots_at
+from lidarnaut.envs.simulation.crowd import Crowd, People
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd.step import step_people
 from tests.rooms import make_room
 
 PERIOD = 0.1

@@ -5,11 +5,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from envs.robots import load_robot
-from envs.simulation import Twist
-from envs.slam import KnownPoses, load_params
-from envs.task import Rewards
-from envs.worlds import load_world
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.slam import KnownPoses, load_params
+from lidarnaut.envs.task import Rewards
+from lidarnaut.envs.worlds import load_world
 
 
 class Circling:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.navigation.candidates import COST, FAILURES
+from lidarnaut.envs.navigation.candidates import COST, FAILURES
 
 
 def rollout(env, seed, steps, rule=None):

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import load_robot
-from envs.simulation import make_simulator
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import make_simulator
+from lidarnaut.envs.worlds import World
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 BURGER = load_robot("turtlebot3_burger")

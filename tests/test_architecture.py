@@ -22,8 +22,9 @@ def modules():
     """Return the path of every module outside of tests by its name."""
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     paths += [ROOT / "train.py", ROOT / "evaluate.py"]
-    relative = {path.relative_to(ROOT) for path in paths}
-    return {".".join(path.with_suffix("").parts).removesuffix(".__init__"): path for path in sorted(relative)}
+    relative = {path.relative_to(ROOT) for path in paths if not path.is_symlink()}
+    parts = {path: ["lidarnaut", *path.with_suffix("").parts] for path in sorted(relative)}
+    return {".".join(names[names[1] == "lidarnaut" :]).removesuffix(".__init__"): path for path, names in parts.items()}
 
 
 def floor_of(path, rows):

@@ -4,10 +4,10 @@ import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401
-from envs.navigation.collision_monitor import CollisionMonitor
-from envs.navigation.obstacles import stoppable_share
-from envs.robots import load_robot
+import lidarnaut  # noqa: F401
+from lidarnaut.envs.navigation.collision_monitor import CollisionMonitor
+from lidarnaut.envs.navigation.obstacles import stoppable_share
+from lidarnaut.envs.robots import load_robot
 
 CLUTTER = {
     "id": "lidarnaut/ReachClutter-v0",

@@ -9,12 +9,10 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
-import evaluate
-import train
-from envs import progress
-from envs.command_line import Count, run_command
-from envs.progress import Progress
-from lidarnaut import find_configuration
+from lidarnaut import evaluate, find_configuration, train
+from lidarnaut.envs import progress
+from lidarnaut.envs.command_line import Count, run_command
+from lidarnaut.envs.progress import Progress
 
 ROOT = Path(__file__).parents[1]
 
@@ -101,10 +99,13 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
     ("command", "says"),
     [
         (
-            ["-m", "benchmarks.drives", "planning", "--worlds", "atlantis"],
+            ["-m", "lidarnaut.benchmarks.drives", "planning", "--worlds", "atlantis"],
             "drives: unknown world 'atlantis'",
         ),
-        (["-m", "agents.ship", "/no/such/run", "/no/such/folder"], "agents.ship: /no/such/run is no folder"),
+        (
+            ["-m", "lidarnaut.agents.ship", "/no/such/run", "/no/such/folder"],
+            "lidarnaut.agents.ship: /no/such/run is no folder",
+        ),
         ([ROOT / "benchmarks/films.py", "--policy"], "films.py: "),
     ],
 )
@@ -174,7 +175,7 @@ def test_bars_that_are_short_or_switched_off_write_nothing(monkeypatch):
 
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="processes are not forked")
 def test_a_process_that_is_killed_in_the_midst_of_a_bar_stops_no_other():
-    program = "import os\nfrom envs.progress import Progress\nlist(Progress(range(3)))\nchild = os.fork()\n"
+    program = "import os\nfrom lidarnaut.envs.progress import Progress\nlist(Progress(range(3)))\nchild = os.fork()\n"
     program += "if not child:\n    Progress.get_lock().acquire()\n    os._exit(9)\nos.waitpid(child, 0)\n"
     program += "list(Progress(range(3)))"
     subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=20, check=True)

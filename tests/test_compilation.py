@@ -6,21 +6,21 @@ from pathlib import Path
 
 import pytest
 
-from envs.compilation import sources
+from lidarnaut.envs.compilation import sources
 
 ROOT = Path(__file__).parents[1]
 FILES = {
     "constants": "FACTOR = 2\n",
-    "inner": "from numba import njit\n\nfrom envs.constants import FACTOR\n\n\n"
+    "inner": "from numba import njit\n\nfrom lidarnaut.envs.constants import FACTOR\n\n\n"
     "@njit(cache=True)\ndef scale(x):\n    return FACTOR * x\n",
     "outer": "from numba import njit\n\nfrom .inner import (\n    scale,\n)\n\n\n"
     "@njit(cache=True)\ndef shifted(x):\n    return scale(x) + 1\n",
     "other": "from numba import njit\n\n\n@njit(cache=True)\ndef same(x):\n    return x\n",
 }
 PROGRAM = """
-import envs.compilation
-from envs.outer import shifted
-from envs.other import same
+import lidarnaut.envs.compilation
+from lidarnaut.envs.outer import shifted
+from lidarnaut.envs.other import same
 print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stats.cache_hits.values()))
 """
 
@@ -29,8 +29,9 @@ print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stat
 def checkouts(tmp_path):
     """Return two checkouts of a project that is as small as can be."""
     for name in ("first", "second"):
-        folder = tmp_path / name / "envs"
+        folder = tmp_path / name / "lidarnaut" / "envs"
         folder.mkdir(parents=True)
+        (folder.parent / "__init__.py").touch()
         shutil.copy(ROOT / "envs" / "compilation.py", folder)
         for module, text in {"__init__": "", **FILES}.items():
             (folder / f"{module}.py").write_text(text)
@@ -56,7 +57,7 @@ def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(check
     result, said = run(first)
     assert result == ["7", "3", "0", "0"]
     assert said.count("compiling kernels for this machine") == 1
-    os.utime(second / "envs" / "inner.py", (0, 0))
+    os.utime(second / "lidarnaut" / "envs" / "inner.py", (0, 0))
     assert run(second) == (["7", "3", "1", "1"], "")
 
 
@@ -66,7 +67,7 @@ def test_kernels_are_compiled_once_for_all_checkouts_and_that_is_announced(check
 def test_an_edit_compiles_what_depends_on_it_and_nothing_else(checkouts, module, old, new, result):
     first, second = checkouts
     run(first)
-    path = second / "envs" / f"{module}.py"
+    path = second / "lidarnaut" / "envs" / f"{module}.py"
     path.write_text(path.read_text().replace(old, new))
     assert run(second)[0] == [result, "3", "0", "1"]
     assert run(first)[0] == ["7", "3", "1", "1"]
@@ -74,16 +75,19 @@ def test_an_edit_compiles_what_depends_on_it_and_nothing_else(checkouts, module,
 
 def test_records_that_kernels_take_may_move_to_another_module(checkout):
     record = "from typing import NamedTuple\n\n\nclass Pair(NamedTuple):\n    x: int\n"
-    program = "import envs.compilation\nfrom envs.{0} import Pair\nfrom envs.other import same\nprint(same(Pair(3)).x)"
+    program = (
+        "import lidarnaut.envs.compilation\nfrom lidarnaut.envs.{0} import Pair\n"
+        "from lidarnaut.envs.other import same\nprint(same(Pair(3)).x)"
+    )
     for module in ("records", "numbers"):
-        (checkout / "envs" / f"{module}.py").write_text(record)
+        (checkout / "lidarnaut" / "envs" / f"{module}.py").write_text(record)
         assert run(checkout, program.format(module))[0] == ["3"]
-        (checkout / "envs" / f"{module}.py").unlink()
+        (checkout / "lidarnaut" / "envs" / f"{module}.py").unlink()
 
 
 def test_a_cache_that_cannot_be_written_is_done_without(checkout):
     assert run(checkout, XDG_CACHE_HOME="/dev/null")[0] == ["7", "3", "0", "0"]
-    assert list((checkout / "envs" / "__pycache__").glob("outer.*.nbi"))
+    assert list((checkout / "lidarnaut" / "envs" / "__pycache__").glob("outer.*.nbi"))
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
@@ -100,15 +104,18 @@ def test_a_terminal_shows_how_many_kernels_have_been_compiled(checkout):
 
 def test_user_kernels_are_kept_where_numba_keeps_them_and_announced_by_no_one(checkout):
     (checkout / "mine.py").write_text(FILES["other"])
-    result, said = run(checkout, "import envs.compilation, mine; print(mine.same(1), mine.same.stats.cache_path)")
+    result, said = run(
+        checkout, "import lidarnaut.envs.compilation, mine; print(mine.same(1), mine.same.stats.cache_path)"
+    )
     assert result == ["1", str(checkout / "__pycache__")]
     assert said == ""
 
 
 def test_all_kernels_are_kept_so():
     """Every file with kernels, or a package around it, imports the module that says where they are kept."""
-    wanted = str(ROOT / "envs" / "compilation.py")
-    files = [path for folder in ("agents", "baselines", "benchmarks", "envs") for path in (ROOT / folder).rglob("*.py")]
+    root = ROOT / "lidarnaut"
+    wanted = str(root / "envs" / "compilation.py")
+    files = [path for folder in ("agents", "baselines", "benchmarks", "envs") for path in (root / folder).rglob("*.py")]
     files = [path for path in files if "cache=True" in path.read_text(encoding="utf-8")]
     assert len(files) > 50
     for path in files:

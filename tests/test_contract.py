@@ -13,9 +13,9 @@ from gymnasium.utils.env_checker import check_env
 from gymnasium.utils.env_checker import data_equivalence as same
 from stable_baselines3.common.env_checker import check_env as check_sb3
 
-import envs  # noqa: F401  (registers the environments)
-from envs.measures import PEOPLE
-from envs.tasks.explore import Explore
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.measures import PEOPLE
+from lidarnaut.envs.tasks.explore import Explore
 
 IDS = [id for id in gymnasium.registry if id.startswith("lidarnaut/")]
 ROOMS = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}

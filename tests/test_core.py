@@ -8,17 +8,17 @@ import pytest
 from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.core import LidarEnv
-from envs.estimation import ORIGIN, Belief, MapUpdate, Window
-from envs.estimation.motion import make_motion_source
-from envs.geometry import Pose2D
-from envs.observations import MapCrop
-from envs.slam import KnownPoses, load_params
-from envs.task import Rewards
-from envs.tasks.explore import Explore, ExploreTeam
-from envs.tasks.follow_route import FollowRoute
-from envs.tasks.navigate import Navigate
-from envs.worlds import load_world
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations import MapCrop
+from lidarnaut.envs.slam import KnownPoses, load_params
+from lidarnaut.envs.task import Rewards
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
+from lidarnaut.envs.tasks.follow_route import FollowRoute
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import load_world
 from tests.rollouts import rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0}

@@ -6,12 +6,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-import envs.player.__main__ as player
-import evaluate
-from agents.callbacks import RunCallback
-from agents.training import train
-from envs import ENVIRONMENTS
-from envs.ids import arguments_of
+import lidarnaut.envs.player.__main__ as player
+from lidarnaut import evaluate
+from lidarnaut.agents.callbacks import RunCallback
+from lidarnaut.agents.training import train
+from lidarnaut.envs import ENVIRONMENTS
+from lidarnaut.envs.ids import arguments_of
 from tests.agents.test_every_algorithm import tiny
 from tests.test_contract import TASKS
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.observations import PARTS
-from envs.tasks.explore import Explore
-from envs.worlds import World
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations import PARTS
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.worlds import World
 from tests.rollouts import rollout
 from tests.rooms import BURGER
 from tests.test_core import QUICK
@@ -80,7 +80,7 @@ def test_ground_truth_has_no_pose_error_and_tinyslam_keeps_the_heading_that_whee
 
 def test_import_registers_and_stays_light():
     code = (
-        "import gymnasium, sys; env = gymnasium.make('envs:lidarnaut/Explore-v0', physics='kinematic');"
+        "import gymnasium, sys; env = gymnasium.make('lidarnaut:lidarnaut/Explore-v0', physics='kinematic');"
         "heavy = {'torch', 'stable_baselines3', 'pygame', 'matplotlib', 'pybullet'} & set(sys.modules); print(heavy)"
     )
     result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

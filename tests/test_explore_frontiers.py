@@ -6,19 +6,19 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
-import envs  # noqa: F401
-from agents.frontiers.score import FrontierScore
-from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.core import LidarEnv
-from envs.estimation import Correction, MapUpdate, Window
-from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.geometry import Pose2D
-from envs.navigation import GainOverCost
-from envs.navigation.candidates import COST
-from envs.robots import load_robot
-from envs.simulation import Twist
-from envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params
-from envs.tasks.explore import Explore
+import lidarnaut  # noqa: F401
+from lidarnaut.agents.frontiers.score import FrontierScore
+from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import Correction, MapUpdate, Window
+from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.candidates import COST
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.slam import GMapping, GraphSlam, Hector, KnownPoses, TinySlam, load_params
+from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import nearest, rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic"}

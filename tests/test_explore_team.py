@@ -5,14 +5,14 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence as same
 
-from envs.core import LidarEnv
-from envs.estimation.peers import remove_peers
-from envs.geometry import Pose2D
-from envs.observations.positions import PEERS_RANGE
-from envs.simulation.contact import check_starts
-from envs.tasks.explore import Explore, ExploreTeam
-from envs.tasks.starts import draw_starts
-from envs.worlds import FixedRoute, explorable_area, world_sampler
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation.peers import remove_peers
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations.positions import PEERS_RANGE
+from lidarnaut.envs.simulation.contact import check_starts
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
+from lidarnaut.envs.tasks.starts import draw_starts
+from lidarnaut.envs.worlds import FixedRoute, explorable_area, world_sampler
 from tests.rooms import BURGER, hall
 from tests.test_core import QUICK
 

@@ -4,9 +4,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from baselines import make_explorer
-from baselines.episode import run_episode
-from envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
 
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic"}
 

@@ -3,13 +3,13 @@ import math
 import numpy as np
 import pytest
 
-import envs  # noqa: F401
-from envs.core import LidarEnv
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.rendering import style
-from envs.tasks.goals import DeadReckoning
-from envs.tasks.navigate import Navigate
-from envs.worlds import save_map
+import lidarnaut  # noqa: F401
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.rendering import style
+from lidarnaut.envs.tasks.goals import DeadReckoning
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import save_map
 from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.observations.plan import LOOKAHEADS, look_ahead
-from envs.tasks.explore import Explore, ExploreTeam
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.rooms import make_room
 
 PARTS = ("scan", "motion", "plan")

@@ -9,7 +9,7 @@ import pytest
 POOL = """
 import multiprocessing, os, time
 from concurrent.futures import ProcessPoolExecutor
-from envs.processes import start_worker
+from lidarnaut.envs.processes import start_worker
 
 if __name__ == "__main__":
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), start_worker) as pool:
@@ -18,9 +18,9 @@ if __name__ == "__main__":
 """
 VECTOR = """
 import multiprocessing, time
-from envs.core import LidarEnv
-from envs.tasks.explore import Explore
-from envs.vector import LidarVectorEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.vector import LidarVectorEnv
 
 class Asleep(LidarEnv):
     def begin(self, **arguments):

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from gymnasium.utils.env_checker import data_equivalence
 
-import envs  # noqa: F401
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.randomization import RANDOMIZABLE, Randomization
-from envs.robots import load_robot
-from envs.tasks.explore import Explore
+import lidarnaut  # noqa: F401
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.randomization import RANDOMIZABLE, Randomization
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import rollout
 from tests.rooms import BURGER, square_room
 from tests.test_core import QUICK

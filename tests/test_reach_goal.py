@@ -4,15 +4,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.measures import PEOPLE, REACH, Course, barn_metric
-from envs.robots import load_robot
-from envs.tasks.explore import Explore
-from envs.tasks.goals import GeodesicDistance
-from envs.tasks.reach_goal import ReachGoal
-from envs.worlds import FixedRoute, World
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.measures import PEOPLE, REACH, Course, barn_metric
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.goals import GeodesicDistance
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.worlds import FixedRoute, World
 from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "slam": "truth"}

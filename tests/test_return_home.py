@@ -6,13 +6,13 @@ import pickle
 import numpy as np
 import pytest
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import make_explorer
-from baselines.episode import begin_episode, decide_with, run
-from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.core import LidarEnv
-from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import begin_episode, decide_with, run
+from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from tests.rollouts import nearest, rollout
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "return_home": True}
@@ -92,14 +92,14 @@ def test_the_last_decision_drives_home():
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
     """It believes to be back, but is farther off than allowed; or its map shows no path."""
-    monkeypatch.setattr(f"envs.{name}", value)
+    monkeypatch.setattr(f"lidarnaut.envs.{name}", value)
     *_, terminated, _, info = rollout(ExploreFrontiersEnv(**QUICK), 3, 100, nearest)[-1]
     assert terminated
     assert (info["end_reason"], info["returned"], info["is_success"]) == (reason, False, False)
 
 
 def test_time_limits_hold_on_the_drive_home(monkeypatch):
-    monkeypatch.setattr("envs.tasks.explore.HOME_RADIUS", 0.0)
+    monkeypatch.setattr("lidarnaut.envs.tasks.explore.HOME_RADIUS", 0.0)
     _, infos = explore(Tired(20), control_hz=5.0, time_limit=6.0)
     assert infos[-1]["end_reason"] == "time_limit"
     assert infos[-1]["time_home"] > 0.0

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.estimation import ORIGIN, Belief, MapUpdate, Window
-from envs.estimation.belief import check_belief
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.slam import KnownPoses
-from envs.tasks.explore import Explore, ExploreTeam
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from lidarnaut.envs.estimation.belief import check_belief
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.slam import KnownPoses
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.test_core import QUICK, STILL, Own
 
 CELLS = np.array([[3, 4], [5, 6]], dtype=np.int32)

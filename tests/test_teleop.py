@@ -9,11 +9,11 @@ import numpy as np
 import pygame
 import pytest
 
-from envs.command_line import run_command
-from envs.core import LidarEnv
-from envs.tasks.explore import Explore
-from envs.teleop import Teleop, main
-from envs.worlds import load_map
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.teleop import Teleop, main
+from lidarnaut.envs.worlds import load_map
 
 
 class Driver:
@@ -123,12 +123,12 @@ def test_bad_options_are_named(options, culprit):
 def test_a_missing_display_is_said_in_one_line():
     hidden = {"SDL_VIDEODRIVER", "DISPLAY", "WAYLAND_DISPLAY"}
     result = subprocess.run(
-        [sys.executable, "-m", "envs.teleop", "--physics", "kinematic"],
+        [sys.executable, "-m", "lidarnaut.envs.teleop", "--physics", "kinematic"],
         env={name: value for name, value in os.environ.items() if name not in hidden},
         cwd=Path(__file__).parents[1],
         capture_output=True,
         text=True,
     )
     assert result.returncode != 0
-    assert result.stderr.strip().splitlines()[-1].startswith("envs.teleop: cannot open a window")
+    assert result.stderr.strip().splitlines()[-1].startswith("lidarnaut.envs.teleop: cannot open a window")
     assert "Traceback" not in result.stderr

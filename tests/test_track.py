@@ -3,16 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from baselines.episode import begin_episode, decide_with, run
-from baselines.reactive import RouteFollower
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.localization.fusion import measure_heading, measure_wheels
-from envs.robots import load_robot
-from envs.tasks.follow_route import FollowRoute
-from envs.tasks.route import Progress, Route, rectangle
-from envs.tasks.route_map import make_route_map
-from envs.worlds import load_world
+from lidarnaut.baselines.episode import begin_episode, decide_with, run
+from lidarnaut.baselines.reactive import RouteFollower
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.localization.fusion import measure_heading, measure_wheels
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.follow_route import FollowRoute
+from lidarnaut.envs.tasks.route import Progress, Route, rectangle
+from lidarnaut.envs.tasks.route_map import make_route_map
+from lidarnaut.envs.worlds import load_world
 from tests.test_contract import TASKS
 
 QUICK = {**TASKS["Track"], "map_resolution": 0.05}

@@ -6,8 +6,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401
-from envs.worlds.world import FixedRoute
+import lidarnaut  # noqa: F401
+from lidarnaut.envs.worlds.world import FixedRoute
 from tests.rooms import square_room
 
 ROUTES = [

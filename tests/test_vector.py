@@ -14,12 +14,12 @@ from gymnasium.wrappers import ClipAction, FlattenObservation, NormalizeReward, 
 from gymnasium.wrappers.vector import NormalizeReward as NormalizeRewards
 from gymnasium.wrappers.vector import RecordEpisodeStatistics, RecordVideo
 
-from envs.core import LidarEnv
-from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.observations import Motion
-from envs.tasks.explore import Explore
-from envs.tasks.reach_goal import ReachGoal
-from envs.vector import LidarEnvs, LidarVectorEnv, make_vec
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.observations import Motion
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv, make_vec
 from tests.rollouts import assert_same, step_both
 from tests.test_core import Beacon, Nailed
 
@@ -181,7 +181,7 @@ def test_objects_of_sub_environments_are_up_to_date_whenever_they_are_asked_for(
 
 
 def test_trails_of_robots_without_a_map_are_noted_by_kernels(monkeypatch):
-    monkeypatch.setattr("envs.vector.batch.MOST_POSITIONS", 5)
+    monkeypatch.setattr("lidarnaut.envs.vector.batch.MOST_POSITIONS", 5)
     settings = {**QUICK, "robot": "jackal", "contact": "costs", "time_limit": 20.0}
     ours, theirs = (
         LidarEnvs(2, task=ReachGoal, **settings, num_workers=0),

@@ -13,9 +13,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.tasks.explore import Explore, ExploreTeam
-from envs.vector import LidarEnvs, LidarVectorEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
+from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv
 from tests.rollouts import assert_same
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_limit": 3.0, "physics": "kinematic"}

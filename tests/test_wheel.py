@@ -13,16 +13,16 @@ import pytest
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "train.py", "evaluate.py", "configs")
-PACKAGES = ("lidarnaut", "envs", "baselines", "agents", "benchmarks")
+SOURCES = ("pyproject.toml", "README.md", "LICENSE", "lidarnaut")
+PACKAGES = ("lidarnaut", "lidarnaut/envs", "lidarnaut/baselines", "lidarnaut/agents", "lidarnaut/benchmarks")
 
 EPISODES = """
 import gymnasium, lidarnaut
 from pathlib import Path
-import agents, baselines, benchmarks, envs, evaluate, train
-from envs.worlds import load_world
-from agents.learned import find_policy, load_policy
-from baselines.episode import begin_episode, decide_with, run
+from lidarnaut import agents, baselines, benchmarks, envs, evaluate, train
+from lidarnaut.envs.worlds import load_world
+from lidarnaut.agents.learned import find_policy, load_policy
+from lidarnaut.baselines.episode import begin_episode, decide_with, run
 
 print(lidarnaut.__version__)
 for module in (agents, baselines, benchmarks, envs, evaluate, lidarnaut, train):
@@ -40,7 +40,7 @@ def build_wheel(folder):
     """Return a wheel that is built from a copy of the sources, so that the checkout stays as it is."""
     source = folder / "source"
     source.mkdir()
-    for name in (*SOURCES, *PACKAGES):
+    for name in SOURCES:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, source / name)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]

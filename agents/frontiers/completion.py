@@ -19,10 +19,10 @@ from safetensors.torch import load_file, save_file
 from torch import Tensor, nn
 from torch.nn import functional
 
-from agents.run_folder import CheckpointError
-from envs.navigation import FrontierNavigator
-from envs.navigation.costmap import OCCUPIED_FROM
-from envs.navigation.views import NUM_RAYS, RAYS
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.envs.navigation import FrontierNavigator
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.views import NUM_RAYS, RAYS
 
 from .score import COMPLETION_FILE
 

@@ -1,4 +1,4 @@
-"""Train the network that completes maps: `python -m agents.frontiers.completion_training OUT`.
+"""Train the network that completes maps: `python -m lidarnaut.agents.frontiers.completion_training OUT`.
 
 The rule `gain_over_cost` explores worlds that training may see; what it knows around its candidates, and what is there,
 are the samples. Losses are cross entropies of unknown cells, which count less the farther from the viewpoint they are.
@@ -16,9 +16,9 @@ import tyro
 from numba import njit
 from torch.nn import functional
 
-from agents.learned import find_policy
-from envs.command_line import run_command
-from envs.progress import Progress
+from lidarnaut.agents.learned import find_policy
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.progress import Progress
 
 from .completion import BLOCKED, CELL, FREE, SIDE, UNKNOWN, Completion, CompletionNetwork, crop
 from .rollout import explore

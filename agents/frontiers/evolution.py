@@ -19,13 +19,13 @@ import numpy as np
 from cmaes import CMA
 from torch.utils.tensorboard import SummaryWriter
 
-from agents.config import EvolutionConfig
-from agents.curves import LEARNED, Row, read_evaluations
-from agents.learned import POLICY
-from agents.pools import make_pool, stop
-from agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
-from envs.files import Lock, write_file
-from envs.progress import Progress
+from lidarnaut.agents.config import EvolutionConfig
+from lidarnaut.agents.curves import LEARNED, Row, read_evaluations
+from lidarnaut.agents.learned import POLICY
+from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
+from lidarnaut.envs.files import Lock, write_file
+from lidarnaut.envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances
@@ -46,7 +46,7 @@ def evolve(
     progress: bool = True,
     ray: str | None = None,
 ) -> Path:
-    """Train a score, and return the folder of the run; arguments as for `agents.training.train`.
+    """Train a score, and return the folder of the run; arguments as for `lidarnaut.agents.training.train`.
 
     Individuals explore in processes of this machine, or on the Ray cluster whose address is `ray`.
 
@@ -55,7 +55,7 @@ def evolve(
     Raises:
         CheckpointError: if the files of a run that is to go on do not fit together.
         ValueError: if a new run folder holds a run already.
-        envs.files.LockedError: if another process is at the run.
+        lidarnaut.envs.files.LockedError: if another process is at the run.
         KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
     """
     with contextlib.ExitStack() as held:

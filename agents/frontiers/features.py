@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.navigation import GainOverCost
-from envs.navigation import candidates as given
-from envs.navigation.views import NUM_SECTORS
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation import candidates as given
+from lidarnaut.envs.navigation.views import NUM_SECTORS
 
 _NAMES = """
 log_visible minus_log_cost log_visible_3 minus_log_cost_half minus_cost cost_ratio unknown_1m unknown_2m unknown_4m

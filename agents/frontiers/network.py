@@ -11,9 +11,9 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor, nn
 from torch.nn import functional
 
-from agents.networks import PATCH, JointPolicy, MapPatches, Tensors
-from envs.navigation import GainOverCost
-from envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
+from lidarnaut.agents.networks import PATCH, JointPolicy, MapPatches, Tensors
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .features import NUM_FEATURES
 from .score import FAILED, FrontierScore
@@ -41,8 +41,8 @@ class FrontierNetwork(nn.Module):
     A layer for each candidate, self-attention between them, and layers for each candidate again. Distance between two
     candidates counts against attention, by a slope that each head learns. What comes out is a correction of a prior:
     logit = prior * utility + correction. The utility is that of the rule `gain_over_cost`, log(visible + 0.3) -
-    log(cost + 3), or a score of frontiers (`agents.frontiers.score`). The correction is 0 at first, so that an
-    untrained network chooses as its prior does. The value is made of mean and maximum over the candidates' features.
+    log(cost + 3), or a score of frontiers (`lidarnaut.agents.frontiers.score`). The correction is 0 at first, so that
+    an untrained network chooses as its prior does. The value is made of mean and maximum over the candidates' features.
     """
 
     score: Tensor | None

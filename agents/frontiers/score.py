@@ -9,15 +9,15 @@ import numpy as np
 from safetensors import SafetensorError
 from safetensors.numpy import load_file, save
 
-from agents.run_folder import CheckpointError
-from baselines.frontier.explorer import RuleExplorer
-from baselines.frontier.pursuit import PursuitDriving
-from baselines.frontier.rules import nearest
-from envs.estimation import Belief
-from envs.files import write_folder
-from envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
-from envs.navigation.frontier_navigator import Estimate
-from envs.robots import RobotParams
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.pursuit import PursuitDriving
+from lidarnaut.baselines.frontier.rules import nearest
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.files import write_folder
+from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
+from lidarnaut.envs.navigation.frontier_navigator import Estimate
+from lidarnaut.envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 from .tasks import SPLIT
@@ -35,7 +35,7 @@ class FrontierScore:
     """Scores candidates by a weighted sum of features and takes the best; see `features.NAMES`."""
 
     level = "decision"
-    """What it decides; see `agents.policies.Level`."""
+    """What it decides; see `lidarnaut.agents.policies.Level`."""
     end_reason = plan = None
     """A policy never stops by itself, and plans no path."""
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.files import read_record
-from envs.robots import ROBOT_NAMES, RobotParams, load_robot
-from envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area, load_world
+from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.files import read_record
+from lidarnaut.envs.robots import ROBOT_NAMES, RobotParams, load_robot
+from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area, load_world
 
 TARGET = 0.95
 """Explored fraction that ends an episode."""

@@ -5,11 +5,11 @@ from typing import Protocol
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.navigation import Candidates, FrontierNavigator, NavigatorParams, PlanningParams
-from envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import Candidates, FrontierNavigator, NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.frontier_navigator import ARRIVED, DRIVE_TIME_UP
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
 """`max_time` of explorers that keep to a goal."""

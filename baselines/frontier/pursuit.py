@@ -1,19 +1,20 @@
 """Pursuit driving: turns towards a point near ahead on the path and drives as it turns, without slowing down for bends.
 
-`ppo:pretrained/twist` starts from the same twists (`agents.pursuit`); here they are commanded where the arc is free.
+`ppo:pretrained/twist` starts from the same twists (`lidarnaut.agents.pursuit`); here they are commanded where the arc
+is free.
 """
 
 import math
 
 import numpy as np
 
-from baselines.frontier.explorer import RuleExplorer
-from envs.estimation import Belief
-from envs.geometry import Pose2D
-from envs.navigation import FrontierNavigator, GainOverCost, free_distance
-from envs.observations.plan import LOOKAHEADS, look_ahead
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_distance
+from lidarnaut.envs.observations.plan import LOOKAHEADS, look_ahead
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
 """Yaw rate over the direction of the path, as a fraction of the robot's limit [1/rad]."""

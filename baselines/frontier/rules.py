@@ -6,10 +6,10 @@ import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from baselines.frontier.explorer import COMMITTED, RuleExplorer
-from envs.estimation import Belief
-from envs.navigation import Candidates, GainOverCost, PlanningParams, failed_last
-from envs.robots import RobotParams
+from lidarnaut.baselines.frontier.explorer import COMMITTED, RuleExplorer
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, failed_last
+from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
 """Side of the cells that sizes of published rules count [m]."""

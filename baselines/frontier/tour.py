@@ -12,13 +12,13 @@ import numpy as np
 from pydantic import NonNegativeFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from baselines.frontier.explorer import RuleExplorer
-from baselines.frontier.open_tour import best_tours
-from baselines.frontier.rules import LENGTHS
-from envs.estimation import Belief
-from envs.geometry import OccupancyGrid
-from envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
-from envs.robots import RobotParams
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.open_tour import best_tours
+from lidarnaut.baselines.frontier.rules import LENGTHS
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
+from lidarnaut.envs.robots import RobotParams
 
 FAR = 1e4
 """Length in the absence of a path between two stops [m]."""

@@ -25,15 +25,15 @@ from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 from sklearn.cluster import DBSCAN
 
-from baselines.frontier.explorer import COMMITTED, RuleExplorer
-from baselines.frontier.rules import CELL
-from envs.estimation import Belief
-from envs.geometry import OccupancyGrid
-from envs.geometry.distance_transform import squared_distances
-from envs.navigation import Candidates, crop_to_known
-from envs.navigation.costmap import OCCUPIED_FROM
-from envs.navigation.frontiers import information_gain
-from envs.robots import RobotParams
+from lidarnaut.baselines.frontier.explorer import COMMITTED, RuleExplorer
+from lidarnaut.baselines.frontier.rules import CELL
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.navigation import Candidates, crop_to_known
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.frontiers import information_gain
+from lidarnaut.envs.robots import RobotParams
 
 LOGGER = logging.getLogger(__name__)
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from baselines.oracle.cover_tour import Cover, search_tour
-from baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, unpack_bits, views_from
-from envs.worlds import ExplorableArea
+from lidarnaut.baselines.oracle.cover_tour import Cover, search_tour
+from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, unpack_bits, views_from
+from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
 """Most cells that sample the area to see."""

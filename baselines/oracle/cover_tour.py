@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from baselines.frontier.open_tour import changed, is_shorter, tour_length
+from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
 LEAST_SAVING = 1e-6
 """A change that saves less than this is none: it would be rounding."""

@@ -8,11 +8,11 @@ import numpy as np
 from numba import njit
 from scipy.spatial import cKDTree
 
-from baselines.frontier.tour import blocks_of
-from envs.geometry import OccupancyGrid
-from envs.geometry.lines import cell_along, longest_step
-from envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
-from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
+from lidarnaut.baselines.frontier.tour import blocks_of
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.lines import cell_along, longest_step
+from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, travel_field
+from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
 MAX_VIEWPOINTS = 900
 """Number of viewpoints that their spacing is chosen for."""

@@ -6,17 +6,17 @@ navigator of the other explorers: what distinguishes it from them is foresight.
 
 import numpy as np
 
-from baselines.frontier.rules import NearestExplorer
-from baselines.oracle.cover_planner import CoverPlanner
-from baselines.oracle.cover_viewpoints import find_viewpoints
-from envs.estimation import Belief
-from envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
-from envs.geometry.lines import resample
-from envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
-from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
-from envs.tasks.coverage import Coverage
+from lidarnaut.baselines.frontier.rules import NearestExplorer
+from lidarnaut.baselines.oracle.cover_planner import CoverPlanner
+from lidarnaut.baselines.oracle.cover_viewpoints import find_viewpoints
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import Navigator, PlanningMap, crop_to_known, make_costmap, plan_path
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
+from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
 """Time between two plans of the tour [s]."""
@@ -75,7 +75,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Has the true map, and only has to drive through it. An `Omniscient`, served by `baselines.episode`."""
+    """Has the true map, and only has to drive through it. An `Omniscient`, served by `lidarnaut.baselines.episode`."""
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()

@@ -12,10 +12,10 @@ from numba import njit
 from pydantic import PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from baselines.rrt.trees import Tree
-from envs.geometry import OccupancyGrid
-from envs.navigation import crop_to_known
-from envs.navigation.frontiers import information_gain
+from lidarnaut.baselines.rrt.trees import Tree
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.navigation.frontiers import information_gain
 
 MAX_ITERATIONS = 300
 """Steps after which a mean counts as converged, as in scikit-learn."""

@@ -2,11 +2,11 @@
 
 import numpy as np
 
-from baselines.rrt.detector import RrtParams
-from envs.navigation import COST_MAX_FREE, COST_UNKNOWN, NO_POINTS
-from envs.navigation.planning_map import CostLayer
-from envs.navigation.team_robot import TeamRobot
-from envs.robots import RobotParams
+from lidarnaut.baselines.rrt.detector import RrtParams
+from lidarnaut.envs.navigation import COST_MAX_FREE, COST_UNKNOWN, NO_POINTS
+from lidarnaut.envs.navigation.planning_map import CostLayer
+from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.robots import RobotParams
 
 
 class RrtRobot(TeamRobot):

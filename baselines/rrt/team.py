@@ -24,17 +24,17 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baselines.rrt.detector import TEAM_PARAMS, RrtDetector, RrtParams
-from baselines.rrt.robot import RrtRobot
-from baselines.teams.team import TeamExplorer
-from envs.estimation import Belief
-from envs.geometry import OccupancyGrid
-from envs.navigation import NO_POINTS, Candidates
-from envs.navigation.frontiers import information_gain
-from envs.navigation.team_navigator import UNASSIGNED
-from envs.navigation.team_robot import TeamRobot
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.baselines.rrt.detector import TEAM_PARAMS, RrtDetector, RrtParams
+from lidarnaut.baselines.rrt.robot import RrtRobot
+from lidarnaut.baselines.teams.team import TeamExplorer
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import NO_POINTS, Candidates
+from lidarnaut.envs.navigation.frontiers import information_gain
+from lidarnaut.envs.navigation.team_navigator import UNASSIGNED
+from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 SAME_POINT = 0.4
 """Points this near to one that another robot drives to are not assigned [m]."""
@@ -86,7 +86,7 @@ class RrtTeam(TeamExplorer):
         self._detector: RrtDetector | None = None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `baselines.explorer.Policy`."""
+        """Prepare for a new episode; see `lidarnaut.baselines.explorer.Policy`."""
         super().reset(robot, control_period, rng)
         self._detector = RrtDetector(self._params, rng)
 

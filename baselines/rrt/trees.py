@@ -17,9 +17,9 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import OccupancyGrid
-from envs.geometry.lines import next_cell, start_walk
-from envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.lines import next_cell, start_walk
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
 """GridCheck: the step enters unknown space before it meets an obstacle, an obstacle comes first, all cells are free."""

@@ -6,12 +6,12 @@ from typing import Protocol
 
 import numpy as np
 
-from baselines.frontier.explorer import FrontierRule
-from baselines.frontier.tour import FAR, path_lengths
-from baselines.teams.tours import min_max_tours
-from envs.estimation import Belief
-from envs.navigation import Candidates, GainOverCost
-from envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
+from lidarnaut.baselines.frontier.explorer import FrontierRule
+from lidarnaut.baselines.frontier.tour import FAR, path_lengths
+from lidarnaut.baselines.teams.tours import min_max_tours
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import Candidates, GainOverCost
+from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER = 2.0
 """Frontiers this near to that of a stop belong to it [m]."""

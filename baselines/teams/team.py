@@ -5,13 +5,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from baselines.frontier.pursuit import pursue
-from baselines.teams.assignment import Assignment
-from envs.estimation import Belief
-from envs.navigation.team_navigator import TeamNavigator
-from envs.navigation.team_robot import TeamRobot
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.baselines.frontier.pursuit import pursue
+from lidarnaut.baselines.teams.assignment import Assignment
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation.team_navigator import TeamNavigator
+from lidarnaut.envs.navigation.team_robot import TeamRobot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 PERIOD = 1.0
 """Time after which frontiers are assigned anew to all robots [s]; sooner when one of them needs another."""
@@ -34,7 +34,7 @@ class TeamExplorer:
         self._is_reset = False
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `baselines.explorer.Policy`."""
+        """Prepare for a new episode; see `lidarnaut.baselines.explorer.Policy`."""
         self._robot, self._control_period, self._is_reset = robot, control_period, True
         self._navigator, self._steps = None, 0
 

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
-from agents.frontiers.tasks import is_held_out
-from benchmarks.arena.measures import Measures, share_of
-from benchmarks.arena.policies import is_bound
-from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Estimate, estimate, gap_closed, success_rate
-from envs.measures import Measure
+from lidarnaut.agents.frontiers.tasks import is_held_out
+from lidarnaut.benchmarks.arena.measures import Measures, share_of
+from lidarnaut.benchmarks.arena.policies import is_bound
+from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.statistics import Estimate, estimate, gap_closed, success_rate
+from lidarnaut.envs.measures import Measure
 
 REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
 """Policies that the others are compared with: the first of these that takes part, or else the first policy."""

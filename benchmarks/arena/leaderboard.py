@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.arena.episodes import Episodes, best_of, start_of
-from benchmarks.arena.measures import Measures, share_of
-from benchmarks.arena.page import Cell, Section, Table
-from benchmarks.arena.policies import is_bound, short
-from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
-from envs.measures import SUCCESS, Measure
+from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
+from lidarnaut.benchmarks.arena.measures import Measures, share_of
+from lidarnaut.benchmarks.arena.page import Cell, Section, Table
+from lidarnaut.benchmarks.arena.policies import is_bound, short
+from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
+from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 LEAST = 1.0

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import replace
 
-from benchmarks.arena.statistics import Estimate
-from envs.measures import COMMON, SUCCESS, Measure, headline_of
+from lidarnaut.benchmarks.arena.statistics import Estimate
+from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
 DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
 

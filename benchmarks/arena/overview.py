@@ -6,17 +6,17 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
-from benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
-from benchmarks.arena.measures import Measures
-from benchmarks.arena.page import Cell, Figure, Section, Table
-from benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
-from benchmarks.arena.policies import short
-from benchmarks.arena.records import Row
-from benchmarks.arena.statistics import Estimate, performance_profile
-from benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
-from envs.files import write_file
-from envs.player import Recording, build_page
+from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
+from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
+from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
+from lidarnaut.benchmarks.arena.policies import short
+from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.statistics import Estimate, performance_profile
+from lidarnaut.benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
+from lidarnaut.envs.files import write_file
+from lidarnaut.envs.player import Recording, build_page
 
 SHARES = 3.0
 """Times and distances are shown up to this multiple of what the reference needed."""

@@ -12,12 +12,12 @@ import rich.table
 from rich import box
 from rich.text import Text
 
-from benchmarks.arena.measures import texts
-from benchmarks.arena.records import write_table
-from benchmarks.arena.statistics import Estimate
-from benchmarks.arena.trace import slug
-from envs.files import write_file
-from envs.measures import Measure
+from lidarnaut.benchmarks.arena.measures import texts
+from lidarnaut.benchmarks.arena.records import write_table
+from lidarnaut.benchmarks.arena.statistics import Estimate
+from lidarnaut.benchmarks.arena.trace import slug
+from lidarnaut.envs.files import write_file
+from lidarnaut.envs.measures import Measure
 
 MAX_OPEN_LINES = 10
 """Longer tables are folded away in HTML, and files of their own beside Markdown."""

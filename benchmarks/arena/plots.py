@@ -16,10 +16,10 @@ from matplotlib.patches import Circle
 from matplotlib.transforms import Affine2D
 from PIL import Image
 
-from benchmarks.arena.policies import is_bound, short
-from benchmarks.arena.statistics import Band, Estimate, curve_band
-from benchmarks.arena.trace import Curve, Trace
-from envs.rendering import style
+from lidarnaut.benchmarks.arena.policies import is_bound, short
+from lidarnaut.benchmarks.arena.statistics import Band, Estimate, curve_band
+from lidarnaut.benchmarks.arena.trace import Curve, Trace
+from lidarnaut.envs.rendering import style
 
 
 def _hex(color: style.Colour) -> str:

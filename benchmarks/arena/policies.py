@@ -12,11 +12,11 @@ from typing import Any
 import yaml
 from gymnasium import spaces
 
-from agents.policies import Level, level_of, make_policy, needed_arguments
-from baselines import CLASSIC, EXPLORERS
-from baselines.explorer import Omniscient
-from baselines.explorer import Policy as Driver
-from envs.files import explain_unknown, load_object, resolve
+from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
+from lidarnaut.baselines import CLASSIC, EXPLORERS
+from lidarnaut.baselines.explorer import Omniscient
+from lidarnaut.baselines.explorer import Policy as Driver
+from lidarnaut.envs.files import explain_unknown, load_object, resolve
 
 GROUND_TRUTH = " (ground truth)"
 """How the name of a policy ends that is given ground truth; no other name can end so."""
@@ -43,7 +43,7 @@ class Policy:
     name: str
     """As users write it, or the label that they give it; it ends with `GROUND_TRUTH` where it is `Omniscient`."""
     source: Any = None
-    """What `agents.policies.make_policy` makes it from, or its `module:attribute`."""
+    """What `lidarnaut.agents.policies.make_policy` makes it from, or its `module:attribute`."""
     checkpoint: str = ""
     """Checkpoint folder of a learned policy, fixed when the name was read: a training may write newer ones."""
     is_pursuit: bool = False
@@ -53,12 +53,12 @@ class Policy:
     level: Level | None = None
     """What it decides; None where it does not say."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Arguments of the environment that it needs; see `agents.policies.needed_arguments`."""
+    """Arguments of the environment that it needs; see `lidarnaut.agents.policies.needed_arguments`."""
 
     def make(self, space: spaces.Space | None = None) -> Driver:
         """Make the policy for an action space."""
         if self.checkpoint:
-            from agents.learned import load_policy
+            from lidarnaut.agents.learned import load_policy
 
             return load_policy(Path(self.checkpoint), pursuit=self.is_pursuit)
         return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
@@ -74,7 +74,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
 
     Raises:
         ValueError: if there is no such policy, or it cannot do the task; lists those that can.
-        agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
+        lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
     """
     if given and name in given:
         return _checked(Policy(name, given[name]), given[name])
@@ -95,7 +95,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     if what in classic:
         return _checked(Policy(label, classic[what]), classic[what])
     if kind in ("ppo", "learned", "pursuit") and rest:
-        from agents.learned import find_policy, fingerprint
+        from lidarnaut.agents.learned import find_policy, fingerprint
 
         folder = find_policy(max(glob.glob(rest), default=rest)).resolve()
         policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit")

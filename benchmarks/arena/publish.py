@@ -8,21 +8,27 @@ from typing import Any
 import yaml
 from rich.console import Console
 
-from benchmarks.arena import leaderboard
-from benchmarks.arena.episodes import Episodes, Summary
-from benchmarks.arena.overview import case_sections, curves_section, gallery_section, players_section, worst_section
-from benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
-from benchmarks.arena.policies import short
-from benchmarks.arena.records import SETTINGS_FILE, Key, write_table
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import estimator_of
-from benchmarks.arena.verdict import verdict_section
-from benchmarks.arena.workers import NOT_RUN, Result
-from envs.command_line import make_console
-from envs.files import write_file
-from envs.measures import SUCCESS
-from envs.progress import Progress
-from envs.slam import SLAM_NAMES
+from lidarnaut.benchmarks.arena import leaderboard
+from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
+from lidarnaut.benchmarks.arena.overview import (
+    case_sections,
+    curves_section,
+    gallery_section,
+    players_section,
+    worst_section,
+)
+from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
+from lidarnaut.benchmarks.arena.policies import short
+from lidarnaut.benchmarks.arena.records import SETTINGS_FILE, Key, write_table
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import estimator_of
+from lidarnaut.benchmarks.arena.verdict import verdict_section
+from lidarnaut.benchmarks.arena.workers import NOT_RUN, Result
+from lidarnaut.envs.command_line import make_console
+from lidarnaut.envs.files import write_file
+from lidarnaut.envs.measures import SUCCESS
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.slam import SLAM_NAMES
 
 TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "

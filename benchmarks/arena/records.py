@@ -12,9 +12,9 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from agents.run_folder import commit
-from benchmarks.arena.measures import Measures
-from envs.files import naming, read_mapping, sweep, write_file
+from lidarnaut.agents.run_folder import commit
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.envs.files import naming, read_mapping, sweep, write_file
 
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""

@@ -10,18 +10,18 @@ from typing import Any
 
 from gymnasium import spaces
 
-from agents.run_folder import CheckpointError
-from baselines import policies_for
-from benchmarks.arena.measures import Measures
-from benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
-from benchmarks.arena.records import Key, Records, Row, columns_of
-from benchmarks.arena.settings import USUAL, Case, Settings
-from benchmarks.arena.trace import episode_name, recording_path, trace_path
-from benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
-from envs.core import lidar_env_of
-from envs.files import Lock, write_file
-from envs.ids import CHOOSE
-from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines import policies_for
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
+from lidarnaut.benchmarks.arena.records import Key, Records, Row, columns_of
+from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
+from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
+from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.files import Lock, write_file
+from lidarnaut.envs.ids import CHOOSE
+from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 
 @contextlib.contextmanager
@@ -53,7 +53,7 @@ class Evaluation:
         Raises:
             ValueError: if a name is wrong, a robot fits nowhere, or the folder holds another evaluation; says what is
                 allowed.
-            agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
+            lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
         match = re.fullmatch(r"(\d+)/(\d+)", "1/1" if shard is None else shard)
         number, total = map(int, match.groups()) if match else (0, 0)
@@ -107,15 +107,17 @@ class Evaluation:
             jobs: processes to spread the episodes over; 1 stays in this one.
             ray: address of a Ray cluster that runs them instead.
             on_result: called with each episode that has ended, also in failure.
-            bags: folder that gets a ROS 2 bag of each of them, see `envs.wrappers.BagRecorder`; None for none.
-            record: whether to keep a recording of each of them for the player, see `envs.player`.
+            bags: folder that gets a ROS 2 bag of each of them, see `lidarnaut.envs.wrappers.BagRecorder`; None for
+                none.
+            record: whether to keep a recording of each of them for the player, see `lidarnaut.envs.player`.
 
         Returns:
             The episodes that could not be run. The others are in the folder.
 
         Raises:
             ValueError: an argument makes no sense, or the folder holds shards of another total.
-            envs.files.LockedError: another process runs the evaluation of the folder, or the same shard of it.
+            lidarnaut.envs.files.LockedError: another process runs the evaluation of the folder, or the same shard of
+                it.
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")

@@ -11,11 +11,11 @@ import gymnasium
 import tyro
 from pydantic import Field, PositiveFloat, ValidationInfo, field_validator
 
-from agents.config import Section
-from envs.ids import EXPLORE, arguments_of
-from envs.simulation.crowd import crowd_of
-from envs.slam import DEFAULT_SLAM
-from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
+from lidarnaut.agents.config import Section
+from lidarnaut.envs.ids import EXPLORE, arguments_of
+from lidarnaut.envs.simulation.crowd import crowd_of
+from lidarnaut.envs.slam import DEFAULT_SLAM
+from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
 """Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
@@ -38,7 +38,7 @@ class Case:
     slam: str
     """SLAM, or the localizer where the environment has one instead."""
     people: str = USUAL
-    """How many people walk around, as `envs.simulation.crowd.crowd_of` reads it."""
+    """How many people walk around, as `lidarnaut.envs.simulation.crowd.crowd_of` reads it."""
     label: str = ""
     """What the world is called in tables and files; empty if that is `world`."""
     id: str = EXPLORE

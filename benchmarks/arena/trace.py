@@ -9,12 +9,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from baselines.episode import Episode
-from benchmarks.arena.records import Row
-from envs.core import LidarEnv
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import crop_to_known
-from envs.navigation.costmap import known_window
+from lidarnaut.baselines.episode import Episode
+from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.navigation.costmap import known_window
 
 
 class Curve(NamedTuple):

@@ -2,14 +2,14 @@
 
 from collections.abc import Mapping
 
-from baselines import CLASSIC
-from benchmarks.arena.episodes import Episodes
-from benchmarks.arena.measures import texts
-from benchmarks.arena.page import Figure, Section
-from benchmarks.arena.plots import draw_values, render
-from benchmarks.arena.policies import short
-from benchmarks.arena.statistics import Estimate, paired_difference
-from envs.measures import Measure
+from lidarnaut.baselines import CLASSIC
+from lidarnaut.benchmarks.arena.episodes import Episodes
+from lidarnaut.benchmarks.arena.measures import texts
+from lidarnaut.benchmarks.arena.page import Figure, Section
+from lidarnaut.benchmarks.arena.plots import draw_values, render
+from lidarnaut.benchmarks.arena.policies import short
+from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
+from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
 """Policies that the sentence names where many cannot be told apart."""

@@ -13,19 +13,19 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from agents.pools import make_pool, stop
-from agents.run_folder import CheckpointError
-from baselines.episode import begin_episode, decide_with, run, run_episode
-from baselines.explorer import Policy as Driver
-from benchmarks.arena.measures import Measures
-from benchmarks.arena.policies import Policy, short
-from benchmarks.arena.records import Key, Row, columns_of
-from benchmarks.arena.settings import Case
-from benchmarks.arena.trace import Recorder
-from envs.core import lidar_env_of
-from envs.player import EpisodeRecorder
-from envs.processes import interrupts_held
-from envs.wrappers import BagRecorder
+from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
+from lidarnaut.baselines.explorer import Policy as Driver
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.policies import Policy, short
+from lidarnaut.benchmarks.arena.records import Key, Row, columns_of
+from lidarnaut.benchmarks.arena.settings import Case
+from lidarnaut.benchmarks.arena.trace import Recorder
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.player import EpisodeRecorder
+from lidarnaut.envs.processes import interrupts_held
+from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
 """Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
@@ -177,7 +177,7 @@ def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int 
 
 
 def describe(row: Row, measures: Measures) -> dict[str, Any]:
-    """Return what a recording says about a row's episode, see `envs.player.Recording.about`."""
+    """Return what a recording says about a row's episode, see `lidarnaut.envs.player.Recording.about`."""
     figures = {}
     for measure in measures.all:
         if measure.name not in ("decision_ms", "success"):  # differs from run to run; is told by the end

@@ -1,1 +1,1 @@
-"""What SLAMs, localizers and planners make of drives: `python -m benchmarks.drives STAGE`."""
+"""What SLAMs, localizers and planners make of drives: `python -m lidarnaut.benchmarks.drives STAGE`."""

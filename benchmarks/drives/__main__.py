@@ -1,7 +1,7 @@
 """What SLAMs, localizers, filters and planners make of drives: a command for each stage.
 
-`python -m benchmarks.drives slam`, `... kidnapping --help`. The log of a real robot is the Intel Research Lab's, in
-`$LIDARNAUT_DATA/intel`. Run it on a machine that does nothing else where times count.
+`python -m lidarnaut.benchmarks.drives slam`, `... kidnapping --help`. The log of a real robot is the Intel Research
+Lab's, in `$LIDARNAUT_DATA/intel`. Run it on a machine that does nothing else where times count.
 """
 
 import functools
@@ -15,14 +15,14 @@ from typing import Annotated, Any
 import tyro
 from rich.table import Table
 
-from benchmarks.drives.ekf import compare_faults, compare_fusions
-from benchmarks.drives.localization import compare_amcl, compare_on_log
-from benchmarks.drives.localization_times import time_amcl
-from benchmarks.drives.planning import time_planning
-from benchmarks.drives.recording import Row
-from benchmarks.drives.slams import compare_kidnapped, compare_slams
-from benchmarks.drives.teams import compare_teams
-from envs.command_line import make_console, run_command
+from lidarnaut.benchmarks.drives.ekf import compare_faults, compare_fusions
+from lidarnaut.benchmarks.drives.localization import compare_amcl, compare_on_log
+from lidarnaut.benchmarks.drives.localization_times import time_amcl
+from lidarnaut.benchmarks.drives.planning import time_planning
+from lidarnaut.benchmarks.drives.recording import Row
+from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
+from lidarnaut.benchmarks.drives.teams import compare_teams
+from lidarnaut.envs.command_line import make_console, run_command
 
 STAGES: dict[str, Callable[..., list[Row]]] = {
     "slam": compare_slams,

@@ -15,18 +15,17 @@ import numpy as np
 from matplotlib.figure import Figure
 from scipy.stats import chi2
 
-import envs  # noqa: F401  (registers the environments)
-from baselines.episode import begin_episode, decide_with
-from baselines.reactive import RouteFollower
-from benchmarks.arena.plots import ERROR, INK, LINES, MUTED
-from benchmarks.drives.recording import Row, run_each
-from envs.command_line import Count
-from envs.core import LidarEnv, lidar_env_of
-from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import Ekf, Estimate, Measurement
-from envs.localization.fusion import FUSIONS, make_filter, start_covariance
-from envs.logs import rms
-from envs.navigation import crop_to_known
+from lidarnaut.baselines.episode import begin_episode, decide_with
+from lidarnaut.baselines.reactive import RouteFollower
+from lidarnaut.benchmarks.arena.plots import ERROR, INK, LINES, MUTED
+from lidarnaut.benchmarks.drives.recording import Row, run_each
+from lidarnaut.envs.command_line import Count
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.localization.ekf import Ekf, Estimate, Measurement
+from lidarnaut.envs.localization.fusion import FUSIONS, make_filter, start_covariance
+from lidarnaut.envs.logs import rms
+from lidarnaut.envs.navigation import crop_to_known
 
 PAPER = {
     "position_rmse_mm": 20.3,

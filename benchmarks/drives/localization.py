@@ -11,7 +11,7 @@ from typing import Literal
 import numpy as np
 from scipy import ndimage
 
-from benchmarks.drives.recording import (
+from lidarnaut.benchmarks.drives.recording import (
     LOG,
     PERIOD,
     RESOLUTION,
@@ -26,16 +26,16 @@ from benchmarks.drives.recording import (
     run_each,
     track,
 )
-from envs.arguments import choose_robot
-from envs.command_line import Count
-from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
-from envs.localization import PRESETS, Amcl, AmclParams, load_preset
-from envs.logs import Log, load_log, pose_errors, rms
-from envs.robots import LidarParams
-from envs.simulation import Reading
-from envs.slam import KnownPoses, TinySlamParams
-from envs.tasks.goals import known_map
-from envs.worlds import load_world
+from lidarnaut.envs.arguments import choose_robot
+from lidarnaut.envs.command_line import Count
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
+from lidarnaut.envs.logs import Log, load_log, pose_errors, rms
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import KnownPoses, TinySlamParams
+from lidarnaut.envs.tasks.goals import known_map
+from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0

@@ -7,13 +7,19 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from benchmarks.drives.localization import KIDNAPPED_AT, START_STD, load_known_world, localize, record_from_anywhere
-from benchmarks.drives.recording import PERIOD, Row, Setup
-from envs.geometry import Pose2D
-from envs.localization import PRESETS, Amcl
-from envs.logs import pose_errors
-from envs.simulation import Reading
-from envs.tasks.goals import known_map
+from lidarnaut.benchmarks.drives.localization import (
+    KIDNAPPED_AT,
+    START_STD,
+    load_known_world,
+    localize,
+    record_from_anywhere,
+)
+from lidarnaut.benchmarks.drives.recording import PERIOD, Row, Setup
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.localization import PRESETS, Amcl
+from lidarnaut.envs.logs import pose_errors
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
 """Measurements of a time; the median of their medians is reported."""

@@ -11,9 +11,9 @@ from matplotlib.transforms import Affine2D
 from PIL import Image
 from scipy import ndimage
 
-from envs.estimation import ORIGIN
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
-from envs.rendering import style
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.rendering import style
 
 NEAR = 0.15
 """Distance from a true wall up to which a wall of a map is where it should be [m]."""

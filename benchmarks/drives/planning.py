@@ -5,10 +5,10 @@ from collections.abc import Callable
 
 import numpy as np
 
-from benchmarks.drives.recording import RESOLUTION, Row
-from envs.arguments import choose_robot
-from envs.geometry.lines import lengths_along
-from envs.navigation import (
+from lidarnaut.benchmarks.drives.recording import RESOLUTION, Row
+from lidarnaut.envs.arguments import choose_robot
+from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation import (
     CostmapParams,
     PlanningMap,
     PlanningParams,
@@ -18,8 +18,8 @@ from envs.navigation import (
     smooth_path,
     travel_field,
 )
-from envs.tasks.goals import known_map
-from envs.worlds import explorable_area, load_world
+from lidarnaut.envs.tasks.goals import known_map
+from lidarnaut.envs.worlds import explorable_area, load_world
 
 
 def _least(work: Callable[[], object], repeats: int = 15) -> float:

@@ -10,21 +10,21 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agents.pools import make_pool
-from envs.estimation import Estimator
-from envs.estimation.motion import make_motion_source
-from envs.geometry import Pose2D
-from envs.navigation import CostmapParams, make_costmap, plan_path
-from envs.progress import Progress
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist, make_simulator
-from envs.worlds import ExplorableArea, World, explorable_area
+from lidarnaut.agents.pools import make_pool
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import CostmapParams, make_costmap, plan_path
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist, make_simulator
+from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area
 
 RESOLUTION = 0.05
 """Side of a map cell [m]."""
 PERIOD = 0.1
 """Time between two commands and scans [s]."""
-DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data"))
+DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 LOG = DATA / "intel" / "scans_2725.npz"
 """The log of the Intel Research Lab."""
 Row = dict[str, Any]

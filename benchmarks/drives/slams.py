@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.drives.maps import Panel, draw_maps, wrong_cells
-from benchmarks.drives.recording import (
+from lidarnaut.benchmarks.drives.maps import Panel, draw_maps, wrong_cells
+from lidarnaut.benchmarks.drives.recording import (
     PERIOD,
     RESOLUTION,
     Drive,
@@ -28,18 +28,18 @@ from benchmarks.drives.recording import (
     run_each,
     track,
 )
-from envs.command_line import Count
-from envs.estimation import Estimator
-from envs.logs import compose_poses, load_log, pose_errors, rms
-from envs.logs.relations import load_labelled
-from envs.logs.runs import measure, replay
-from envs.navigation import crop_to_known
-from envs.progress import Progress
-from envs.robots import load_robot
-from envs.slam import SLAM_NAMES, SLAMS, make_slam
-from envs.tasks.coverage import map_iou
-from envs.worlds import load_world
-from envs.worlds.procedural import FAMILIES
+from lidarnaut.envs.command_line import Count
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.logs import compose_poses, load_log, pose_errors, rms
+from lidarnaut.envs.logs.relations import load_labelled
+from lidarnaut.envs.logs.runs import measure, replay
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.slam import SLAM_NAMES, SLAMS, make_slam
+from lidarnaut.envs.tasks.coverage import map_iou
+from lidarnaut.envs.worlds import load_world
+from lidarnaut.envs.worlds.procedural import FAMILIES
 
 DRIVES = (
     "explorebench_loop:turtlebot3_burger",
@@ -60,7 +60,9 @@ HELD_OUT = (
     "rooms:1",
     "maze:1",
 )
-"""Worlds for kidnapped robots: no threshold of `envs.slam.relocalization` may be chosen on them. None is symmetric."""
+"""Worlds for kidnapped robots, none of them symmetric: no threshold of `lidarnaut.envs.slam.relocalization` may be
+chosen on them.
+"""
 FOUND = 0.5
 """Position error up to which a kidnapped robot has found its pose again [m]."""
 

@@ -7,18 +7,18 @@ from typing import Literal
 
 import numpy as np
 
-from benchmarks.arena.episodes import Episodes
-from benchmarks.arena.measures import Measures, texts
-from benchmarks.arena.publish import run_with_progress
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.statistics import estimate
-from benchmarks.drives.recording import Row
-from envs.command_line import Count, make_console
-from envs.measures import Measure
-from envs.slam import DEFAULT_SLAM
-from envs.tasks.explore import MAX_ROBOTS, Explore
-from envs.worlds import FAMILIES
+from lidarnaut.benchmarks.arena.episodes import Episodes
+from lidarnaut.benchmarks.arena.measures import Measures, texts
+from lidarnaut.benchmarks.arena.publish import run_with_progress
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.benchmarks.arena.statistics import estimate
+from lidarnaut.benchmarks.drives.recording import Row
+from lidarnaut.envs.command_line import Count, make_console
+from lidarnaut.envs.measures import Measure
+from lidarnaut.envs.slam import DEFAULT_SLAM
+from lidarnaut.envs.tasks.explore import MAX_ROBOTS, Explore
+from lidarnaut.envs.worlds import FAMILIES
 
 MARK = 0.95
 """Explored fraction at which the time is taken, and the episode ends."""

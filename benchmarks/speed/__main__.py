@@ -1,4 +1,4 @@
-"""How fast everything is: `python -m benchmarks.speed`.
+"""How fast everything is: `python -m lidarnaut.benchmarks.speed`.
 
 All designs are measured in turn, in one run, pinned to one core unless said; every figure is a median. They explore
 the same two halls with the same robot (360 beams of 10 m, ten steps per second, cells of 0.05 m) and the same actions,
@@ -21,14 +21,14 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator
 from rich.table import Table
 
-from benchmarks.speed import measuring, parts
-from benchmarks.speed.designs import DESIGNS
-from benchmarks.speed.kernels import time_kernels
-from envs.command_line import make_console, run_command
-from envs.progress import Progress
+from lidarnaut.benchmarks.speed import measuring, parts
+from lidarnaut.benchmarks.speed.designs import DESIGNS
+from lidarnaut.benchmarks.speed.kernels import time_kernels
+from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.envs.progress import Progress
 
 Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
-PLOT = Path(__file__).parents[2] / "docs" / "images" / "throughput.png"
+PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
 """Crates and pillars in the halls that are driven in."""
 PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")

@@ -12,12 +12,12 @@ import gymnasium
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-import agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
-from benchmarks.speed.halls import make_hall
-from benchmarks.speed.naive import NaiveExploreEnv
-from envs.robots import RobotParams, load_robot
+import lidarnaut.agents  # noqa: F401  (before torch, whose threads it keeps from spinning)
+from lidarnaut.benchmarks.speed.halls import make_hall
+from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv
+from lidarnaut.envs.robots import RobotParams, load_robot
 
-ID = "envs:lidarnaut/Explore-v0"
+ID = "lidarnaut:lidarnaut/Explore-v0"
 HOLD, NUM_ACTIONS = 10, 500
 """Steps for which an action is held, at white noise a robot would tremble on the spot; actions before they repeat."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
@@ -30,9 +30,10 @@ class Design(NamedTuple):
     """What is measured, and on how much of the machine."""
 
     name: str
-    """`naive`: `benchmarks.speed.naive`. `bullet` and `kinematic`: the single environment under either physics.
-    `vector` and `bullet_vector`: `envs.vector`, under either physics. `subproc`: the single kinematic environment in
-    stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from `vector`, end to end."""
+    """`naive`: `lidarnaut.benchmarks.speed.naive`. `bullet` and `kinematic`: the single environment under either
+    physics. `vector` and `bullet_vector`: `lidarnaut.envs.vector`, under either physics. `subproc`: the single
+    kinematic environment in stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from
+    `vector`, end to end."""
     num_envs: int = 1
     cores: int = 1
     """Cores that they may use; from two on, a vector environment has as many shards."""
@@ -131,10 +132,10 @@ def _train(env: gymnasium.vector.VectorEnv, cores: int) -> Drive:
     """Learn by PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
     from stable_baselines3.common.logger import Logger
 
-    from agents.algorithms import build_model
-    from agents.config import TrainingConfig
-    from agents.vec_env import GymnasiumVecEnv
-    from envs.files import read_record
+    from lidarnaut.agents.algorithms import build_model
+    from lidarnaut.agents.config import TrainingConfig
+    from lidarnaut.agents.vec_env import GymnasiumVecEnv
+    from lidarnaut.envs.files import read_record
 
     config = read_record(TRAINING, TrainingConfig).model_copy(update={"torch_threads": cores})
     model = build_model(config, GymnasiumVecEnv(env))

@@ -6,8 +6,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.worlds import World
 
 SIDE, WALL = 16.0, 0.2
 """Inner length and width of a hall, and thickness of its walls [m]."""

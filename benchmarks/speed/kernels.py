@@ -13,23 +13,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from benchmarks.speed.designs import benchmark_robot
-from benchmarks.speed.halls import make_hall
-from benchmarks.speed.naive_slam import NaiveSlam
-from benchmarks.speed.naive_slam import match as naive_match
-from benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
-from envs.estimation import Window
-from envs.estimation.map_pyramid import Level, crop_level, pool_cells
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.raycast import cast_rays
-from envs.observations import NEAR_PIXEL
-from envs.robots import LidarParams
-from envs.simulation.kinematic import advance
-from envs.simulation.records import STATE_SIZE, robot_record
-from envs.slam import load_params
-from envs.slam.grid_map import GridMap, integrate_scan, probabilities
-from envs.slam.matcher import match, search_params
-from envs.slam.scans import project_hits
+from lidarnaut.benchmarks.speed.designs import benchmark_robot
+from lidarnaut.benchmarks.speed.halls import make_hall
+from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
+from lidarnaut.benchmarks.speed.naive_slam import match as naive_match
+from lidarnaut.benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
+from lidarnaut.envs.estimation import Window
+from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_cells
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.observations import NEAR_PIXEL
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation.kinematic import advance
+from lidarnaut.envs.simulation.records import STATE_SIZE, robot_record
+from lidarnaut.envs.slam import load_params
+from lidarnaut.envs.slam.grid_map import GridMap, integrate_scan, probabilities
+from lidarnaut.envs.slam.matcher import match, search_params
+from lidarnaut.envs.slam.scans import project_hits
 
 PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
 """Control period [s]; pixels along the sides of a crop; calls of a kernel that are timed together."""

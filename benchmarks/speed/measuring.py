@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from benchmarks.speed.designs import FEW, Case, Design, Drive, open_drive
+from lidarnaut.benchmarks.speed.designs import FEW, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000

@@ -1,4 +1,4 @@
-"""Exploration as it is usually written, the reference of `python -m benchmarks.speed`.
+"""Exploration as it is usually written, the reference of `python -m lidarnaut.benchmarks.speed`.
 
 PyBullet with a body per box at its usual 240 Hz, the lidar by `rayTestBatch`, TinySLAM and everything else in NumPy. It
 does the same job as `lidarnaut/Explore-v0` with the same robot, params and rewards, and nothing in it is slower than it
@@ -13,23 +13,23 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from benchmarks.speed.halls import Hall
-from benchmarks.speed.naive_slam import ORIGIN, NaiveSlam
-from envs.estimation.motion import wheel_motion
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import RobotParams
-from envs.simulation.bullet_robot import CHASSIS_LINK, WHEEL_LINKS, build_robot
-from envs.simulation.bullet_world import GROUND, ROLLING, BulletClient
-from envs.slam import load_params
-from envs.tasks.explore import Explore
-from envs.worlds import explorable_area
+from lidarnaut.benchmarks.speed.halls import Hall
+from lidarnaut.benchmarks.speed.naive_slam import ORIGIN, NaiveSlam
+from lidarnaut.envs.estimation.motion import wheel_motion
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation.bullet_robot import CHASSIS_LINK, WHEEL_LINKS, build_robot
+from lidarnaut.envs.simulation.bullet_world import GROUND, ROLLING, BulletClient
+from lidarnaut.envs.slam import load_params
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.worlds import explorable_area
 
 PHYSICS_HZ = 240
 """PyBullet's usual rate [1/s]."""
 CROP_SIZE, PIXEL = 64, 0.125
 """Side of the map crop [pixels], and of its pixels [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Points of a map cell that are looked up in the ground truth; see `envs.tasks.coverage.mark_known`."""
+"""Points of a map cell that are looked up in the ground truth; see `lidarnaut.envs.tasks.coverage.mark_known`."""
 
 
 class NaivePhysics:

@@ -1,4 +1,4 @@
-"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `envs.slam`.
+"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `lidarnaut.envs.slam`.
 
 Key scans alone are matched, with odometry as a prior; a robot that is lost is not relocalized.
 """
@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.robots import LidarParams
-from envs.slam import TinySlamParams
-from envs.slam.matching.covariance import NoiseRecord, motion_stds
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam import TinySlamParams
+from lidarnaut.envs.slam.matching.covariance import NoiseRecord, motion_stds
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
@@ -34,7 +34,7 @@ def match(
     values: np.ndarray, points: np.ndarray, pose: Pose2D, sigma: tuple[float, float], weights: tuple[float, float],
     noise: np.ndarray, max_failed: int,
 ) -> Pose2D:  # fmt: skip
-    """Search the pose at which a scan fits the map best, as `envs.slam.matcher.match` does; see `score`.
+    """Search the pose at which a scan fits the map best, as `lidarnaut.envs.slam.matcher.match` does; see `score`.
 
     All candidates that are left are scored around the best pose so far. From the first that is better, the rest are
     scored anew around it: three to five rounds for a scan, faster than a hundred candidates one by one. `sigma` is the

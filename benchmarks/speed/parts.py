@@ -9,9 +9,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.robots import load_robot
-from envs.simulation import PHYSICS, Twist, make_simulator
-from envs.worlds import load_world
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
+from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
 """Where decisions are taken."""
@@ -67,7 +67,7 @@ def decisions(count: int) -> list[dict[str, Any]]:
 
 def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
     """Return what decides once in every sub-environment; it returns decisions, control steps and simulated time [s]."""
-    id = "envs:lidarnaut/ExploreFrontiers-v0"
+    id = "lidarnaut:lidarnaut/ExploreFrontiers-v0"
     if number > 1:
         envs = gymnasium.make_vec(id, number, "vector_entry_point", num_workers=0, **ROOMS)
         envs.reset(seed=0)
@@ -97,7 +97,7 @@ def people(count: int) -> list[dict[str, Any]]:
     physics, all in one process; take turns. Once contact costs and episodes last as long as their time limit, and once
     contact ends them, so that resets, one at each contact, are part of the figure. What counts is processor time.
     """
-    id, world_size, shown = "envs:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
+    id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}
     make = partial(gymnasium.make_vec, id, NUM_AMONG_PEOPLE, "vector_entry_point", num_workers=0, **usual)
     cases = [(number, contact) for contact in ("costs", "ends") for number in (0, 10, 30)]

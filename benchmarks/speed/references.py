@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from envs.estimation.map_pyramid import OCCUPIED_FROM
-from envs.geometry import wrap_angle
-from envs.robots import RobotParams
+from lidarnaut.envs.estimation.map_pyramid import OCCUPIED_FROM
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.robots import RobotParams
 
 
 def cast_rays_in_numpy(
@@ -33,7 +33,7 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool a map, shape (height, width), int8, into blocks of cells; see `envs.estimation.map_pyramid`.
+    """Pool a map, shape (height, width), int8, into blocks of cells; see `lidarnaut.envs.estimation.map_pyramid`.
 
     `visited` are (row, column) of the cells in which the robot has been, shape (n, 2), int64. Returns shape (3, rows,
     columns), uint8: 255 where a block has an occupied cell, its share of free cells times 255, 255 where visited.
@@ -69,7 +69,7 @@ def advance_in_numpy(
     state: np.ndarray, command: tuple[float, float], normals: tuple[float, float], period: float, substeps: int,
     robot: RobotParams, segments: np.ndarray, circles: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Move a robot among static obstacles; see `envs.simulation.kinematic.advance`.
+    """Move a robot among static obstacles; see `lidarnaut.envs.simulation.kinematic.advance`.
 
     `normals` are standard normal draws for the slip of the left and the right wheel, `substeps` are the equal parts
     into which the control period [s] is cut. Returns the state after it, shape (11,).

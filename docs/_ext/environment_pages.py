@@ -7,15 +7,15 @@ import gymnasium
 from gymnasium import spaces
 from gymnasium.envs.registration import EnvSpec, load_env_creator
 
-from envs import LIDAR_ENV
+from lidarnaut.envs import LIDAR_ENV
 
 PICTURES = Path("images/environments")
-"""Folder of the animated pictures, `python -m benchmarks.films`."""
+"""Folder of the animated pictures, `python -m lidarnaut.benchmarks.films`."""
 INDEX = """\
 # Environments
 
-`import envs` registers these with Gymnasium. `gymnasium.make(id)` makes one, and `gymnasium.make_vec(id, num_envs=n)`
-many in worker processes: sub-environment i equals a single one seeded with seed + i. Pages are made from registry and
+`import lidarnaut` registers these with Gymnasium. `gymnasium.make(id)` makes one, and
+`gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with seed + i. Pages are made from registry and
 docstrings when the site is built.
 
 | id | world and task |
@@ -40,7 +40,7 @@ PAGE = """\
 
 ```python
 import gymnasium
-import envs
+import lidarnaut
 
 env = gymnasium.make("{id}", render_mode="human")
 ```

@@ -9,12 +9,12 @@ from matplotlib.collections import LineCollection
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Polygon, Rectangle, Wedge
 
-from envs.files import read_record
-from envs.rendering import style
-from envs.robots import ROBOT_NAMES, RobotParams, load_robot
-from envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable
-from envs.worlds.library import LIBRARY
-from envs.worlds.world_file import WorldFile
+from lidarnaut.envs.files import read_record
+from lidarnaut.envs.rendering import style
+from lidarnaut.envs.robots import ROBOT_NAMES, RobotParams, load_robot
+from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable
+from lidarnaut.envs.worlds.library import LIBRARY
+from lidarnaut.envs.worlds.world_file import WorldFile
 
 PAGES = {
     "index": "# Galleries\n\n```{toctree}\nworlds\nrobots\n```\n",

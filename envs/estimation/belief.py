@@ -6,9 +6,9 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from scipy.spatial import cKDTree
 
-from envs.files import SHORT
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.files import SHORT
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 """Pose of a frame in itself."""

@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
-from envs.simulation import Reading
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.simulation import Reading
 
 from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate, Window
 

@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.estimation.belief import MapUpdate, Window
-from envs.estimation.trail import Trail
-from envs.geometry import OccupancyGrid
-from envs.geometry.lookup import load
+from lidarnaut.envs.estimation.belief import MapUpdate, Window
+from lidarnaut.envs.estimation.trail import Trail
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.lookup import load
 
 OCCUPIED_FROM = 50
 """Least occupancy at which a cell counts as occupied [percent]."""

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
-from envs.simulation import Reading
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading
 
 
 @njit(cache=True, error_model="numpy")

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
 """Beams that end this near to a peer's footprint are taken to have hit it [m]: both poses are off by centimetres."""

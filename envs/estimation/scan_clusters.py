@@ -1,6 +1,7 @@
 """Scans cut into clusters as large as people, and what scans before saw where they are. Kernels of `tracking`.
 
-`p` is a `envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m], as in `Reading`.
+`p` is a `lidarnaut.envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m], as in
+`Reading`.
 """
 
 import math

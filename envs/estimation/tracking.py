@@ -13,9 +13,9 @@ from operator import attrgetter
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.geometry.pose import compose
-from envs.robots import LidarParams
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.pose import compose
+from lidarnaut.envs.robots import LidarParams
 
 from .scan_clusters import CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
 

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D
 
 TRAIL_SPACING = 0.1
 """Distance between remembered positions of a trail [m]."""

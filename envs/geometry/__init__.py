@@ -1,6 +1,6 @@
 """Poses, occupancy grids and ray casting: the geometry that every other folder uses."""
 
-import envs.compilation  # noqa: F401
+import lidarnaut.envs.compilation  # noqa: F401
 
 from .occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
 from .pose import Pose2D, wrap_angle

@@ -8,12 +8,12 @@ from typing import ClassVar
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import LidarParams
-from envs.simulation import Reading
-from envs.slam.scans import check_scan
-from envs.worlds.map_files import FREE_THRESH
+from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam.scans import check_scan
+from lidarnaut.envs.worlds.map_files import FREE_THRESH
 
 from .beam_model import BeamModel
 from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance

@@ -8,9 +8,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import UNKNOWN, OccupancyGrid
-from envs.robots import LidarParams
-from envs.worlds.map_files import OCCUPIED_THRESH
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 from .likelihood_field import Beams, Field, obstacle_distances
 from .motion_model import cosine, sine

@@ -18,7 +18,7 @@ import numpy as np
 from numba import njit
 from scipy.stats import chi2
 
-from envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 X, Y, THETA, V, W = range(5)
 """Entries of the state: pose in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""

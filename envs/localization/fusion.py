@@ -5,10 +5,10 @@ from collections import deque
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief
-from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 from .amcl import Amcl
 from .ekf import STATE_SIZE, Ekf, Estimate, Kind, Measurement

@@ -8,12 +8,12 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import MAX_REACH, squared_distances
-from envs.geometry.lookup import load
-from envs.robots import LidarParams
-from envs.slam.scans import ScanGeometry, project_hits
-from envs.worlds.map_files import OCCUPIED_THRESH
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances
+from lidarnaut.envs.geometry.lookup import load
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.scans import ScanGeometry, project_hits
+from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 from .motion_model import cosine, sine
 from .params import AmclParams

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 from .params import AmclParams
 

@@ -6,8 +6,8 @@ from typing import Annotated, Literal
 from pydantic import Field
 from pydantic.dataclasses import dataclass
 
-from envs.files import resolve
-from envs.robots.params import CONFIG, NotNegative, Positive
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.robots.params import CONFIG, NotNegative, Positive
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from envs.files import MAX_BYTES
-from envs.geometry import wrap_angle
+from lidarnaut.envs.files import MAX_BYTES
+from lidarnaut.envs.geometry import wrap_angle
 
 from .bag_reader import BagError, BagReader, open_bag
 from .trajectory import find_jump_back

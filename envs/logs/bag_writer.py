@@ -8,7 +8,7 @@ from typing import Any
 from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 
-from envs.files import temporary_beside
+from lidarnaut.envs.files import temporary_beside
 
 from .messages import typestore
 

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry.lines import next_cell, start_walk
-from envs.slam import HectorParams
-from envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.geometry.lines import next_cell, start_walk
+from lidarnaut.envs.slam import HectorParams
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 
 from .log import Log
 

@@ -9,9 +9,9 @@ from typing import Any
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import LidarParams, Mount
-from envs.robots.params import MAX_BEAMS
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams, Mount
+from lidarnaut.envs.robots.params import MAX_BEAMS
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen

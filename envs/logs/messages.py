@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from rosbags.typesys import Stores, get_typestore
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import LidarParams, Mount
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.robots import LidarParams, Mount
+from lidarnaut.envs.simulation import Twist
 
 MAP, ODOM, BASE, BASE_LINK, LASER = "map", "odom", "base_footprint", "base_link", "laser"
 """Frames. The base is on the ground, so that `base_link` coincides with `base_footprint`."""

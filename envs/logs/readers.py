@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.files import open_archive
+from lidarnaut.envs.files import open_archive
 
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.geometry import wrap_angle
+from lidarnaut.envs.geometry import wrap_angle
 
 from .trajectory import between_poses
 

@@ -1,4 +1,4 @@
-"""Run a SLAM on the log of a real robot: `python -m envs.logs.replay LOG --relations FILE --out DIR`."""
+"""Run a SLAM on the log of a real robot: `python -m lidarnaut.envs.logs.replay LOG --relations FILE --out DIR`."""
 
 import dataclasses
 import json
@@ -14,11 +14,11 @@ from rich import box
 from rich.table import Table
 from tqdm import tqdm
 
-from envs.command_line import make_console, run_command
-from envs.estimation import Estimator
-from envs.geometry import Pose2D
-from envs.simulation import Reading
-from envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
+from lidarnaut.envs.command_line import make_console, run_command
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
 from .consistency import MAX_CONFLICTS
 from .log import Log, load_log

@@ -9,13 +9,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from PIL import Image, ImageDraw
 
-from envs.estimation import Estimator
-from envs.estimation.belief import check_belief
-from envs.files import write_file
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
-from envs.progress import Progress
-from envs.simulation import Reading
-from envs.worlds import save_map
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.belief import check_belief
+from lidarnaut.envs.files import write_file
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.worlds import save_map
 
 from .consistency import conflict_share
 from .log import Log

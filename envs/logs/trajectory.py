@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.geometry import wrap_angle
+from lidarnaut.envs.geometry import wrap_angle
 
 MAX_CLOCK_JUMP = 1.0
 """Clocks may run back by this much [s]: that of the Intel Research Lab's log does, by 0.9 s."""

@@ -12,12 +12,12 @@ import pydantic
 from numba import njit
 from pydantic import PositiveFloat
 
-from envs.estimation import Belief
-from envs.geometry.pose import wrap_angle
-from envs.navigation.astar import NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
-from envs.navigation.costmap import OCCUPIED_FROM, Costmap
-from envs.navigation.paths import walk_back
-from envs.navigation.views import (
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry.pose import wrap_angle
+from lidarnaut.envs.navigation.astar import NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM, Costmap
+from lidarnaut.envs.navigation.paths import walk_back
+from lidarnaut.envs.navigation.views import (
     NUM_RAYS,
     NUM_SECTORS,
     SHARE_RADII,
@@ -26,7 +26,7 @@ from envs.navigation.views import (
     fill_sectors,
     unknown_share,
 )
-from envs.robots import RobotParams
+from lidarnaut.envs.robots import RobotParams
 
 CANDIDATE = np.dtype(
     [

@@ -5,8 +5,8 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from envs.navigation.obstacles import scan_points, stoppable_share
-from envs.robots import RobotParams
+from lidarnaut.envs.navigation.obstacles import scan_points, stoppable_share
+from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
 """Share of the robot's greatest deceleration that is counted on."""

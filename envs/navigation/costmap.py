@@ -8,8 +8,8 @@ import pydantic
 from numba import njit
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from envs.geometry import OccupancyGrid
-from envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
 """Farther from every obstacle than the inflation radius."""

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import wrap_angle
+from lidarnaut.envs.geometry import wrap_angle
 
 from .costmap import COST_INSCRIBED
 
@@ -151,7 +151,8 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
 def meets_people(poses, num_steps, people, sim_time, radius):
     """Tell whether a footprint of a radius [m] would touch people who walk on as they do.
 
-    `people`: see `envs.estimation.tracking.PeopleTracker.people`; `sim_time`: time that the trajectory takes [s].
+    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`; `sim_time`: time that the trajectory takes
+    [s].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]

@@ -10,11 +10,11 @@ import math
 
 import numpy as np
 
-from envs.geometry import OCCUPIED, Pose2D, wrap_angle
-from envs.geometry.distance_transform import squared_distances
-from envs.geometry.lines import lengths_along
-from envs.robots import RobotParams
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
 from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread

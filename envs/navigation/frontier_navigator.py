@@ -11,20 +11,20 @@ from collections.abc import Callable
 import numpy as np
 from scipy.spatial import cKDTree
 
-from envs.estimation import Belief
-from envs.geometry import Pose2D
-from envs.navigation.astar import UNREACHED
-from envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
-from envs.navigation.costmap import COST_INSCRIBED, Costmap
-from envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
-from envs.navigation.navigator import NOTHING, Navigator
-from envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
-from envs.navigation.obstacles import NO_POINTS
-from envs.navigation.params import NavigatorParams, PlanningParams
-from envs.navigation.paths import nearest_cell, search_goal, write_path
-from envs.navigation.planning_map import CostLayer, PlanningMap
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation.astar import UNREACHED
+from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
+from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
+from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
+from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
+from lidarnaut.envs.navigation.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.paths import nearest_cell, search_goal, write_path
+from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2

@@ -10,11 +10,11 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import OccupancyGrid
-from envs.geometry.lines import cell_along
-from envs.geometry.pose import wrap_angle
-from envs.navigation.costmap import OCCUPIED_FROM
-from envs.navigation.planning_kernels import join_cells
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.lines import cell_along
+from lidarnaut.envs.geometry.pose import wrap_angle
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
 """Side of the tiles in which frontier cells are counted [cells]."""

@@ -8,21 +8,21 @@ from typing import Protocol
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.estimation.tracking import PeopleTracker, TrackerParams
-from envs.files import resolve
-from envs.geometry import Pose2D, wrap_angle
-from envs.navigation.dwb import DwbPlanner
-from envs.navigation.mppi import MppiPlanner
-from envs.navigation.navigator import Navigator
-from envs.navigation.navigator_kernels import FAILED
-from envs.navigation.params import NavigatorParams, PlanningParams
-from envs.navigation.paths import is_path_valid, plan_path, smooth_path
-from envs.navigation.planning_map import PlanningMap
-from envs.navigation.pursuit import FAST, PathFollower
-from envs.navigation.reactive_driving import ReactiveDriver
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation.dwb import DwbPlanner
+from lidarnaut.envs.navigation.mppi import MppiPlanner
+from lidarnaut.envs.navigation.navigator import Navigator
+from lidarnaut.envs.navigation.navigator_kernels import FAILED
+from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
+from lidarnaut.envs.navigation.paths import is_path_valid, plan_path, smooth_path
+from lidarnaut.envs.navigation.planning_map import PlanningMap
+from lidarnaut.envs.navigation.pursuit import FAST, PathFollower
+from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 STOP = Twist(0.0, 0.0)
 """Zero velocity."""

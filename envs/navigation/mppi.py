@@ -14,13 +14,13 @@ from typing import Any
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.distance_transform import squared_distances
-from envs.geometry.lines import lengths_along
-from envs.navigation.obstacles import stoppable_share, without_people
-from envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
-from envs.robots import RobotParams
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation.obstacles import stoppable_share, without_people
+from lidarnaut.envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
 
 TOUCHED = 1e5
 """Cost of a sequence that touches something, more the sooner; see `rate`."""

@@ -15,10 +15,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Correction
-from envs.estimation.motion import make_motion_source
-from envs.geometry import Pose2D
-from envs.navigation.navigator_kernels import (
+from lidarnaut.envs.estimation import ORIGIN, Correction
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation.navigator_kernels import (
     NAVIGATOR,
     check_progress,
     compute_velocity_command,
@@ -26,11 +26,11 @@ from envs.navigation.navigator_kernels import (
     recover,
     update_obstacles,
 )
-from envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
-from envs.navigation.params import NavigatorParams
-from envs.navigation.pursuit import as_record
-from envs.robots import RobotParams
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
+from lidarnaut.envs.navigation.params import NavigatorParams
+from lidarnaut.envs.navigation.pursuit import as_record
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
 """Points of other robots that are taken at most."""
@@ -39,7 +39,7 @@ NOTHING = (math.nan, math.nan)
 
 
 class NavigatorArrays(NamedTuple):
-    """What kernels need to drive; see `envs.navigation.navigator_kernels`."""
+    """What kernels need to drive; see `lidarnaut.envs.navigation.navigator_kernels`."""
 
     records: np.ndarray
     path: np.ndarray

@@ -18,11 +18,11 @@ from dataclasses import asdict
 import numpy as np
 from numba import njit
 
-from envs.geometry.pose import wrap_angle
-from envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
-from envs.navigation.params import NavigatorParams
-from envs.navigation.pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
-from envs.robots import RobotParams
+from lidarnaut.envs.geometry.pose import wrap_angle
+from lidarnaut.envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
+from lidarnaut.envs.navigation.params import NavigatorParams
+from lidarnaut.envs.navigation.pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
+from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: it goes on; it goes on once the path is planned anew; the robot is at its goal; the robot does

@@ -147,7 +147,7 @@ def stoppable_share(points, v, w, radius, braking, period):
 def without_people(points, people, margin=0.15):
     """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m].
 
-    `people`: see `envs.estimation.tracking.PeopleTracker.people`.
+    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`.
     """
     if not len(people):
         return points

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from envs.navigation.costmap import CostmapParams
+from lidarnaut.envs.navigation.costmap import CostmapParams
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
-from envs.geometry.lines import resample
-from envs.navigation.astar import (
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation.astar import (
     COST_WEIGHT,
     NO_STEP,
     SCALE,
@@ -19,7 +19,7 @@ from envs.navigation.astar import (
     search,
     step_weights,
 )
-from envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
 
 SHORTCUT = 4.0
 """Longest stretch of a path that one straight line replaces [m]."""

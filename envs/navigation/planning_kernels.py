@@ -1,4 +1,4 @@
-"""Planning cells, marks and costs, recomputed in a `Window`. Kernels of `envs.navigation.planning_map`.
+"""Planning cells, marks and costs, recomputed in a `Window`. Kernels of `lidarnaut.envs.navigation.planning_map`.
 
 `joined` and `marks`, shape (height, width), int8, are the occupancy of planning cells by map and scans. Cells are shape
 (n, 2), int64, (row, column), also outside of them.
@@ -9,10 +9,10 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import FREE, OCCUPIED
-from envs.geometry.lines import next_cell, start_walk
-from envs.navigation.costmap import OCCUPIED_FROM, inflate
-from envs.navigation.obstacles import points_within
+from lidarnaut.envs.geometry import FREE, OCCUPIED
+from lidarnaut.envs.geometry.lines import next_cell, start_walk
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM, inflate
+from lidarnaut.envs.navigation.obstacles import points_within
 
 
 @njit(cache=True, error_model="numpy")

@@ -10,14 +10,21 @@ from typing import NamedTuple
 
 import numpy as np
 
-from envs.geometry import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
-from envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, Window, known_window, union
-from envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
-from envs.navigation.obstacles import NO_POINTS
-from envs.navigation.params import PlanningParams
-from envs.navigation.planning_kernels import cells_of, clear_beams, join_cells, mark, obstacle_cells, update_costs
-from envs.robots import LidarParams, RobotParams
+from lidarnaut.envs.geometry import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
+from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, Window, known_window, union
+from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
+from lidarnaut.envs.navigation.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.params import PlanningParams
+from lidarnaut.envs.navigation.planning_kernels import (
+    cells_of,
+    clear_beams,
+    join_cells,
+    mark,
+    obstacle_cells,
+    update_costs,
+)
+from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0
 """Travel cost up to which the search for candidates expands at first [m]; doubled until enough are known."""

@@ -13,10 +13,10 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.navigation.obstacles import free_distance, points_within
-from envs.robots import RobotParams
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation.obstacles import free_distance, points_within
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
 
 BEND_CHORD = 5
 """Points of the path between which its direction is measured."""

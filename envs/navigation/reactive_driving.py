@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 
-from envs.navigation.obstacles import free_distance
-from envs.robots import RobotParams
-from envs.simulation import Twist
+from lidarnaut.envs.navigation.obstacles import free_distance
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
 
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 """Curvatures that are tried [1/m]."""

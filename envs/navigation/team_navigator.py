@@ -13,14 +13,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.estimation.peers import PeerFilter
-from envs.geometry import Pose2D
-from envs.navigation.candidates import Candidates
-from envs.navigation.obstacles import NO_POINTS
-from envs.navigation.team_robot import TeamRobot, is_beside, outline
-from envs.robots import RobotParams
-from envs.simulation import Reading
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.estimation.peers import PeerFilter
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation.candidates import Candidates
+from lidarnaut.envs.navigation.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.team_robot import TeamRobot, is_beside, outline
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading
 
 UNASSIGNED = -1
 """In place of a candidate, for a robot that gets none."""

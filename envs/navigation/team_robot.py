@@ -4,17 +4,17 @@ import math
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.geometry import Pose2D
-from envs.geometry.distance_transform import squared_distances
-from envs.geometry.lines import lengths_along
-from envs.navigation.frontier_navigator import FrontierNavigator
-from envs.navigation.navigator_kernels import DRIVING, REPLAN
-from envs.navigation.obstacles import NO_POINTS
-from envs.navigation.params import PlanningParams
-from envs.navigation.paths import TravelField, travel_field
-from envs.robots import RobotParams
-from envs.simulation import Reading
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry.lines import lengths_along
+from lidarnaut.envs.navigation.frontier_navigator import FrontierNavigator
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, REPLAN
+from lidarnaut.envs.navigation.obstacles import NO_POINTS
+from lidarnaut.envs.navigation.params import PlanningParams
+from lidarnaut.envs.navigation.paths import TravelField, travel_field
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading
 
 PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a robot that passes and of one that waits [m]."""

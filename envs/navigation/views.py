@@ -9,8 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.navigation.costmap import OCCUPIED_FROM
-from envs.navigation.frontiers import is_visible
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48
 """Rays from a viewpoint."""

@@ -4,8 +4,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
-from envs.files import resolve
-from envs.task import ObservationPart
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.task import ObservationPart
 
 from .maps import MapCrop
 from .plan import Plan

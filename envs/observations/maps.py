@@ -6,11 +6,11 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.arguments import is_number, is_whole
-from envs.estimation.map_pyramid import crop_level
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import records as at
+from lidarnaut.envs.arguments import is_number, is_whole
+from lidarnaut.envs.estimation.map_pyramid import crop_level
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import records as at
 
 MAX_SIZE = 4096
 """Most pixels along a side of a map crop."""

@@ -6,12 +6,12 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.estimation import Belief
-from envs.navigation import FrontierNavigator, GainOverCost
-from envs.navigation.candidates import HALF_AREA, HALF_COST
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Twist
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost
+from lidarnaut.envs.navigation.candidates import HALF_AREA, HALF_COST
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Twist
 
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Distances along a path to the points whose directions are shown [m]. Who steers for 0.6 m alone cuts corners."""

@@ -7,12 +7,12 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.arguments import is_whole
-from envs.geometry import Pose2D
-from envs.geometry.pose import distance
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import records as at
+from lidarnaut.envs.arguments import is_whole
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import records as at
 
 from .scan import ONE
 
@@ -154,7 +154,7 @@ class Tracks:
     """People that the robot tracks by its scans, the nearest first, five numbers for each, zeros where there are fewer.
 
     Position forward and to the left over 8 m, velocity over the ground along the same axes over 2.5 m/s, radius over
-    1 m; see `envs.estimation.tracking`. Environments let robots track people where this is observed.
+    1 m; see `lidarnaut.envs.estimation.tracking`. Environments let robots track people where this is observed.
     """
 
     def __init__(self, num_people: int = 8) -> None:

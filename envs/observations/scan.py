@@ -7,9 +7,9 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import records as at
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import records as at
 
 TIME_RANGE = 600.0
 """Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""

@@ -8,11 +8,11 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.arguments import is_number, is_whole
-from envs.geometry.pose import between, compose
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import records as at
+from lidarnaut.envs.arguments import is_number, is_whole
+from lidarnaut.envs.geometry.pose import between, compose
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import records as at
 
 from .scan import ONE
 

@@ -1,4 +1,4 @@
-"""Episodes as files, and as pages that show them in a browser: `python -m envs.player EPISODE`."""
+"""Episodes as files, and as pages that show them in a browser: `python -m lidarnaut.envs.player EPISODE`."""
 
 from .page import build_page
 from .recorder import EpisodeRecorder

@@ -1,4 +1,4 @@
-"""Show recorded episodes in the browser, one or two in step: `python -m envs.player EPISODE [EPISODE]`."""
+"""Show recorded episodes in the browser, one or two in step: `python -m lidarnaut.envs.player EPISODE [EPISODE]`."""
 
 import sys
 import tempfile
@@ -8,8 +8,8 @@ from typing import Annotated
 
 import tyro
 
-from envs.command_line import run_command
-from envs.files import write_file
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.files import write_file
 
 from .page import build_page
 from .recording import Recording

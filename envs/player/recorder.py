@@ -8,11 +8,11 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.core import lidar_env_of
-from envs.geometry import OccupancyGrid
-from envs.navigation import NO_POINTS, Candidates, FrontierNavigator
-from envs.navigation.costmap import OCCUPIED_FROM
-from envs.simulation import Twist
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator
+from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.simulation import Twist
 
 from .recording import CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
@@ -34,7 +34,7 @@ class EpisodeRecorder:
         """Prepare to record an environment of this package or of a task of your own; the next reset must follow.
 
         Of an explorer whose `navigator` is a `FrontierNavigator`, candidates are recorded, and scores where `scores`
-        has them (`baselines.frontier.explorer.RuleExplorer`).
+        has them (`lidarnaut.baselines.frontier.explorer.RuleExplorer`).
 
         Raises:
             TypeError: the environment is another one.

@@ -9,7 +9,7 @@ from typing import Annotated, Any, get_type_hints
 
 import numpy as np
 
-from envs.files import open_archive
+from lidarnaut.envs.files import open_archive
 
 FORMAT = 3
 """Number of this layout."""

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pygame
 
-from envs.geometry import Pose2D
-from envs.geometry.lines import lengths_along, points_at
-from envs.robots import RobotParams
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import lengths_along, points_at
+from lidarnaut.envs.robots import RobotParams
 
 from .style import PAPER, RULE, Colour
 from .view import View

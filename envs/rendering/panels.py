@@ -7,10 +7,10 @@ import numpy as np
 import pygame
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation.frontiers import frontier_mask
-from envs.robots import RobotParams
-from envs.worlds import World
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation.frontiers import frontier_mask
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.worlds import World
 
 from . import style
 from .glyphs import draw_dashes, draw_path, draw_robot

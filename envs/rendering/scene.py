@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
-from envs.slam import PoseGraphView
-from envs.worlds import World
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.slam import PoseGraphView
+from lidarnaut.envs.worlds import World
 
 
 @dataclass(slots=True, kw_only=True)

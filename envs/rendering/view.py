@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
 MARGIN = 0.03
 """Free border around the world's bounds, as a share of the surface's sides."""

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from envs.files import read_record, resolve
+from lidarnaut.envs.files import read_record, resolve
 
 from .params import (
     BodyParams,

@@ -7,7 +7,7 @@ import numpy as np
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from envs.geometry.raycast import Beams
+from lidarnaut.envs.geometry.raycast import Beams
 
 MAX_NUMBER = 1e9
 """No length, mass, rate, count or noise of a robot is greater than this, in SI units."""

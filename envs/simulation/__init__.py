@@ -1,6 +1,6 @@
 """Two physics for one or several equal robots, and their sensors."""
 
-from envs.robots import RobotParams
+from lidarnaut.envs.robots import RobotParams
 
 from .crowd import Crowd
 from .kinematic import KinematicSimulator

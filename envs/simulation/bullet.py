@@ -6,9 +6,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.worlds import World
 
 from .bullet_robot import BulletRobot
 from .bullet_world import BulletClient, NearbyWalls, build_world, has_many_walls, import_pybullet

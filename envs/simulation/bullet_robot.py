@@ -7,9 +7,9 @@ from functools import partial
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.robots import BodyParams, RobotParams
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.robots import BodyParams, RobotParams
+from lidarnaut.envs.worlds import World
 
 from . import records as at
 from .bullet_world import CHASSIS, GROUND, OBSTACLES, ROLLING, BulletClient

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.worlds import World
+from lidarnaut.envs.worlds import World
 
 from .contact import select_near
 

@@ -7,9 +7,9 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance, segment_offset
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance, segment_offset
+from lidarnaut.envs.worlds import World
 
 from .crowd import records as crowd_at
 from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y

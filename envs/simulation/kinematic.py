@@ -9,8 +9,8 @@ from collections.abc import Sequence
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.worlds import World
 
 from . import records as at
 from .contact import push_out, select_near

@@ -9,7 +9,7 @@ from typing import Any
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from envs.robots import RobotParams
+from lidarnaut.envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
 """Target duration of one physics step [s]."""
@@ -79,10 +79,11 @@ PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
 """Distance driven [m] and contacts so far, the last action, and what is left to do for the robot."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
 """Gap between footprint and nearest person, and the least one so far [m]; least time to collision with a person at the
-velocities of a moment [s]; time in personal space [s]; who caused a contact of this period, see `envs.transition`; and
-contacts so far in which the robot touched what rests, drove into a person, or a person walked into it."""
+velocities of a moment [s]; time in personal space [s]; who caused a contact of this period, see
+`lidarnaut.envs.transition`; and contacts so far in which the robot touched what rests, drove into a person, or a person
+walked into it."""
 SETUP, ROBOT = 63, 70
-"""Where the `Setup` of `envs.robot` and the robot's `RobotRecord` begin; both outlive a reset."""
+"""Where the `Setup` of `lidarnaut.envs.robot` and the robot's `RobotRecord` begin; both outlive a reset."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """The control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
 
 from . import records as at
 from .sensors import OTHER_NORMALS
@@ -42,7 +42,7 @@ class Reading(NamedTuple):
     bumper: bool
     """Whether the body touched anything during the period."""
     extra: Mapping[str, np.ndarray] = {}
-    """What sensors of the user's own measured, by their names; see `envs.sensor.Sensor`."""
+    """What sensors of the user's own measured, by their names; see `lidarnaut.envs.sensor.Sensor`."""
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry import wrap_angle
-from envs.geometry.raycast import cast_rays
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry.raycast import cast_rays
 
 from . import records as at
 

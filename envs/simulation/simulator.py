@@ -8,9 +8,9 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import RobotParams
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.worlds import World
 
 from .contact import Contact, check_starts, find_contacts
 from .crowd import Crowd, People

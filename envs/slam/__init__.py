@@ -6,9 +6,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from envs.estimation import Belief, Estimator
-from envs.files import resolve
-from envs.robots import LidarParams, OdometryNoise
+from lidarnaut.envs.estimation import Belief, Estimator
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.robots import LidarParams, OdometryNoise
 
 from .gmapping.gmapping import GMapping
 from .graph.graph_slam import GraphSlam

@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.estimation import MapUpdate, Window
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import MapUpdate, Window
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
 from .params import TinySlamParams

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 
-from envs.geometry import UNKNOWN, OccupancyGrid
-from envs.robots import LidarParams
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
+from lidarnaut.envs.robots import LidarParams
 
 from .params import SlamParams
 from .scans import ScanGeometry, scans_extent

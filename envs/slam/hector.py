@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief, MapUpdate
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScanSlam
 from .log_odds_map import LogOddsMap

@@ -6,11 +6,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
-from envs.geometry import OccupancyGrid, Pose2D, wrap_angle
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
-from envs.simulation import Reading
+from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation import Reading
 
 from .log_odds_map import ONE, LogOddsMap
 from .posegraph import GrowingArray

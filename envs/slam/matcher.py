@@ -7,8 +7,8 @@ from typing import NamedTuple, Protocol
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.lookup import load
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.lookup import load
 
 from .grid_map import COUNT_BITS, ONE, GridMap, unvisited_word
 from .params import TinySlamParams

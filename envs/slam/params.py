@@ -8,8 +8,8 @@ from typing import Annotated, Any, ClassVar, Literal
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from envs.files import parse_record, read_mapping, resolve
-from envs.robots import OdometryNoise
+from lidarnaut.envs.files import parse_record, read_mapping, resolve
+from lidarnaut.envs.robots import OdometryNoise
 
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]

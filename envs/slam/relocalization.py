@@ -11,10 +11,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from envs.estimation import ORIGIN
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScans, has_moved
 from .matching.branch_and_bound import EVERYWHERE, SearchResult, SearchWindow, angle_step, search

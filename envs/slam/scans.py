@@ -6,8 +6,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
 """Half a cell, less a grain, with 32 fractional bits: a line right between two cells takes the nearer to its start."""

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import ORIGIN, Belief
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
 
 from .grid_map import ONE, GridMap
 from .key_scans import KeyScanSlam

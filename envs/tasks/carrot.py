@@ -7,17 +7,17 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from envs.arguments import check_positive
-from envs.files import resolve
-from envs.geometry.pose import distance
-from envs.navigation import GoalNavigator, GoalParams
-from envs.observations.plan import look_ahead
-from envs.observations.positions import GOAL_MEMORY
-from envs.observations.scan import ONE
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Reading
-from envs.simulation import records as at
+from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.files import resolve
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams
+from lidarnaut.envs.observations.plan import look_ahead
+from lidarnaut.envs.observations.positions import GOAL_MEMORY
+from lidarnaut.envs.observations.scan import ONE
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.simulation import records as at
 
 from . import reach_kernels as own_at
 

@@ -7,11 +7,11 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from envs.estimation import MapUpdate
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.robots import LidarParams
-from envs.worlds import ExplorableArea
-from envs.worlds.map_files import OCCUPIED_THRESH
+from lidarnaut.envs.estimation import MapUpdate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.worlds import ExplorableArea
+from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
 """Bits of a raster cell: whether it counts, whether it is known in the map, and whether a true scan has seen it."""

@@ -8,15 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from envs.arguments import is_number
-from envs.estimation import NO_UPDATE
-from envs.geometry import Pose2D
-from envs.measures import EXPLORATION, RETURN
-from envs.observations import Home, Peers
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.task import ObservationPart
+from lidarnaut.envs.arguments import is_number
+from lidarnaut.envs.estimation import NO_UPDATE
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.measures import EXPLORATION, RETURN
+from lidarnaut.envs.observations import Home, Peers
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.task import ObservationPart
 
 from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
@@ -49,7 +49,7 @@ class Explore(UnknownWorldTask):
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | map, 8 m x 8 m around the robot, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | map, 32 m x 32 m around the robot, 0.8 m per pixel |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
-    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `envs.observations.Plan` |
+    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `lidarnaut.envs.observations.Plan` |
 
     Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left. Unknown is 0 in
     channels 0 and 1.
@@ -89,14 +89,14 @@ class Explore(UnknownWorldTask):
     | argument | default | meaning |
     |---|---|---|
     | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, or a `World`; or a list of these, one of which is drawn for each episode |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `envs.slam.make_slam` |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
     | `difficulty` | `None` | of the worlds of `clutter`, from 0 to 1; `None` draws it for each |
     | `num_worlds` | `None` | how many worlds a procedural family has, each of which is made once, which makes resets faster; `None` draws without end |
-    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
+    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `lidarnaut.envs.task.Rewards` |
     | `map_resolution` | `0.05` | side of a map cell [m] |
     | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
 

@@ -8,19 +8,19 @@ from typing import Any
 
 import numpy as np
 
-from envs.arguments import check_positive
-from envs.estimation import ORIGIN
-from envs.geometry import Pose2D
-from envs.geometry.pose import distance
-from envs.localization import Amcl, AmclParams
-from envs.localization.fusion import FusedPose, start_covariance
-from envs.measures import ROUTE
-from envs.observations import RouteAhead
-from envs.robot import Prior, Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.task import ObservationPart, Task
-from envs.worlds import World, load_world
+from lidarnaut.envs.arguments import check_positive
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.localization import Amcl, AmclParams
+from lidarnaut.envs.localization.fusion import FusedPose, start_covariance
+from lidarnaut.envs.measures import ROUTE
+from lidarnaut.envs.observations import RouteAhead
+from lidarnaut.envs.robot import Prior, Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.task import ObservationPart, Task
+from lidarnaut.envs.worlds import World, load_world
 
 from .route import END, Progress, Route, rectangle
 from .route_map import make_route_map
@@ -99,7 +99,7 @@ class FollowRoute(Task):
     | `map_latency` | `0.1` | latency of the localizer [s] |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
-    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `envs.task.Rewards` |
+    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `lidarnaut.envs.task.Rewards` |
 
     ## Version History
     * v0: first version

@@ -8,18 +8,18 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from envs.arguments import check_positive, is_pose
-from envs.estimation import Estimator
-from envs.estimation.dead_reckoning import DeadReckoning
-from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.localization import Amcl, AmclParams, load_preset
-from envs.measures import GOAL, Measure
-from envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
-from envs.robot import Robot
-from envs.robots import LidarParams, RobotParams
-from envs.simulation import Simulator
-from envs.worlds import ExplorableArea
-from envs.worlds.world import kept_with_world
+from lidarnaut.envs.arguments import check_positive, is_pose
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.localization import Amcl, AmclParams, load_preset
+from lidarnaut.envs.measures import GOAL, Measure
+from lidarnaut.envs.navigation import COST_FREE, COST_LETHAL, Costmap, CostmapParams, TravelField, travel_field
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import LidarParams, RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.worlds import ExplorableArea
+from lidarnaut.envs.worlds.world import kept_with_world
 
 from .starts import WorldTask
 

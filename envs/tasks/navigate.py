@@ -9,17 +9,17 @@ from typing import Any, Literal
 
 import numpy as np
 
-from envs.arguments import is_pose
-from envs.estimation import Estimator
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.pose import distance
-from envs.localization import AmclParams
-from envs.observations import Goal, PoseUncertainty
-from envs.robot import Prior, Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.task import ObservationPart
-from envs.worlds import load_map
+from lidarnaut.envs.arguments import is_pose
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.localization import AmclParams
+from lidarnaut.envs.observations import Goal, PoseUncertainty
+from lidarnaut.envs.robot import Prior, Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.task import ObservationPart
+from lidarnaut.envs.worlds import load_map
 
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 

@@ -7,17 +7,17 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from envs.estimation import Estimator
-from envs.estimation.dead_reckoning import DeadReckoning
-from envs.measures import REACH, Measure, barn_metric
-from envs.observations import NearGoal
-from envs.observations.positions import GOAL_MEMORY
-from envs.robot import Robot
-from envs.robots import RobotParams
-from envs.simulation import Simulator
-from envs.simulation import records as at
-from envs.task import ObservationPart
-from envs.transition import BY_PERSON
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.measures import REACH, Measure, barn_metric
+from lidarnaut.envs.observations import NearGoal
+from lidarnaut.envs.observations.positions import GOAL_MEMORY
+from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import Simulator
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.task import ObservationPart
+from lidarnaut.envs.transition import BY_PERSON
 
 from . import reach_kernels as own_at
 from .carrot import make_carrot
@@ -68,12 +68,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     | key | space | meaning |
     |---|---|---|
-    | `scan_history` | `Box(0, 1, (270,), float32)` | least distances in 90 sectors around, 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `envs.observations.ScanHistory` |
+    | `scan_history` | `Box(0, 1, (270,), float32)` | least distances in 90 sectors around, 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
     | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
 
     Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 1.5 m ahead on the path of a navigator that plans by what the
-    robot sees; see `envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
+    robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
 
     ## Rewards
     The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
@@ -99,7 +99,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     path that is driven), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
     `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
     `"time_limit"`), `at_fault` (whether the robot drove into what ended it; not where a person walked into it faster),
-    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `envs.measures.barn_metric`), with people also
+    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also
     `hit_wall`, `hit_person`, `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With `randomize` each step
     also `randomized`: what the episode has drawn, by name.
 
@@ -109,7 +109,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     | argument | default | meaning |
     |---|---|---|
-    | `slam` | `"odometry"` | where the pose comes from: `"odometry"` or `"truth"`, neither of which keeps a map, or a SLAM, see `envs.slam.make_slam` |
+    | `slam` | `"odometry"` | where the pose comes from: `"odometry"` or `"truth"`, neither of which keeps a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
     | `goal_given` | `"pose"` | what is told of the goal: `"pose"`, or `"bearing"` without the distance |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |

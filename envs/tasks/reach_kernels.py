@@ -5,11 +5,11 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.geometry.clearance import clearance
-from envs.geometry.pose import distance
-from envs.simulation import records as at
-from envs.simulation.contact import select_near
-from envs.transition import BY_ROBOT
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.contact import select_near
+from lidarnaut.envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 """The goal, map frame and world frame [m]."""

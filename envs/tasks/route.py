@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.lines import lengths_along, points_at
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.lines import lengths_along, points_at
+from lidarnaut.envs.simulation import Twist
 
 END = 0.1
 """This near to its end a route counts as driven [m]."""

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Estimator
-from envs.estimation.motion import WheelMotion
-from envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
-from envs.robots import RobotParams
-from envs.simulation import make_simulator
-from envs.slam import TinySlam, load_params, make_slam
-from envs.worlds import World
+from lidarnaut.envs.estimation import ORIGIN, Estimator
+from lidarnaut.envs.estimation.motion import WheelMotion
+from lidarnaut.envs.geometry import FREE, UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.simulation import make_simulator
+from lidarnaut.envs.slam import TinySlam, load_params, make_slam
+from lidarnaut.envs.worlds import World
 
 from .route import END, Progress, Route, steer
 

@@ -8,16 +8,16 @@ from typing import Any, Literal
 
 import numpy as np
 
-from envs.arguments import check_positive, is_pose
-from envs.estimation import Estimator
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.geometry.lines import cell_along
-from envs.robots import RobotParams
-from envs.slam import DEFAULT_SLAM, make_slam
-from envs.task import Task
-from envs.worlds import ExplorableArea, World, explorable_area, world_sampler
-from envs.worlds.library import WorldSampler
+from lidarnaut.envs.arguments import check_positive, is_pose
+from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.geometry.lines import cell_along
+from lidarnaut.envs.robots import RobotParams
+from lidarnaut.envs.slam import DEFAULT_SLAM, make_slam
+from lidarnaut.envs.task import Task
+from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
+from lidarnaut.envs.worlds.library import WorldSampler
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
@@ -28,7 +28,7 @@ before."""
 
 @dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """A task whose worlds and starts users choose; see `envs.worlds.world_sampler` for what is raised."""
+    """A task whose worlds and starts users choose; see `lidarnaut.envs.worlds.world_sampler` for what is raised."""
 
     needs_explorable = True
     """Whether what can be seen from where the robot fits is worked out before an episode begins."""
@@ -47,7 +47,8 @@ class WorldTask(Task):
     map_resolution: float = 0.05
     """Side of a map cell [m]."""
     reward: Any = None
-    """Weights of reward terms that differ from the task's, or terms of one's own; see `envs.task.Rewards.of`."""
+    """Weights of reward terms that differ from the task's, or terms of one's own; see
+    `lidarnaut.envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
@@ -100,7 +101,7 @@ class UnknownWorldTask(WorldTask):
     """A task in a world that the robots map with a SLAM, in a map frame that begins where the first one starts."""
 
     slam: Any = DEFAULT_SLAM
-    """SLAM in the loop, see `envs.slam.make_slam`."""
+    """SLAM in the loop, see `lidarnaut.envs.slam.make_slam`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""

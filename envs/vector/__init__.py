@@ -23,11 +23,13 @@ def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **
     return LidarVectorEnv(load_env_creator(entry_point), num_envs, physics=physics, **arguments)
 
 
-LidarEnvs: Callable[..., LidarVectorEnv] = partial(_make, "envs.core:LidarEnv")
-ExploreFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(_make, "envs.explore_frontiers:ExploreFrontiersEnv")
+LidarEnvs: Callable[..., LidarVectorEnv] = partial(_make, "lidarnaut.envs.core:LidarEnv")
+ExploreFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(
+    _make, "lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv"
+)
 ExploreFrontiersAbstractEnvs: Callable[..., LidarVectorEnv] = partial(
-    _make, "envs.abstract:ExploreFrontiersAbstractEnv"
+    _make, "lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv"
 )
 ExploreTeamFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(
-    _make, "envs.explore_team_frontiers:ExploreTeamFrontiersEnv"
+    _make, "lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv"
 )

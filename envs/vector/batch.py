@@ -9,12 +9,12 @@ from typing import Any
 import numba
 import numpy as np
 
-from envs.estimation.dead_reckoning import DeadReckoning
-from envs.robot import SCAN
-from envs.simulation import records as at
-from envs.simulation.rows import BLOCK
-from envs.task import Rewards
-from envs.transition import note_positions, pose_errors, step_rows
+from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.robot import SCAN
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.rows import BLOCK
+from lidarnaut.envs.task import Rewards
+from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
 
 from .memory import Arrays, Extras
 

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from gymnasium.vector import AutoresetMode
 
-from envs.core import LidarEnv
+from lidarnaut.envs.core import LidarEnv
 
 from .batch import Batch
 from .memory import Extras, Memory, parts_of, record_type, to_record, whole_of
@@ -40,8 +40,9 @@ class Shard:
     ) -> None:
         """Make the sub-environments.
 
-        `make_env` makes one, which may have Gymnasium's wrappers; see `envs.core.LidarEnv` for what a shard calls.
-        `memory`: of all sub-environments' arrays; `share`: rows of the shard's; see `LidarVectorEnv` for the rest.
+        `make_env` makes one, which may have Gymnasium's wrappers; see `lidarnaut.envs.core.LidarEnv` for what a shard
+        calls. `memory`: of all sub-environments' arrays; `share`: rows of the shard's; see `LidarVectorEnv` for the
+        rest.
         """
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]

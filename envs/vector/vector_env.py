@@ -14,8 +14,8 @@ from gymnasium import spaces
 from gymnasium.vector import AutoresetMode
 from gymnasium.vector.utils import batch_space
 
-from envs.arguments import clip_hint, is_whole, read_action, read_options
-from envs.processes import interrupts_delayed
+from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_options
+from lidarnaut.envs.processes import interrupts_delayed
 
 from .memory import Extras, Memory, whole_of
 from .shard import Shard
@@ -57,7 +57,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
                 many as there are cores that this process may use.
             context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
             env_wrappers: what wraps each sub-environment, the first innermost: Gymnasium's wrappers, or functions that
-                make one. Gymnasium's own `make_vec` refuses the name `wrappers`; `envs.vector.make_vec` takes it.
+                make one. Gymnasium's own `make_vec` refuses the name `wrappers`; `lidarnaut.envs.vector.make_vec` takes
+                it.
             **arguments: of the sub-environments.
 
         Raises:

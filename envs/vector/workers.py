@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from envs.processes import follow_parent
+from lidarnaut.envs.processes import follow_parent
 
 from .memory import Extras
 from .shard import Shard

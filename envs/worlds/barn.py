@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from envs.files import open_archive
-from envs.geometry import Pose2D
+from lidarnaut.envs.files import open_archive
+from lidarnaut.envs.geometry import Pose2D
 
 from .world import World, edges
 

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import MAX_REACH, squared_distances
-from envs.robots import RobotParams
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.distance_transform import MAX_REACH, squared_distances
+from lidarnaut.envs.robots import RobotParams
 
 from .raster import rasterize
 from .visibility import visible_from

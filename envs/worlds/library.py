@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from envs.files import SHORT, parse_record, read_mapping, resolve
+from lidarnaut.envs.files import SHORT, parse_record, read_mapping, resolve
 
 from .barn import barn_world
 from .map_files import load_map, world_from_map

@@ -12,10 +12,10 @@ from PIL import Image
 from pydantic import BaseModel, Field
 from scipy import ndimage
 
-from envs.files import read_record, write_file
-from envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import deepest_cell
-from envs.progress import Progress
+from lidarnaut.envs.files import read_record, write_file
+from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.distance_transform import deepest_cell
+from lidarnaut.envs.progress import Progress
 
 from .raster import MAX_CELLS, check_world, outline
 from .world import World

@@ -4,9 +4,9 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from envs.geometry import FREE, OCCUPIED, OccupancyGrid
-from envs.geometry.clearance import clearance
-from envs.geometry.lines import next_cell, start_walk
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.geometry.lines import next_cell, start_walk
 
 from .world import MAX_COORDINATE, World
 

@@ -6,8 +6,8 @@ from itertools import product
 import numpy as np
 from numba import njit
 
-from envs.geometry.lines import cell_along, longest_step
-from envs.progress import Progress
+from lidarnaut.envs.geometry.lines import cell_along, longest_step
+from lidarnaut.envs.progress import Progress
 
 NUM_DIRECTIONS = 180
 """Directions in which a goal is searched for from a cell."""

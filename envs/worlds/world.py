@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D
 
 Result = TypeVar("Result")
 MAX_COORDINATE = 1e7

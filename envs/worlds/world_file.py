@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field
 
-from envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D
 
 from .raster import check_world
 from .world import MAX_COORDINATE, FixedRoute, World, box, edges

@@ -6,9 +6,9 @@ import numpy as np
 from gymnasium import spaces
 from pettingzoo import AECEnv, ParallelEnv
 
-from envs.core import LidarEnv
-from envs.explore_team_frontiers import ExploreTeamFrontiersEnv
-from envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]
 PER_ROBOT = ("pose_error", "path_length", "collisions")

@@ -7,15 +7,15 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from envs.core import lidar_env_of
-from envs.estimation import ORIGIN
-from envs.estimation.motion import make_motion_source
-from envs.logs import messages
-from envs.logs.bag_writer import BagWriter
-from envs.navigation import crop_to_known
-from envs.rendering.scene import people_in
-from envs.sensor import Sensor
-from envs.simulation import Twist
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.estimation import ORIGIN
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.logs import messages
+from lidarnaut.envs.logs.bag_writer import BagWriter
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.rendering.scene import people_in
+from lidarnaut.envs.sensor import Sensor
+from lidarnaut.envs.simulation import Twist
 
 MAP_PERIOD = 1.0
 """Least time between two maps in a bag [s]."""

@@ -1,8 +1,8 @@
 import pytest
 
-from agents.config import TrainingConfig
-from agents.training import train
-from envs.files import parse_record
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.training import train
+from lidarnaut.envs.files import parse_record
 from tests.agents.fake_env import ID
 
 TINY = {

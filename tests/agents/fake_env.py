@@ -12,8 +12,8 @@ import gymnasium
 import numpy as np
 from gymnasium import spaces
 
-from envs.core import LidarEnv
-from envs.measures import Measure, when
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.measures import Measure, when
 
 ID = "tests.agents.fake_env:Fake-v0"
 MEASURES = (

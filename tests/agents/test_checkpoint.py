@@ -10,12 +10,12 @@ import pytest
 import safetensors.torch
 import torch
 
-from agents.algorithms import build_model, build_policy
-from agents.checkpoint import load_checkpoint, save_checkpoint
-from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
-from agents.state import capture, restore
-from agents.vec_env import GymnasiumVecEnv, make_vector
-from envs.files import writing as files
+from lidarnaut.agents.algorithms import build_model, build_policy
+from lidarnaut.agents.checkpoint import load_checkpoint, save_checkpoint
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from lidarnaut.agents.state import capture, restore
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vector
+from lidarnaut.envs.files import writing as files
 
 
 @pytest.fixture

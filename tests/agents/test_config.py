@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-import train
-from agents import training
-from agents.algorithms import complete
-from agents.config import TrainingConfig, parse_config
-from agents.sweep import expand
-from agents.vec_env import make_vec_env
-from envs.files import dump_record, read_mapping, read_record
+from lidarnaut import train
+from lidarnaut.agents import training
+from lidarnaut.agents.algorithms import complete
+from lidarnaut.agents.config import TrainingConfig, parse_config
+from lidarnaut.agents.sweep import expand
+from lidarnaut.agents.vec_env import make_vec_env
+from lidarnaut.envs.files import dump_record, read_mapping, read_record
 
 CONFIGS = sorted(
     path for path in (Path(__file__).parents[2] / "configs").glob("*.yaml") if not path.stem.startswith("arena")
@@ -66,7 +66,7 @@ def test_mistakes_are_named_with_what_is_allowed_and_leave_no_run_behind(tiny_da
 
 def test_the_command_line_overrides_the_file(tmp_path, monkeypatch, tiny_config):
     configs = []
-    monkeypatch.setattr("agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
     path = tmp_path / "tiny.yaml"
     path.write_text(dump_record(tiny_config))
     arguments = ["--config", str(path), "--seed", "7", "--hyperparameters.learning-rate", "1e-3"]
@@ -123,7 +123,7 @@ def test_one_name_will_do_where_several_are_allowed():
 
 def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypatch, tmp_path, capsys):
     configs = []
-    monkeypatch.setattr("agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
     assert train.main(["--algorithm", "SAC", "--environment.id", "lidarnaut/ReachCrowd-v0"]) == 0
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)

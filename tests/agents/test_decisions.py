@@ -6,22 +6,22 @@ import shutil
 import numpy as np
 import pytest
 
-import evaluate
-from agents.checkpoint import load_checkpoint
-from agents.config import TrainingConfig
-from agents.curves import read_evaluations
-from agents.evaluation import Evaluator, run_episodes
-from agents.explorer import LearnedPolicy
-from agents.frontiers.features import NEAREST
-from agents.frontiers.score import FrontierScore
-from agents.frontiers.tasks import HELD_OUT, training_world, validation_world
-from agents.policies import make_policy
-from agents.run_folder import CheckpointError, find_checkpoint
-from agents.training import train
-from agents.vec_env import make_env, make_vector
-from baselines.episode import run_episode
-from envs.files import parse_record
-from envs.worlds import WORLD_NAMES
+from lidarnaut import evaluate
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import read_evaluations
+from lidarnaut.agents.evaluation import Evaluator, run_episodes
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.frontiers.features import NEAREST
+from lidarnaut.agents.frontiers.score import FrontierScore
+from lidarnaut.agents.frontiers.tasks import HELD_OUT, training_world, validation_world
+from lidarnaut.agents.policies import make_policy
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_env, make_vector
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.files import parse_record
+from lidarnaut.envs.worlds import WORLD_NAMES
 from tests.agents.test_sweep import read_table
 
 DATA = {

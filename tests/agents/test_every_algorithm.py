@@ -9,18 +9,18 @@ import torch
 from gymnasium import spaces
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 
-from agents import training
-from agents.algorithms import Actor, build_model
-from agents.checkpoint import load_checkpoint
-from agents.config import ALGORITHMS, parse_config
-from agents.explorer import LearnedPolicy
-from agents.networks import ExplorerFeatures
-from agents.replay import FOLDER
-from agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
-from agents.training import train
-from agents.vec_env import make_env
-from envs.core import LidarEnv, lidar_env_of
-from envs.tasks.explore import Explore
+from lidarnaut.agents import training
+from lidarnaut.agents.algorithms import Actor, build_model
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import ALGORITHMS, parse_config
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.networks import ExplorerFeatures
+from lidarnaut.agents.replay import FOLDER
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint, list_checkpoints
+from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_env
+from lidarnaut.envs.core import LidarEnv, lidar_env_of
+from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import rollout
 
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")

@@ -8,19 +8,19 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from agents.algorithms import Actor, build_model
-from agents.checkpoint import load_checkpoint
-from agents.config import TrainingConfig
-from agents.explorer import LearnedPolicy
-from agents.learned import find_policy
-from agents.pursuit import BACK, SPIN, TURN, pursue
-from agents.run_folder import CheckpointError
-from agents.training import train
-from agents.vec_env import GymnasiumVecEnv, make_env, make_vector
-from baselines.episode import run_episode
-from envs.files import read_record
-from envs.geometry import wrap_angle
-from envs.robots import load_robot
+from lidarnaut.agents.algorithms import Actor, build_model
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.learned import find_policy
+from lidarnaut.agents.pursuit import BACK, SPIN, TURN, pursue
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vector
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.files import read_record
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.robots import load_robot
 from tests.agents.fake_env import BEAMS
 from tests.agents.test_every_algorithm import tiny
 

@@ -8,16 +8,16 @@ import pytest
 from gymnasium import spaces
 from stable_baselines3.common.torch_layers import CombinedExtractor
 
-from agents.checkpoint import POLICY_FILE
-from agents.evaluation import evaluation_environment
-from agents.explorer import LearnedPolicy
-from agents.export import main
-from agents.learned import PRETRAINED, find_policy
-from agents.run_folder import CheckpointError
-from agents.training import train
-from agents.vec_env import make_env
-from envs.core import lidar_env_of
-from envs.robots import load_robot
+from lidarnaut.agents.checkpoint import POLICY_FILE
+from lidarnaut.agents.evaluation import evaluation_environment
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.export import main
+from lidarnaut.agents.learned import PRETRAINED, find_policy
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_env
+from lidarnaut.envs.core import lidar_env_of
+from lidarnaut.envs.robots import load_robot
 from tests.agents.test_every_algorithm import tiny
 
 NO_REFERENCES = {"episodes": 1, "every": 1000, "references": []}
@@ -97,7 +97,10 @@ def test_a_file_acts_as_the_policy_of_every_algorithm(algorithm, id, onnxruntime
 
 def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp_path):
     environment = {"id": "lidarnaut/ReachCrowd-v0", "world": "hall", "world_size": [8, 8], "num_workers": 0}
-    environment |= {"robots": ["agents.robots:SEES_AROUND", "agents.robots:SLOW_SEES_AROUND"], "time_limit": 1.0}
+    environment |= {
+        "robots": ["lidarnaut.agents.robots:SEES_AROUND", "lidarnaut.agents.robots:SLOW_SEES_AROUND"],
+        "time_limit": 1.0,
+    }
     parts = {"scan_history": None, "goal": None, "limits": None, "quadrant": "tests.agents.test_export:Quadrant"}
     extractor = "stable_baselines3.common.torch_layers:CombinedExtractor"
     plain = {"features_extractor_class": extractor, "features_extractor_kwargs": {}, "net_arch": [16, 8]}

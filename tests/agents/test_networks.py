@@ -4,7 +4,7 @@ import torch
 from gymnasium import spaces
 from torch.nn import functional
 
-from agents.networks import ExplorerFeatures, FlatFeatures, ScanWindows, flat_space, flatten
+from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, ScanWindows, flat_space, flatten
 from tests.agents.fake_env import observation_space
 
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from gymnasium import spaces
 
-from agents.policies import level_of, make_policy
-from baselines import EXPLORERS, RandomExplorer
-from baselines.frontier.explorer import RuleExplorer
+from lidarnaut.agents.policies import level_of, make_policy
+from lidarnaut.baselines import EXPLORERS, RandomExplorer
+from lidarnaut.baselines.frontier.explorer import RuleExplorer
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}

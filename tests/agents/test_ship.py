@@ -5,15 +5,15 @@ import shutil
 import numpy as np
 import pytest
 
-from agents.config import EvolutionConfig
-from agents.explorer import LearnedPolicy
-from agents.frontiers.evolution import evolve
-from agents.frontiers.score import ScoreExplorer
-from agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
-from agents.learned import PRETRAINED, find_policy, load_policy
-from agents.run_folder import CheckpointError
-from agents.ship import CHECKSUMS, MODEL_CARD, main
-from agents.vec_env import make_env
+from lidarnaut.agents.config import EvolutionConfig
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.frontiers.evolution import evolve
+from lidarnaut.agents.frontiers.score import ScoreExplorer
+from lidarnaut.agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
+from lidarnaut.agents.learned import PRETRAINED, find_policy, load_policy
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.ship import CHECKSUMS, MODEL_CARD, main
+from lidarnaut.agents.vec_env import make_env
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 SHIPPED = sorted(folder for folder in PRETRAINED.iterdir() if folder.is_dir())

@@ -9,12 +9,12 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-import train
-from agents import sweep
-from agents.config import EvolutionConfig
-from agents.frontiers.evolution import evolve
-from agents.sweep import expand, interval, run_sweep
-from envs.files import LockedError
+from lidarnaut import train
+from lidarnaut.agents import sweep
+from lidarnaut.agents.config import EvolutionConfig
+from lidarnaut.agents.frontiers.evolution import evolve
+from lidarnaut.agents.sweep import expand, interval, run_sweep
+from lidarnaut.envs.files import LockedError
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 
@@ -41,7 +41,9 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, 
     assert "gamma 0.99" in capsys.readouterr().out
     # A sweep goes on where it stopped: what is finished is not trained again.
     trained = []
-    monkeypatch.setattr("agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"])))
+    monkeypatch.setattr(
+        "lidarnaut.agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"]))
+    )
     runs = sorted(path for path in folder.iterdir() if path.is_dir())
     assert train.main(["--resume", str(folder)]) == 0
     assert trained == []

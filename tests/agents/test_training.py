@@ -10,15 +10,15 @@ import torch
 import yaml
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from agents.algorithms import num_updates
-from agents.checkpoint import load_checkpoint
-from agents.config import TrainingConfig
-from agents.curves import read_evaluations
-from agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
-from agents.training import train
-from agents.vec_env import make_env
-from envs.files import Lock, LockedError, dump_record, parse_record, read_record
-from train import main
+from lidarnaut.agents.algorithms import num_updates
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import read_evaluations
+from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write_evaluations
+from lidarnaut.agents.training import train
+from lidarnaut.agents.vec_env import make_env
+from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
+from lidarnaut.train import main
 
 ROOT = Path(__file__).parents[2]
 

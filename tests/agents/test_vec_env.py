@@ -10,10 +10,10 @@ from stable_baselines3.common.callbacks import CheckpointCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
-from agents.config import EnvironmentConfig, TrainingConfig
-from agents.evaluation import Evaluator
-from agents.vec_env import GymnasiumVecEnv, make_vec_env, make_vector
-from envs.simulation import Twist
+from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
+from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vec_env, make_vector
+from lidarnaut.envs.simulation import Twist
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
 KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
@@ -22,7 +22,7 @@ KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
     arguments = {"physics": "kinematic", "split": "train", "world": "rooms", "world_size": (6.0, 6.0)} | arguments
     if kind == "native":
-        # The tests of `envs.vector` hold workers against this process.
+        # The tests of `lidarnaut.envs.vector` hold workers against this process.
         return gymnasium.make_vec(id, num_envs, autoreset_mode=mode, **{"num_workers": 0, **arguments})
     return gymnasium.make_vec(id, num_envs, kind, vector_kwargs={"autoreset_mode": mode}, **arguments)
 

@@ -2,10 +2,10 @@
 
 import numpy as np
 
-from envs.estimation import Belief
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import FrontierNavigator
-from envs.simulation import Reading
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import FrontierNavigator
+from lidarnaut.envs.simulation import Reading
 from tests.rooms import BURGER
 
 

@@ -5,13 +5,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401  (registers the environments)
-from baselines import policies_for
-from baselines.episode import begin_episode, decide_with, run, run_episode
-from baselines.explorer import OnePerRobot
-from envs.core import LidarEnv
-from envs.simulation import Twist
-from envs.tasks.explore import Explore
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
+from lidarnaut.baselines.explorer import OnePerRobot
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.tasks.explore import Explore
 
 
 class ScriptedEnv(LidarEnv):

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from baselines.global_localization import main
-from envs.rendering.style import ESTIMATED
-from envs.worlds import load_map
+from lidarnaut.baselines.global_localization import main
+from lidarnaut.envs.rendering.style import ESTIMATED
+from lidarnaut.envs.worlds import load_map
 
 
 def test_a_robot_maps_a_world_and_localizes_on_its_map(tmp_path, capsys):

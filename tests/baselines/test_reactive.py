@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from baselines import WallFollower, make_explorer
-from baselines.explorer import to_action
+from lidarnaut.baselines import WallFollower, make_explorer
+from lidarnaut.baselines.explorer import to_action
 from tests.baselines.maps import BURGER, reading_of
 
 

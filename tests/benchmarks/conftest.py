@@ -5,4 +5,4 @@ import pytest
 def no_overview(monkeypatch):
     """Leave out the pictures over all worlds, which take longest."""
     for name in ("curves_section", "gallery_section", "worst_section"):
-        monkeypatch.setattr(f"benchmarks.arena.publish.{name}", lambda *_: None)
+        monkeypatch.setattr(f"lidarnaut.benchmarks.arena.publish.{name}", lambda *_: None)

@@ -2,10 +2,10 @@
 
 import csv
 
-from benchmarks.arena.episodes import Episodes
-from benchmarks.arena.measures import Measures
-from benchmarks.arena.records import columns_of
-from envs.tasks.explore import Explore
+from lidarnaut.benchmarks.arena.episodes import Episodes
+from lidarnaut.benchmarks.arena.measures import Measures
+from lidarnaut.benchmarks.arena.records import columns_of
+from lidarnaut.envs.tasks.explore import Explore
 
 MEASURES = Measures(Explore.measures, Explore.progress)
 COLUMNS = columns_of(MEASURES)

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 import yaml
 
-from agents.sweep import run_sweep
-from benchmarks import algorithms
-from benchmarks.algorithms import Task, difference, overview, score, task_section
-from envs.measures import REACH
 from lidarnaut import find_configuration
+from lidarnaut.agents.sweep import run_sweep
+from lidarnaut.benchmarks import algorithms
+from lidarnaut.benchmarks.algorithms import Task, difference, overview, score, task_section
+from lidarnaut.envs.measures import REACH
 
 TINY = {
     "experiment": "tiny",

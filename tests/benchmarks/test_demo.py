@@ -3,8 +3,8 @@ import sys
 
 import pytest
 
-from benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
-from envs.files import Lock, LockedError
+from lidarnaut.benchmarks.demo import CLASSIC, LEARNED, REFERENCE, TWIST, WORLD, check_learning, demo, median_pair
+from lidarnaut.envs.files import Lock, LockedError
 from tests.agents.test_every_algorithm import tiny
 
 
@@ -22,8 +22,10 @@ def config():
 
 
 def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkeypatch, config):
-    monkeypatch.setattr("benchmarks.demo.NUM_FRAMES", 3)
-    monkeypatch.setattr("benchmarks.demo.check_learning", lambda rows, task: f"{task}: {len(rows)} evaluations.")
+    monkeypatch.setattr("lidarnaut.benchmarks.demo.NUM_FRAMES", 3)
+    monkeypatch.setattr(
+        "lidarnaut.benchmarks.demo.check_learning", lambda rows, task: f"{task}: {len(rows)} evaluations."
+    )
     folder = tmp_path / "demo"
     folder.mkdir()
     (folder / "report.html").write_text("of an earlier demo")

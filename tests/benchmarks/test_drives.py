@@ -1,4 +1,4 @@
-"""Recorded drives, and what the stages of `python -m benchmarks.drives` make of them."""
+"""Recorded drives, and what the stages of `python -m lidarnaut.benchmarks.drives` make of them."""
 
 import json
 import math
@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.drives import localization, localization_times, teams
-from benchmarks.drives.__main__ import Command, main, table
-from benchmarks.drives.localization import compare_amcl, load_known_world, record_from_anywhere, symmetries
-from benchmarks.drives.maps import wrong_cells
-from benchmarks.drives.planning import time_planning
-from benchmarks.drives.recording import LOG, Drive, first_time, right_since, run_each
-from benchmarks.drives.slams import compare_kidnapped, compare_slams
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.rendering import style
+from lidarnaut.benchmarks.drives import localization, localization_times, teams
+from lidarnaut.benchmarks.drives.__main__ import Command, main, table
+from lidarnaut.benchmarks.drives.localization import compare_amcl, load_known_world, record_from_anywhere, symmetries
+from lidarnaut.benchmarks.drives.maps import wrong_cells
+from lidarnaut.benchmarks.drives.planning import time_planning
+from lidarnaut.benchmarks.drives.recording import LOG, Drive, first_time, right_since, run_each
+from lidarnaut.benchmarks.drives.slams import compare_kidnapped, compare_slams
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.rendering import style
 
 no_log = pytest.mark.skipif(not LOG.is_file(), reason=f"the Intel log is not at {LOG}; set LIDARNAUT_DATA")
 
@@ -176,6 +176,6 @@ def test_speed_ups_are_taken_pair_by_pair_and_marks_that_were_never_reached_are_
 def test_teams_of_all_sizes_are_evaluated_from_the_same_starts_and_only_once(tmp_path, monkeypatch):
     arguments = {"worlds": ("pimouse_arena",), "robots": (1, 2), "episodes": 1, "jobs": 1, "slam": "truth"}
     first = teams.compare_teams(**arguments, out=tmp_path)
-    monkeypatch.setattr("benchmarks.arena.workers.run_episode", lambda *_: pytest.fail("was run again"))
+    monkeypatch.setattr("lidarnaut.benchmarks.arena.workers.run_episode", lambda *_: pytest.fail("was run again"))
     assert teams.compare_teams(**arguments, out=tmp_path) == first
     assert [line["reached"] for line in first] == ["1 of 1"] * 2

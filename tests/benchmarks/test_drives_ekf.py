@@ -6,11 +6,20 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from benchmarks.drives import ekf as experiment
-from benchmarks.drives.ekf import FAULTS, FILTERS, PAPER, FaultyChannel, RouteDrive, measure, nees_bounds, run_drive
-from envs.geometry import Pose2D
-from envs.localization.ekf import Ekf, Measurement
-from envs.localization.fusion import FUSIONS, start_covariance
+from lidarnaut.benchmarks.drives import ekf as experiment
+from lidarnaut.benchmarks.drives.ekf import (
+    FAULTS,
+    FILTERS,
+    PAPER,
+    FaultyChannel,
+    RouteDrive,
+    measure,
+    nees_bounds,
+    run_drive,
+)
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.localization.ekf import Ekf, Measurement
+from lidarnaut.envs.localization.fusion import FUSIONS, start_covariance
 
 STEPS = 60
 

@@ -12,14 +12,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.trace import Recorder, Trace
-from envs.estimation import MapUpdate
-from envs.files import Lock
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.logs import load_log
-from evaluate import main
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.benchmarks.arena.trace import Recorder, Trace
+from lidarnaut.envs.estimation import MapUpdate
+from lidarnaut.envs.files import Lock
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.logs import load_log
+from lidarnaut.evaluate import main
 from tests.benchmarks.explorations import MEASURES, deterministic, read_rows
 from tests.slam.rooms import wall_distances
 
@@ -204,8 +204,8 @@ def test_a_full_disk_is_named_and_the_same_command_goes_on(tmp_path, capsys):
 INTERRUPTED = """
 import os, signal, sys, threading
 
-import benchmarks.arena.workers as workers
-from evaluate import main
+import lidarnaut.benchmarks.arena.workers as workers
+from lidarnaut.evaluate import main
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in the background of a script

@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.films import NUM_FRAMES, Film, main, save_film
-from envs.core import LidarEnv
-from envs.rendering import style
-from envs.tasks.explore import Explore
+from lidarnaut.benchmarks.films import NUM_FRAMES, Film, main, save_film
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.rendering import style
+from lidarnaut.envs.tasks.explore import Explore
 
 
 @pytest.mark.parametrize("periods", [10, 47, 48, 49, 500, 5000])

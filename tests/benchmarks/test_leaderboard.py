@@ -5,11 +5,11 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.arena import leaderboard
-from benchmarks.arena.episodes import Episodes, best_of
-from benchmarks.arena.measures import texts
-from benchmarks.arena.statistics import Estimate
-from evaluate import main
+from lidarnaut.benchmarks.arena import leaderboard
+from lidarnaut.benchmarks.arena.episodes import Episodes, best_of
+from lidarnaut.benchmarks.arena.measures import texts
+from lidarnaut.benchmarks.arena.statistics import Estimate
+from lidarnaut.evaluate import main
 from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row
 
 RELATIVE = BY_NAME["relative_time_to_95"]

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.trace import Trace
-from evaluate import main
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.benchmarks.arena.trace import Trace
+from lidarnaut.evaluate import main
 from tests import own_code
 from tests.benchmarks.explorations import read_rows
 

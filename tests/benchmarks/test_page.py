@@ -6,9 +6,18 @@ import pytest
 from markdown_it import MarkdownIt
 from rich.console import Console
 
-from benchmarks.arena.page import MAX_OPEN_LINES, Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
-from benchmarks.arena.settings import Settings
-from evaluate import Command, shown_command
+from lidarnaut.benchmarks.arena.page import (
+    MAX_OPEN_LINES,
+    Cell,
+    Figure,
+    Section,
+    Table,
+    to_html,
+    to_terminal,
+    write_markdown,
+)
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.evaluate import Command, shown_command
 
 LONG = [[Cell("a"), Cell("1", "0 to 2")]] * (MAX_OPEN_LINES + 1)
 

@@ -2,11 +2,11 @@ import re
 
 import pytest
 
-from benchmarks.arena.records import read_table
-from benchmarks.arena.trace import Trace
-from benchmarks.arena.workers import describe
-from envs.player import Recording
-from evaluate import main
+from lidarnaut.benchmarks.arena.records import read_table
+from lidarnaut.benchmarks.arena.trace import Trace
+from lidarnaut.benchmarks.arena.workers import describe
+from lidarnaut.envs.player import Recording
+from lidarnaut.evaluate import main
 from tests.benchmarks.explorations import COLUMNS, MEASURES
 
 POLICIES = ("--policies", "random", "nearest", "--worlds", "turtlebot3_world")

@@ -5,16 +5,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import baselines
-from baselines import RandomExplorer
-from benchmarks.arena.publish import publish
-from benchmarks.arena.runner import Evaluation
-from benchmarks.arena.settings import Settings
-from benchmarks.arena.workers import NOT_RUN
-from envs.files import parse_record, read_record
-from envs.slam import SLAM_NAMES
-from envs.worlds import WORLD_NAMES
-from evaluate import main
+from lidarnaut.baselines import EXPLORERS, RandomExplorer
+from lidarnaut.benchmarks.arena.publish import publish
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.benchmarks.arena.workers import NOT_RUN
+from lidarnaut.envs.files import parse_record, read_record
+from lidarnaut.envs.slam import SLAM_NAMES
+from lidarnaut.envs.worlds import WORLD_NAMES
+from lidarnaut.evaluate import main
 from tests.benchmarks.explorations import deterministic
 
 SETTINGS = Settings(
@@ -94,7 +93,7 @@ class Fragile(RandomExplorer):
 
 
 def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, capsys, no_overview):
-    monkeypatch.setitem(baselines.EXPLORERS, "fragile", Fragile)
+    monkeypatch.setitem(EXPLORERS, "fragile", Fragile)
     settings = ["--policies", "fragile", "random", "--worlds", "pimouse_arena", "turtlebot3_dqn_stage1", "--episodes"]
     settings += ["2", "--physics", "kinematic", "--time-limit", "2", "--no-world-sections", "--out", str(tmp_path)]
     assert main(settings) == 1
@@ -108,7 +107,7 @@ def test_a_crash_costs_its_episode_alone_and_says_so(tmp_path, monkeypatch, caps
     # Fixed, the same command runs what is missing and nothing else.
     lines = (tmp_path / "episodes.csv").read_text().splitlines()
     assert len(lines) == 1 + 6
-    monkeypatch.setitem(baselines.EXPLORERS, "fragile", RandomExplorer)
+    monkeypatch.setitem(EXPLORERS, "fragile", RandomExplorer)
     assert main(settings) == 0
     assert (tmp_path / "episodes.csv").read_text().splitlines()[:7] == lines
     assert "could not be run" not in (tmp_path / "leaderboard.md").read_text().lower()
@@ -139,11 +138,11 @@ def test_the_arena_of_the_project_covers_everything():
     # Of the families those that it has results for.
     assert set(settings.worlds) == {*WORLD_NAMES, "rooms", "maze", "warehouse", "caves"}
     assert set(settings.policies) == {
-        *baselines.EXPLORERS,
+        *EXPLORERS,
         "learned=learned:pretrained/frontiers",
         "learned_pursuit=pursuit:pretrained/frontiers",
         "twist=ppo:pretrained/twist",
-        "twist_untrained=agents.pursuit:UntrainedPursuit",
+        "twist_untrained=lidarnaut.agents.pursuit:UntrainedPursuit",
     }
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 

@@ -8,23 +8,23 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 from scipy import ndimage
 
-from benchmarks.speed import __main__ as command
-from benchmarks.speed import parts
-from benchmarks.speed.designs import Design, benchmark_robot, make_actions
-from benchmarks.speed.halls import GAP, make_hall, outline
-from benchmarks.speed.kernels import make_kernels
-from benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
-from benchmarks.speed.naive_slam import NaiveSlam
-from envs.core import LidarEnv
-from envs.estimation.motion import WheelMotion
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.geometry.raycast import cast_rays
-from envs.simulation import Twist, make_simulator
-from envs.slam import load_params, make_slam
-from envs.slam.grid_map import MAX_COUNT, probabilities
-from envs.tasks.explore import Explore
-from envs.worlds import rasterize
+from lidarnaut.benchmarks.speed import __main__ as command
+from lidarnaut.benchmarks.speed import parts
+from lidarnaut.benchmarks.speed.designs import Design, benchmark_robot, make_actions
+from lidarnaut.benchmarks.speed.halls import GAP, make_hall, outline
+from lidarnaut.benchmarks.speed.kernels import make_kernels
+from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv, NaivePhysics
+from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation.motion import WheelMotion
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.slam import load_params, make_slam
+from lidarnaut.envs.slam.grid_map import MAX_COUNT, probabilities
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.worlds import rasterize
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from benchmarks.arena.statistics import (
+from lidarnaut.benchmarks.arena.statistics import (
     curve_band,
     estimate,
     gap_closed,

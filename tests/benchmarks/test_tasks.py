@@ -11,16 +11,16 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-from baselines import policies_for
-from benchmarks.arena.policies import parse_policy
-from benchmarks.arena.settings import Settings
-from envs.files import read_record
-from envs.ids import arguments_of, find_spec
-from envs.tasks.explore import Explore
-from envs.tasks.follow_route import FollowRoute
-from envs.tasks.navigate import Navigate
-from envs.tasks.reach_goal import ReachGoal
-from evaluate import main, split_arguments
+from lidarnaut.baselines import policies_for
+from lidarnaut.benchmarks.arena.policies import parse_policy
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.envs.files import read_record
+from lidarnaut.envs.ids import arguments_of, find_spec
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.follow_route import FollowRoute
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.evaluate import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
 ROOT = Path(__file__).parents[2]
@@ -92,7 +92,7 @@ def test_arguments_of_the_environment_are_its_own(tmp_path, capsys):
     assert split_arguments(words) == (["--jobs", "2"], {"goal_tolerance": 0.2, "split": "train"})
     assert arguments_of("lidarnaut/ExploreTeam-v0")["num_robots"] == 2
     assert arguments_of("lidarnaut/ExploreHouse-v0")["world"] == "turtlebot3_house"
-    assert find_spec("envs:lidarnaut/Track-v0").id == "lidarnaut/Track-v0"
+    assert find_spec("lidarnaut:lidarnaut/Track-v0").id == "lidarnaut/Track-v0"
     command = ["--id", "lidarnaut/Navigate-v0", "--policies", "random", *BRIEF, "--out", str(tmp_path)]
     assert main([*command, "--arguments.goal_tolerance", "-1"]) == 2
     assert "goal_tolerance must be positive, got -1" in capsys.readouterr().err

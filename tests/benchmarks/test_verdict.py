@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from benchmarks.arena.leaderboard import ranking_sections
-from benchmarks.arena.overview import worst_section
-from benchmarks.arena.verdict import verdict, verdict_section
+from lidarnaut.benchmarks.arena.leaderboard import ranking_sections
+from lidarnaut.benchmarks.arena.overview import worst_section
+from lidarnaut.benchmarks.arena.verdict import verdict, verdict_section
 from tests.benchmarks.explorations import related, row
 
 STARTS = 8
@@ -114,7 +114,7 @@ def test_the_picture_holds_all_of_its_labels(slowest):
 
 
 def test_the_worst_episodes_are_those_that_lose_most_of_the_reference(monkeypatch):
-    monkeypatch.setattr("benchmarks.arena.overview.NUM_WORST_MAPS", 0)  # which need traces
+    monkeypatch.setattr("lidarnaut.benchmarks.arena.overview.NUM_WORST_MAPS", 0)  # which need traces
     times = [50.0, 150.0, 80.0, np.inf, 120.0, 90.0, 70.0, 60.0]
     section = worst_section(None, related([*episodes("nearest", BASE), *episodes("mine", times)]))
     assert section.title == "Where mine does worst"

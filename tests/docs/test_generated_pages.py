@@ -7,8 +7,8 @@ from pathlib import Path
 import gymnasium
 import pytest
 
-import envs  # noqa: F401  (registers the environments)
-from envs.worlds import WORLD_NAMES
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.worlds import WORLD_NAMES
 
 DOCS = Path(__file__).parents[2] / "docs"
 

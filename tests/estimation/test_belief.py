@@ -1,8 +1,8 @@
 import numpy as np
 
-from envs.estimation import Correction
-from envs.estimation.trail import TRAIL_SPACING, Trail, interpolate
-from envs.geometry import Pose2D
+from lidarnaut.envs.estimation import Correction
+from lidarnaut.envs.estimation.trail import TRAIL_SPACING, Trail, interpolate
+from lidarnaut.envs.geometry import Pose2D
 
 
 def test_points_go_with_the_pose_that_they_were_nearest_to():

@@ -3,12 +3,12 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.speed.references import crop_in_numpy, pool_in_numpy
-from envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
-from envs.estimation.map_pyramid import MapPyramid
-from envs.estimation.trail import Trail
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.observations import FAR_PIXEL, NEAR_PIXEL
+from lidarnaut.benchmarks.speed.references import crop_in_numpy, pool_in_numpy
+from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
+from lidarnaut.envs.estimation.map_pyramid import MapPyramid
+from lidarnaut.envs.estimation.trail import Trail
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.observations import FAR_PIXEL, NEAR_PIXEL
 
 SIZE = 40
 

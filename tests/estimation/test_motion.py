@@ -4,9 +4,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.estimation.motion import GyroMotion, WheelMotion, make_motion_source
-from envs.geometry import wrap_angle
-from envs.simulation import Reading, Twist
+from lidarnaut.envs.estimation.motion import GyroMotion, WheelMotion, make_motion_source
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.simulation import Reading, Twist
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin
 
 PERIOD = 0.1

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.estimation.tracking import (
+from lidarnaut.envs.estimation.tracking import (
     IS_PERSON,
     LARGE_ENOUGH,
     NOT_STANDING,
@@ -25,9 +25,9 @@ from envs.estimation.tracking import (
     predict,
     tracker_numbers,
 )
-from envs.geometry import Pose2D
-from envs.geometry.raycast import cast_rays
-from envs.robots import LidarParams, Mount
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
 SIDE = 12.0

@@ -2,7 +2,7 @@ import sys
 
 import pytest
 
-from envs.files import load_object, resolve
+from lidarnaut.envs.files import load_object, resolve
 
 TABLE = {"nearest": 1, "tour": 2}
 
@@ -13,9 +13,10 @@ def mine(tmp_path, monkeypatch):
     for name, text in {
         "mine": "class Outer:\n    inner = 7\n\nspeed = 3\n",
         "broken": "import no_such_dependency\n",
-        "importing": "import numpy as np\nfrom dataclasses import dataclass\nfrom envs.simulation import Twist\n"
+        "importing": "import numpy as np\nfrom dataclasses import dataclass\n"
+        "from lidarnaut.envs.simulation import Twist\n"
         "class Mine: pass\ndef drive(): pass\nSPEED = 3\nTWIST = Twist(0, 0)\n",
-        "all": "from envs.simulation import Twist\nSPEED = 3\n__all__ = ['Twist']\n",
+        "all": "from lidarnaut.envs.simulation import Twist\nSPEED = 3\n__all__ = ['Twist']\n",
     }.items():
         (tmp_path / f"{name}_of_names.py").write_text(text)
     monkeypatch.chdir(tmp_path)

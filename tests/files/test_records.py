@@ -3,7 +3,7 @@ from dataclasses import dataclass
 import pytest
 from pydantic import BaseModel, ConfigDict, PositiveFloat
 
-from envs.files import dump_record, parse_record, read_mapping, read_record
+from lidarnaut.envs.files import dump_record, parse_record, read_mapping, read_record
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from envs.files import Lock, LockedError, naming, sweep, temporary_beside, write_file
+from lidarnaut.envs.files import Lock, LockedError, naming, sweep, temporary_beside, write_file
 
 
 def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
@@ -40,7 +40,7 @@ def test_a_full_disk_is_named(tmp_path, monkeypatch):
 
 HOLD = """
 import sys, pathlib
-from envs.files import Lock
+from lidarnaut.envs.files import Lock
 
 lock = Lock(pathlib.Path(sys.argv[1]), shared=sys.argv[2] == "s")
 lock.__enter__()

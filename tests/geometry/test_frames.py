@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, wrap_angle
 
 
 @pytest.mark.parametrize(

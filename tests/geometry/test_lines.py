@@ -3,8 +3,16 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.clearance import clearance
-from envs.geometry.lines import cell_along, lengths_along, longest_step, next_cell, points_at, resample, start_walk
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.geometry.lines import (
+    cell_along,
+    lengths_along,
+    longest_step,
+    next_cell,
+    points_at,
+    resample,
+    start_walk,
+)
 
 CORNERS = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.5]])
 

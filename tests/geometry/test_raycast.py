@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.raycast import Beams, cast_rays
-from envs.worlds import load_world
+from lidarnaut.envs.geometry.raycast import Beams, cast_rays
+from lidarnaut.envs.worlds import load_world
 
 TURN = 2 * math.pi
 

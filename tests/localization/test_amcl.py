@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.drives.localization import load_reference, measure_filter, reference_map
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.localization import PRESETS, Amcl, AmclParams, load_preset
-from envs.robots import LidarParams
-from envs.simulation import Reading
-from envs.worlds import World, rasterize
+from lidarnaut.benchmarks.drives.localization import load_reference, measure_filter, reference_map
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.worlds import World, rasterize
 from tests.slam.rooms import scan
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from sklearn.cluster import DBSCAN
 
-from envs.localization.clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
+from lidarnaut.envs.localization.clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
 
 RASTER = BinRaster.over((-2.0, -1.0, 8.0, 5.0), 0.5, math.radians(10.0))
 

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.localization.ekf import DRIFT, KINDS, MEASURED, Ekf, Measurement
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.localization.ekf import DRIFT, KINDS, MEASURED, Ekf, Measurement
 
 SPREAD = np.array([*DRIFT, 0.3, 0.6])
 """Square roots of the densities of the process noise."""

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from envs.geometry import Pose2D
-from envs.localization import AmclParams
-from envs.localization.motion_model import move_particles, normal
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.localization import AmclParams
+from lidarnaut.envs.localization.motion_model import move_particles, normal
 
 
 @njit

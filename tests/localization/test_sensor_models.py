@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.localization import AmclParams
-from envs.localization.beam_model import BeamMixture, BeamModel, beam_likelihood, march
-from envs.localization.likelihood_field import LikelihoodField, obstacle_distances
-from envs.robots import LidarParams, Mount
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.localization import AmclParams
+from lidarnaut.envs.localization.beam_model import BeamMixture, BeamModel, beam_likelihood, march
+from lidarnaut.envs.localization.likelihood_field import LikelihoodField, obstacle_distances
+from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(37, 3.0, fov=math.pi, mount=Mount(x=0.1, y=-0.05, yaw=0.2))
 

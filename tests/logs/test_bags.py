@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from envs.logs import load_log
+from lidarnaut.envs.logs import load_log
 from tests.logs.bags import drive, write_bag
 
 INF, NAN = math.inf, math.nan
@@ -42,17 +42,17 @@ def test_bags_of_all_kinds(tmp_path, storage):
 def test_what_is_compressed_unpacks_to_a_limited_size(tmp_path, monkeypatch, storage, compression):
     path = write_bag(tmp_path / "drive", drive, storage, compression)
     np.testing.assert_array_equal(load_log(path).ranges, [[1.0, NAN, NAN, 8.0, INF]] * 3)
-    monkeypatch.setattr("envs.logs.bag_reader.MAX_CHUNK", 100)
+    monkeypatch.setattr("lidarnaut.envs.logs.bag_reader.MAX_CHUNK", 100)
     with pytest.raises(ValueError, match=r"drive(\.bag)?: .*unpacks to more than the 100 bytes that are allowed"):
         load_log(path)
 
 
 def test_scans_of_a_bag_have_the_limit_of_arrays(tmp_path, monkeypatch):
     path = write_bag(tmp_path / "drive", drive)
-    monkeypatch.setattr("envs.logs.bag.MAX_BYTES", 59)
+    monkeypatch.setattr("lidarnaut.envs.logs.bag.MAX_BYTES", 59)
     with pytest.raises(ValueError, match=r"drive: /scan: unpacks to 60 bytes; at most 59 are allowed"):
         load_log(path)
-    monkeypatch.setattr("envs.logs.bag.MAX_BYTES", 60)
+    monkeypatch.setattr("lidarnaut.envs.logs.bag.MAX_BYTES", 60)
     assert len(load_log(path).ranges) == 3
 
 

@@ -3,7 +3,7 @@ import gzip
 import numpy as np
 import pytest
 
-from envs.logs import load_log
+from lidarnaut.envs.logs import load_log
 
 CARMEN = """\
 # a comment
@@ -138,14 +138,14 @@ def test_bad_archives_are_named(tmp_path, changes, complaint):
 
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("envs.files.archives.MAX_BYTES", 100_000)
+    monkeypatch.setattr("lidarnaut.envs.files.archives.MAX_BYTES", 100_000)
     with pytest.raises(ValueError, match=r"drive\.npz: unpacks to .* bytes; at most 100,000"):
         load_log(write_arrays(tmp_path, ranges=np.ones((3, 10_000))))
     path = tmp_path / "drive.log.gz"
     path.write_bytes(gzip.compress(b"x" * 3_000_000))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long; at most 1,000,000 characters in a line"):
         load_log(path)
-    monkeypatch.setattr("envs.logs.readers.MAX_TEXT", 1000)
+    monkeypatch.setattr("lidarnaut.envs.logs.readers.MAX_TEXT", 1000)
     path.write_bytes(gzip.compress(b"#\n" * 600))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long"):
         load_log(path)

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
-from envs.logs.consistency import conflict_share
-from envs.logs.log import Log
-from envs.logs.relations import load_labelled
-from envs.robots import LidarParams, Mount
+from lidarnaut.envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
+from lidarnaut.envs.logs.consistency import conflict_share
+from lidarnaut.envs.logs.log import Log
+from lidarnaut.envs.logs.relations import load_labelled
+from lidarnaut.envs.robots import LidarParams, Mount
 
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).parents[3] / "shared" / "data")) / "intel"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the Intel log is not at {DATA}; set LIDARNAUT_DATA")

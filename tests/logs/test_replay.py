@@ -11,12 +11,12 @@ import pytest
 import tyro
 from PIL import Image
 
-from envs.estimation import MapUpdate
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.logs.log import load_log
-from envs.logs.replay import Options, main
-from envs.logs.runs import picture, replay, save_g2o
-from envs.slam import SLAM_NAMES, Belief
+from lidarnaut.envs.estimation import MapUpdate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.logs.log import load_log
+from lidarnaut.envs.logs.replay import Options, main
+from lidarnaut.envs.logs.runs import picture, replay, save_g2o
+from lidarnaut.envs.slam import SLAM_NAMES, Belief
 from tests.logs.test_logs import CARMEN
 from tests.logs.test_relations import DATA, needs_data
 
@@ -258,10 +258,10 @@ def test_options_that_make_no_sense_are_named(log, options, complaint):
 @pytest.mark.parametrize(("name", "says"), [("none.bag", "no log at {}\n"), ("cut.npz", "{}: ")])
 def test_errors_are_one_line(name, says, tmp_path):
     (tmp_path / "cut.npz").write_bytes(b"PK")
-    command = [sys.executable, "-m", "envs.logs.replay", str(tmp_path / name)]
+    command = [sys.executable, "-m", "lidarnaut.envs.logs.replay", str(tmp_path / name)]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 2
-    assert done.stderr.startswith(f"envs.logs.replay: {says.format(tmp_path / name)}")
+    assert done.stderr.startswith(f"lidarnaut.envs.logs.replay: {says.format(tmp_path / name)}")
     assert done.stderr.count("\n") == 1
 
 

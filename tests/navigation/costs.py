@@ -1,6 +1,6 @@
 """Reading costs by position."""
 
-from envs.navigation import COST_UNKNOWN
+from lidarnaut.envs.navigation import COST_UNKNOWN
 
 
 def cost_at(costmap, x, y):

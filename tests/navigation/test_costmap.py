@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid
-from envs.geometry.distance_transform import squared_distances
-from envs.navigation import CostmapParams, crop_to_known, make_costmap
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.navigation import CostmapParams, crop_to_known, make_costmap
 
 
 def grid_of(data, origin=(0.0, 0.0)):

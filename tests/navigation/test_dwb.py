@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import binary_dilation
 
-from envs.geometry import Pose2D
-from envs.geometry.lines import resample
-from envs.navigation import DwbPlanner
-from envs.navigation.critics import (
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import DwbPlanner
+from lidarnaut.envs.navigation.critics import (
     BASE_OBSTACLE,
     GOAL_DIST,
     OSCILLATION,
@@ -23,8 +23,8 @@ from envs.navigation.critics import (
     roll_out,
     spread,
 )
-from envs.robots import load_robot
-from envs.simulation import Twist
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist
 
 BURGER = load_robot("turtlebot3_burger")
 NOTHING = np.empty((0, 2))

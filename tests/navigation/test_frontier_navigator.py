@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate, Window
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import (
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate, Window
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import (
     FEATURES,
     NUM_SECTORS,
     CostmapParams,
@@ -18,8 +18,8 @@ from envs.navigation import (
     make_costmap,
     travel_field,
 )
-from envs.robots import load_robot
-from envs.simulation import Reading
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Reading
 
 BURGER = load_robot("turtlebot3_burger")
 PERIOD = 0.2

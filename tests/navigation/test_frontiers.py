@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid
-from envs.navigation.frontiers import frontier_mask, information_gain
-from envs.navigation.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation.frontiers import frontier_mask, information_gain
+from lidarnaut.envs.navigation.views import NUM_RAYS, NUM_SECTORS, cast_view, fill_sectors, unknown_share
 
 EIGHT = np.ones((3, 3), dtype=bool)
 

@@ -5,17 +5,17 @@ import math
 import numpy as np
 import pytest
 
-from baselines.episode import run_episode
-from baselines.explorer import to_action
-from envs.core import LidarEnv
-from envs.estimation import Belief, MapUpdate, Window
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import GoalNavigator, GoalParams, Navigator
-from envs.navigation.goal_navigator import LOCAL_PLANNERS
-from envs.navigation.reactive_driving import ReactiveDriver
-from envs.robots import load_robot
-from envs.tasks.navigate import Navigate
-from envs.tasks.reach_goal import ReachGoal
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.explorer import to_action
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import Belief, MapUpdate, Window
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import GoalNavigator, GoalParams, Navigator
+from lidarnaut.envs.navigation.goal_navigator import LOCAL_PLANNERS
+from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.baselines.maps import reading_of
 from tests.navigation.costs import cost_at
 

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.distance_transform import squared_distances
-from envs.geometry.lines import lengths_along, resample
-from envs.navigation.mppi import NO_ANGLE, TOUCHED, MppiParams, MppiPlanner, mppi_numbers, rate
-from envs.robots import load_robot
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.distance_transform import squared_distances
+from lidarnaut.envs.geometry.lines import lengths_along, resample
+from lidarnaut.envs.navigation.mppi import NO_ANGLE, TOUCHED, MppiParams, MppiPlanner, mppi_numbers, rate
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist
 
 JACKAL = load_robot("jackal")
 PERIOD = 0.1

@@ -8,11 +8,11 @@ import numpy as np
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from envs.geometry import Pose2D
-from envs.navigation import Navigator, free_distance
-from envs.navigation.navigator_kernels import DRIVING, FAILED
-from envs.robots import Mount, load_robot
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import Navigator, free_distance
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED
+from lidarnaut.envs.robots import Mount, load_robot
+from lidarnaut.envs.simulation import Twist
 from tests.baselines.maps import reading_of
 
 BURGER = load_robot("turtlebot3_burger")

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.geometry.lines import resample
-from envs.navigation import DwbPlanner, MppiPlanner, PathFollower
-from envs.robots import ROBOT_NAMES, load_robot
-from envs.simulation import Twist
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import DwbPlanner, MppiPlanner, PathFollower
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
+from lidarnaut.envs.simulation import Twist
 
 PLANNERS = {
     "rpp": PathFollower,

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from envs.geometry import OccupancyGrid
-from envs.geometry.lines import resample
-from envs.navigation import (
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.navigation import (
     Costmap,
     CostmapParams,
     is_path_valid,
@@ -18,7 +18,7 @@ from envs.navigation import (
     smooth_path,
     travel_field,
 )
-from envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from lidarnaut.envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
 from tests.navigation.costs import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
-from envs.navigation.frontiers import TILE, frontier_groups, frontier_in_sight, frontier_near, is_visible
-from envs.navigation.planning_kernels import mark
-from envs.robots import LidarParams, load_robot
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
+from lidarnaut.envs.navigation.frontiers import TILE, frontier_groups, frontier_in_sight, frontier_near, is_visible
+from lidarnaut.envs.navigation.planning_kernels import mark
+from lidarnaut.envs.robots import LidarParams, load_robot
 from tests.navigation.costs import cost_at
 
 BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")

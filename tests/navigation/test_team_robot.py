@@ -1,8 +1,8 @@
 import numpy as np
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.navigation import CostmapParams, make_costmap, travel_field
-from envs.navigation.team_robot import find_waiting_cell, is_beside, outline
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import CostmapParams, make_costmap, travel_field
+from lidarnaut.envs.navigation.team_robot import find_waiting_cell, is_beside, outline
 from tests.rooms import BURGER
 
 

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.observations.scan_history import SURFACE, WIDEST, Sectors, pool_scan, shift_sectors
-from envs.robots import load_robot
-from envs.tasks.explore import ExploreTeam
-from envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.observations.scan_history import SURFACE, WIDEST, Sectors, pool_scan, shift_sectors
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from tests.rollouts import rollout
 
 ROOM = {"world": "turtlebot3_world", "physics": "kinematic", "contact": "costs"}

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
+from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
 
 
 def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False):

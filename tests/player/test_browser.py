@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from envs.player import build_page
+from lidarnaut.envs.player import build_page
 from tests.browser import needs_browser, visit
 from tests.player.episodes import synthetic
 

@@ -3,9 +3,9 @@ import webbrowser
 
 import pytest
 
-from envs.command_line import run_command
-from envs.player import build_page
-from envs.player.__main__ import main
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.player import build_page
+from lidarnaut.envs.player.__main__ import main
 from tests.player.episodes import synthetic
 
 

@@ -5,14 +5,14 @@ import gymnasium
 import numpy as np
 import pytest
 
-from agents.frontiers.score import FrontierScore, ScoreExplorer
-from baselines import policies_for
-from baselines.episode import run_episode
-from baselines.frontier.rules import GainOverCostExplorer, NearestExplorer
-from envs.geometry import OccupancyGrid
-from envs.navigation import crop_to_known
-from envs.player import EpisodeRecorder, Recording, build_page
-from envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
+from lidarnaut.agents.frontiers.score import FrontierScore, ScoreExplorer
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.frontier.rules import GainOverCostExplorer, NearestExplorer
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.player import EpisodeRecorder, Recording, build_page
+from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
 from tests.player.episodes import synthetic
 
 BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
@@ -218,8 +218,8 @@ def test_what_unpacks_to_too_much_is_refused_before_it_is_unpacked(tmp_path, mon
     path.write_bytes(synthetic(5.0).to_bytes())
     with zipfile.ZipFile(path) as archive:
         size = sum(entry.file_size for entry in archive.infolist())
-    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size)
+    monkeypatch.setattr("lidarnaut.envs.files.archives.MAX_BYTES", size)
     Recording.load(path)
-    monkeypatch.setattr("envs.files.archives.MAX_BYTES", size - 1)
+    monkeypatch.setattr("lidarnaut.envs.files.archives.MAX_BYTES", size - 1)
     with pytest.raises(ValueError, match=rf"npz .*unpacks to {size:,} bytes; at most {size - 1:,} are allowed"):
         Recording.load(path)

@@ -8,14 +8,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
-from envs.rendering import Renderer, Scene, style
-from envs.rendering.panels import beam_ends
-from envs.rendering.view import View
-from envs.robots import load_robot
-from envs.slam import Belief, PoseGraphView
-from envs.slam.posegraph import PoseGraph
-from envs.worlds import FixedRoute
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
+from lidarnaut.envs.rendering import Renderer, Scene, style
+from lidarnaut.envs.rendering.panels import beam_ends
+from lidarnaut.envs.rendering.view import View
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.slam import Belief, PoseGraphView
+from lidarnaut.envs.slam.posegraph import PoseGraph
+from lidarnaut.envs.worlds import FixedRoute
 from tests.rooms import BURGER, make_room
 
 PERSON = FixedRoute(0.3, np.array([(4.0, 5.0), (7.0, 5.0)]), 1.0)
@@ -181,7 +181,7 @@ def test_human_draws_into_a_window_and_keeps_pace():
 def test_arrays_need_no_display_and_import_needs_no_pygame():
     code = """
 import os, sys
-import envs.rendering
+import lidarnaut.envs.rendering
 assert "pygame" not in sys.modules
 from tests.rendering.test_rendering import Renderer, make_scene
 assert Renderer("rgb_array", 10).draw(make_scene()).any()

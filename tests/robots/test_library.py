@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from envs.robots import ROBOT_NAMES, OdometryNoise, load_robot
+from lidarnaut.envs.robots import ROBOT_NAMES, OdometryNoise, load_robot
 
 DISTANCE, TURN = 0.2, 0.3
 """Motion between two key scans [m], [rad]."""

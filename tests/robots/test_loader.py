@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-import envs.robots
-from envs.robots import ROBOT_NAMES, load_robot
+import lidarnaut.envs.robots
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 
-BURGER = Path(envs.robots.__file__).parent / "library" / "turtlebot3_burger.yaml"
+BURGER = Path(lidarnaut.envs.robots.__file__).parent / "library" / "turtlebot3_burger.yaml"
 
 
 def written(tmp_path, text):
@@ -23,7 +23,7 @@ def test_a_name_a_path_and_the_robot_itself_are_the_same_robot():
 
 def test_a_robot_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
     (tmp_path / "robot_of_mine.py").write_text(
-        "import dataclasses\nfrom envs.robots import load_robot\n"
+        "import dataclasses\nfrom lidarnaut.envs.robots import load_robot\n"
         "slow = dataclasses.replace(load_robot('turtlebot3_burger'), max_v=0.1)\n"
     )
     monkeypatch.syspath_prepend(tmp_path)

@@ -8,11 +8,11 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.arguments import choose_robot
-from envs.geometry import Pose2D
-from envs.robots import ROBOT_NAMES, load_robot
-from envs.simulation import PHYSICS, Twist, make_simulator
-from envs.worlds import WORLD_NAMES, World, explorable_area, load_world
+from lidarnaut.envs.arguments import choose_robot
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
+from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
+from lidarnaut.envs.worlds import WORLD_NAMES, World, explorable_area, load_world
 
 NUM_ENVS, SAMPLES, GROWTH = 16, 40, 1.05
 """Sub-environments; how often memory is measured; its growth in the second half of a run that counts as none."""
@@ -34,7 +34,7 @@ def resident():
 @pytest.mark.parametrize("slam", ["tinyslam", "hector"])
 def test_memory_of_a_long_run_does_not_grow(slam, row):
     env = gymnasium.make_vec(
-        "envs:lidarnaut/Explore-v0", NUM_ENVS, world="rooms", world_size=(8.0, 8.0), physics="kinematic",
+        "lidarnaut:lidarnaut/Explore-v0", NUM_ENVS, world="rooms", world_size=(8.0, 8.0), physics="kinematic",
         slam=slam, control_hz=5.0, time_limit=20.0, num_workers=1,
     )  # fmt: skip
     rng, rounds, samples = np.random.default_rng(0), 1_000_000 // NUM_ENVS, []

@@ -20,19 +20,19 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from PIL import Image
 
-from agents.algorithms import build_model, build_policy
-from agents.checkpoint import load_checkpoint, save_checkpoint
-from agents.config import TrainingConfig, parse_config
-from agents.run_folder import CheckpointError
-from agents.state import capture
-from agents.vec_env import GymnasiumVecEnv, make_vector
-from benchmarks.arena.settings import Settings
-from envs.core import LidarEnv
-from envs.files import parse_record, read_mapping, read_record
-from envs.logs.replay import Options
-from envs.logs.replay import main as replay
-from envs.robots import load_robot
-from envs.tasks.explore import Explore
+from lidarnaut.agents.algorithms import build_model, build_policy
+from lidarnaut.agents.checkpoint import load_checkpoint, save_checkpoint
+from lidarnaut.agents.config import TrainingConfig, parse_config
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.state import capture
+from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vector
+from lidarnaut.benchmarks.arena.settings import Settings
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.files import parse_record, read_mapping, read_record
+from lidarnaut.envs.logs.replay import Options
+from lidarnaut.envs.logs.replay import main as replay
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.explore import Explore
 from tests.logs.bags import drive, write_bag
 from tests.logs.test_logs import ARRAYS, CARMEN, ROBOTLASER
 from tests.robustness.damage import damaged_arrays, damaged_bytes, damaged_messages, damaged_tree

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 import yaml
 
-from agents.checkpoint import load_checkpoint
-from agents.run_folder import list_checkpoints
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.run_folder import list_checkpoints
 
 ROOT = Path(__file__).parents[2]
 CONFIG = {

@@ -9,9 +9,9 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.geometry import OccupancyGrid
-from envs.robots import load_robot
-from envs.worlds import load_map, save_map
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.worlds import load_map, save_map
 from tests.robustness.conftest import in_new_process
 
 CASES = {
@@ -118,7 +118,7 @@ def reset_once(path, case):
     """Reset an environment on a map; return processor time [s], walls, why it was refused, memory [GiB]."""
     (id, arguments), began, walls, refused = CASES[case], time.process_time(), 0, ""
     try:
-        env = gymnasium.make(f"envs:lidarnaut/{id}-v0", world=str(path), map_resolution=RESOLUTION, **arguments)
+        env = gymnasium.make(f"lidarnaut:lidarnaut/{id}-v0", world=str(path), map_resolution=RESOLUTION, **arguments)
         env.reset(seed=0)
         walls = len(getattr(env.unwrapped, "explore", env.unwrapped).world.segments)
     except ValueError as error:

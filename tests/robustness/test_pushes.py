@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.robots import ROBOT_NAMES, load_robot
-from envs.simulation import PHYSICS, Twist, make_simulator
-from envs.simulation import records as at
-from envs.simulation.crowd import records as crowd_at
-from envs.simulation.kinematic import advance
-from envs.worlds import FixedRoute, World
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
+from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.crowd import records as crowd_at
+from lidarnaut.envs.simulation.kinematic import advance
+from lidarnaut.envs.worlds import FixedRoute, World
 from tests.rooms import ORIGIN
 
 SPEED, RADIUS, SECONDS = 1.5, 0.25, 5.0
@@ -111,7 +111,7 @@ def push_bullet(robot, world, mode, rate, aside, monkeypatch):
     def walk(people, points, fields, setup, robots):
         people[0, [crowd_at.X, crowd_at.Y]] = circle_at(robot, (next(walked) + 1) / rate, aside)[:2]
 
-    monkeypatch.setattr("envs.simulation.bullet.step_people", walk)
+    monkeypatch.setattr("lidarnaut.envs.simulation.bullet.step_people", walk)
     return run_bullet(robot, world, mode, rate, SECONDS)[0]
 
 

@@ -29,7 +29,7 @@ ELSEWHERE = {
 def digest(case):
     """Return the SHA-256 of an episode: observations, rewards, pose errors."""
     id, arguments = CASES[case]
-    env = gymnasium.make(f"envs:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
+    env = gymnasium.make(f"lidarnaut:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
     found = hashlib.sha256()
     observation, info = env.reset(seed=0)
     env.action_space.seed(0)

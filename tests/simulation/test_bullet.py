@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.geometry.raycast import Beams, cast_rays
-from envs.robots import load_robot
-from envs.simulation import Twist, make_simulator
-from envs.worlds import WORLD_NAMES, load_world
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.raycast import Beams, cast_rays
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.worlds import WORLD_NAMES, load_world
 from tests.rooms import BURGER, ORIGIN, begin, make_room, square_room
 
 pytest.importorskip("pybullet", reason="PyBullet is not installed")
 
-from envs.simulation import bullet_world
-from envs.simulation.bullet_world import BulletClient, NearbyWalls, build_meshes, outlines
+from lidarnaut.envs.simulation import bullet_world
+from lidarnaut.envs.simulation.bullet_world import BulletClient, NearbyWalls, build_meshes, outlines
 
 ROOT = Path(__file__).parents[2]
 BEAMS, POSES, REACH = 360, 25, 12.0
@@ -44,9 +44,9 @@ def test_pybullet_is_imported_late_and_silently():
     code = """
 import sys
 import numpy as np
-from envs.robots import load_robot
-from envs.simulation import Twist, make_simulator
-from envs.worlds import load_world
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.worlds import load_world
 robot = load_robot("turtlebot3_burger")
 make_simulator("kinematic", robot, 0.1)
 assert "pybullet" not in sys.modules

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.simulation.contact import is_cut
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation.contact import is_cut
 
 NO_CIRCLES = np.empty((0, 3))
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.robots import load_robot
-from envs.simulation import Twist, make_simulator
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Twist, make_simulator
 from tests.rooms import BURGER, ORIGIN, begin, square_room
 
 NEAR_WALL = Pose2D(1.2, 0.0, 0.1)

@@ -6,13 +6,13 @@ import gymnasium
 import numpy as np
 import pytest
 
-from benchmarks.speed.references import advance_in_numpy
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.robots import load_robot
-from envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
-from envs.simulation.crowd.records import BLOCKED
-from envs.worlds import FixedRoute
+from lidarnaut.benchmarks.speed.references import advance_in_numpy
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
+from lidarnaut.envs.simulation.crowd.records import BLOCKED
+from lidarnaut.envs.worlds import FixedRoute
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 
 SUBSTEPS = 6

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.estimation.motion import WheelMotion
-from envs.geometry import Pose2D, wrap_angle
-from envs.robots import ROBOT_NAMES, load_robot
-from envs.simulation import PHYSICS, Twist, make_simulator
-from envs.simulation.kinematic import SLIP_MARGIN
+from lidarnaut.envs.estimation.motion import WheelMotion
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
+from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
+from lidarnaut.envs.simulation.kinematic import SLIP_MARGIN
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, without_slip
 
 SECONDS = 5

@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.simulation import Twist, make_simulator
-from envs.simulation.records import X
-from envs.worlds import FixedRoute
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.simulation.records import X
+from lidarnaut.envs.worlds import FixedRoute
 from tests.rooms import BURGER, begin, make_room
 
 STILL = Twist(0.0, 0.0)

@@ -6,13 +6,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.robots import ImuParams, LidarParams, Mount
-from envs.simulation import Twist, make_simulator
-from envs.simulation import records as at
-from envs.simulation.records import robot_record
-from envs.simulation.rows import Rows
-from envs.simulation.sensors import disturb_ranges, sense
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.robots import ImuParams, LidarParams, Mount
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.simulation.records import robot_record
+from lidarnaut.envs.simulation.rows import Rows
+from lidarnaut.envs.simulation.sensors import disturb_ranges, sense
 from tests.rooms import BURGER, ORIGIN, begin, make_room
 
 WORLD = make_room(-2.0, -3.0, 4.0, 5.0)

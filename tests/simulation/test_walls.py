@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.geometry.clearance import clearance
-from envs.robots import ROBOT_NAMES, load_robot
-from envs.simulation import Twist, make_simulator
-from envs.worlds import FixedRoute, load_world
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
+from lidarnaut.envs.simulation import Twist, make_simulator
+from lidarnaut.envs.worlds import FixedRoute, load_world
 from tests.rooms import BURGER, ORIGIN, begin, square_room, without_slip
 
 WALL = 2.0

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from envs.robots import LidarParams, Mount
+from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=40, range_max=2.5, fov=5.0, mount=Mount(x=0.12, y=-0.07, yaw=0.3))
 

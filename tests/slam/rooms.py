@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.geometry.raycast import cast_rays
-from envs.robots import LidarParams, Mount, OdometryNoise
-from envs.simulation import Reading
-from envs.slam import HectorParams, load_params, make_slam
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.fields import Field
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.robots import LidarParams, Mount, OdometryNoise
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import HectorParams, load_params, make_slam
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.fields import Field
 
 LIDAR = LidarParams(num_beams=180, range_max=6.0, mount=Mount(x=-0.05, y=0.02, yaw=0.1))
 STAY = Pose2D(0.0, 0.0, 0.0)

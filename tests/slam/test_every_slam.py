@@ -5,15 +5,23 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.drives.recording import make_setup, record_drive
-from benchmarks.drives.slams import measure_drive
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.robots import load_robot
-from envs.simulation import Reading
-from envs.slam import PRESETS, SLAM_NAMES, GMappingParams, GraphSlamParams, HectorParams, load_params, make_slam
-from envs.tasks.explore import ExploreTeam
-from envs.worlds import load_world
+from lidarnaut.benchmarks.drives.recording import make_setup, record_drive
+from lidarnaut.benchmarks.drives.slams import measure_drive
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import (
+    PRESETS,
+    SLAM_NAMES,
+    GMappingParams,
+    GraphSlamParams,
+    HectorParams,
+    load_params,
+    make_slam,
+)
+from lidarnaut.envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.worlds import load_world
 from tests.slam.rooms import BY_WHEELS, CIRCLE, CORRIDOR, LIDAR, STAY, WHEELS, drive, follow, make_small, see
 
 NO_RETURN = Reading.of_scan(np.full(LIDAR.num_beams, np.nan, dtype=np.float32))

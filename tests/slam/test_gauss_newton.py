@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from envs.slam.matching.correlative import TURN_STEP, SearchWindow, search_window
-from envs.slam.matching.covariance import correct_covariance, invert, predict_covariance, without_noise
-from envs.slam.matching.gauss_newton import Fit, Prior, evaluate, refine
+from lidarnaut.envs.slam.matching.correlative import TURN_STEP, SearchWindow, search_window
+from lidarnaut.envs.slam.matching.covariance import correct_covariance, invert, predict_covariance, without_noise
+from lidarnaut.envs.slam.matching.gauss_newton import Fit, Prior, evaluate, refine
 
 NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 

@@ -4,11 +4,11 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams
-from envs.slam import TinySlamParams
-from envs.slam.grid_map import MAX_COUNT, ONE, GridMap, observe, probabilities
-from envs.slam.growing_map import MAX_CELLS
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam import TinySlamParams
+from lidarnaut.envs.slam.grid_map import MAX_COUNT, ONE, GridMap, observe, probabilities
+from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
 from .reference import LIDAR, ReferenceMap, random_scan
 

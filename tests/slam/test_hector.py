@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from envs.estimation import NO_UPDATE
-from envs.geometry import Pose2D
-from envs.robots import OdometryNoise
-from envs.simulation import Reading
+from lidarnaut.envs.estimation import NO_UPDATE
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import OdometryNoise
+from lidarnaut.envs.simulation import Reading
 
 from .rooms import BOX, BY_WHEELS, CIRCLE, LIDAR, ROOM, STAY, drive, make_small, scan, see, wall_distances
 

@@ -3,10 +3,10 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams
-from envs.slam import HectorParams
-from envs.slam.log_odds_map import MAX_STAMP, ONE, STAMP_BITS, LogOddsMap
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam import HectorParams
+from lidarnaut.envs.slam.log_odds_map import MAX_STAMP, ONE, STAMP_BITS, LogOddsMap
 
 from .reference import LIDAR, beams, line, random_scan
 

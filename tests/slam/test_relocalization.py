@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from benchmarks.drives.slams import kidnap
-from envs.geometry import Pose2D
-from envs.slam import HectorParams, make_slam
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.relocalization import LossTracker, Relocalizer
+from lidarnaut.benchmarks.drives.slams import kidnap
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.slam import HectorParams, make_slam
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.relocalization import LossTracker, Relocalizer
 from tests.slam.rooms import BOX, LIDAR, ROOM, STAY, follow, scan, see
 
 MOTION = Pose2D(0.15, 0.0, -0.25)

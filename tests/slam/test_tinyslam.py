@@ -4,10 +4,10 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.robots import OdometryNoise
-from envs.simulation import Reading
-from envs.slam import TinySlam, load_params, make_slam
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import OdometryNoise
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import TinySlam, load_params, make_slam
 
 from .rooms import LIDAR, STAY, see
 

@@ -4,7 +4,7 @@ import gymnasium
 import numpy as np
 import pytest
 
-import envs  # noqa: F401  registers the environments
+import lidarnaut  # noqa: F401  registers the environments
 
 OBSERVATIONS = {"carrot": {"path": "shortest"}, "goal": None}
 WALL = {"world": "hall", "world_size": (8.0, 8.0), "robot": "jackal", "physics": "kinematic"}

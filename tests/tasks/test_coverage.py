@@ -4,13 +4,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.core import LidarEnv
-from envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.raycast import cast_rays
-from envs.tasks.coverage import Coverage, map_iou
-from envs.tasks.explore import Explore
-from envs.worlds import FixedRoute, explorable_area
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.tasks.coverage import Coverage, map_iou
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.worlds import FixedRoute, explorable_area
 from tests.rooms import BURGER, ORIGIN, make_room
 
 ROOM = make_room(0.0, 0.0, 2.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))

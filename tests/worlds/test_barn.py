@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from envs.arguments import choose_robot
-from envs.tasks.goals import GeodesicDistance
-from envs.worlds import BARN_NAMES, check_world, explorable_area, load_world, world_sampler
+from lidarnaut.envs.arguments import choose_robot
+from lidarnaut.envs.tasks.goals import GeodesicDistance
+from lidarnaut.envs.worlds import BARN_NAMES, check_world, explorable_area, load_world, world_sampler
 
 
 def test_the_worlds_are_as_published():

@@ -3,14 +3,14 @@ import math
 import numpy as np
 import pytest
 
-from baselines import EXPLORERS
-from baselines.episode import run_episode
-from envs.core import LidarEnv
-from envs.geometry import Pose2D
-from envs.robots import load_robot
-from envs.tasks.explore import Explore
-from envs.tasks.navigate import Navigate
-from envs.worlds import World, explorable_area, rasterize
+from lidarnaut.baselines import EXPLORERS
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import World, explorable_area, rasterize
 
 
 def squares(*sides, angle=0.0, spawn):
@@ -46,7 +46,7 @@ def test_a_task_with_a_goal_on_a_given_map_does_not_ask_what_can_be_seen(monkeyp
         asked.append(1)
         return goals
 
-    monkeypatch.setattr("envs.worlds.explorable.visible_from", visible_from)
+    monkeypatch.setattr("lidarnaut.envs.worlds.explorable.visible_from", visible_from)
     grid = rasterize(world, 0.05)
     options = {"world": world, "physics": "kinematic", "localizer": "odometry"}
     LidarEnv(Navigate, map=grid, map_pose=(*grid.origin, 0.0), **options).reset(seed=0)

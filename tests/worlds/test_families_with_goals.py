@@ -9,10 +9,10 @@ import pytest
 from scipy import ndimage
 from scipy.spatial import cKDTree
 
-from envs.robots import load_robot
-from envs.tasks.goals import GeodesicDistance
-from envs.worlds import BARN_NAMES, FAMILIES, explorable_area, load_world, world_sampler
-from envs.worlds.world import kept_with_world
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.tasks.goals import GeodesicDistance
+from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, explorable_area, load_world, world_sampler
+from lidarnaut.envs.worlds.world import kept_with_world
 
 JACKAL = load_robot("jackal")
 STEP = 0.05

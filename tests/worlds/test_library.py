@@ -4,8 +4,8 @@ import gymnasium
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable, world_sampler
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, free_area, load_world, reachable, world_sampler
 
 # Size and free area (flood fill at 0.05 m) as measured independently from the sources of the worlds.
 MEASURED = {
@@ -57,7 +57,7 @@ def test_people_keep_clear_of_walls():
 
 def test_worlds_of_the_users_own_by_module_and_attribute(tmp_path, monkeypatch):
     (tmp_path / "yard_of_mine.py").write_text(
-        "from envs.worlds import FAMILIES, load_world\n"
+        "from lidarnaut.envs.worlds import FAMILIES, load_world\n"
         "hall = load_world('turtlebot3_world')\n"
         "def maze(rng):\n    return FAMILIES['maze'](int(rng.integers(9)), (4.0, 4.0))\n"
         "number = 3\n"

@@ -10,9 +10,9 @@ import yaml
 from PIL import Image
 from scipy import ndimage
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.geometry.distance_transform import deepest_cell
-from envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.distance_transform import deepest_cell
+from lidarnaut.envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
 
 
 def grid_of(data):

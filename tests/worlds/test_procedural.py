@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from envs.robots import load_robot
-from envs.worlds import FAMILIES, check_world, explorable_area, free_area, reachable, world_sampler
+from lidarnaut.envs.robots import load_robot
+from lidarnaut.envs.worlds import FAMILIES, check_world, explorable_area, free_area, reachable, world_sampler
 
 SMALLEST = {
     **{"rooms": (4.0, 4.0), "maze": (3.0, 3.0), "warehouse": (6.0, 6.0), "caves": (4.0, 4.0), "wings": (7.0, 7.0)},

@@ -3,10 +3,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
-from envs.worlds.procedural.caves import contour
-from envs.worlds.raster import outline
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.worlds import World, check_world, free_area, leaks, rasterize, reachable
+from lidarnaut.envs.worlds.procedural.caves import contour
+from lidarnaut.envs.worlds.raster import outline
 
 
 def world_of(segments, circles=(), spawns=((0.0, 0.0, 0.0),), bounds=(-1.0, -1.0, 1.0, 1.0)):

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from numba import njit
 
-from envs.geometry.lines import cell_along, longest_step
-from envs.worlds import visibility
-from envs.worlds.visibility import NUM_DIRECTIONS, visible_from
+from lidarnaut.envs.geometry.lines import cell_along, longest_step
+from lidarnaut.envs.worlds import visibility
+from lidarnaut.envs.worlds.visibility import NUM_DIRECTIONS, visible_from
 
 
 @njit

@@ -4,7 +4,7 @@ import os
 import numpy as np
 import pytest
 
-from envs.worlds import load_world
+from lidarnaut.envs.worlds import load_world
 
 GOOD = """
 source: here

@@ -7,10 +7,10 @@ pytest.importorskip("pettingzoo", reason="pettingzoo is not installed")
 
 from pettingzoo.test import api_test, parallel_api_test, parallel_seed_test
 
-from envs.core import LidarEnv
-from envs.explore_team_frontiers import ExploreTeamFrontiersEnv
-from envs.tasks.explore import ExploreTeam
-from envs.wrappers.pettingzoo import TeamFrontiersAECEnv, TeamParallelEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
+from lidarnaut.envs.tasks.explore import ExploreTeam
+from lidarnaut.envs.wrappers.pettingzoo import TeamFrontiersAECEnv, TeamParallelEnv
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.0}
 

@@ -10,13 +10,13 @@ import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.typesys import Stores, get_typestore
 
-import envs  # noqa: F401  (registers the environments)
-from envs.estimation.motion import make_motion_source
-from envs.geometry import Pose2D
-from envs.logs import load_log
-from envs.logs.replay import Options, main
-from envs.navigation import crop_to_known
-from envs.wrappers import BagRecorder, RecordBag
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.envs.estimation.motion import make_motion_source
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.logs.replay import Options, main
+from lidarnaut.envs.navigation import crop_to_known
+from lidarnaut.envs.wrappers import BagRecorder, RecordBag
 from tests.rooms import ORIGIN
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic", "time_limit": 2.5}

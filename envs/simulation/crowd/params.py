@@ -9,7 +9,7 @@ import yaml
 from pydantic import ConfigDict, Field
 from pydantic.dataclasses import dataclass
 
-from envs.files import parse_record, resolve
+from lidarnaut.envs.files import parse_record, resolve
 
 from .orca import Orca
 from .social_force import SocialForce

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.worlds import World
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.worlds import World
 
 from . import records as at
 from .params import Crowd

@@ -7,9 +7,9 @@ import numpy as np
 from numba import njit
 from scipy import ndimage
 
-from envs.worlds import World
-from envs.worlds.raster import rasterize
-from envs.worlds.world import kept_with_world
+from lidarnaut.envs.worlds import World
+from lidarnaut.envs.worlds.raster import rasterize
+from lidarnaut.envs.worlds.world import kept_with_world
 
 from . import records as at
 from .walls import REACH, Walls, clearance, list_walls

@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
-from envs.simulation import records as robots_at
+from lidarnaut.envs.simulation import records as robots_at
 
 from . import records as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
@@ -26,7 +26,7 @@ def step_people(people, points, fields, setup, robots):
     """Let people walk for one control period, before the robots move.
 
     `people`, `points`, `fields`, `setup`: see `People`, the first written; `robots`: rows of robots, see
-    `envs.simulation.records`, of which `TOUCHED` of those is written that a person walked into.
+    `lidarnaut.envs.simulation.records`, of which `TOUCHED` of those is written that a person walked into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))

@@ -4,10 +4,10 @@ import math
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
-from envs.geometry import Pose2D
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import NO_UPDATE, ORIGIN, Belief, MapUpdate
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
 from ..matching.correlative import SearchWindow, search_window

@@ -5,9 +5,9 @@ import math
 import numpy as np
 from numba import njit
 
-from envs.estimation import NO_CELLS, MapUpdate, Window
-from envs.geometry import UNKNOWN
-from envs.robots import LidarParams
+from lidarnaut.envs.estimation import NO_CELLS, MapUpdate, Window
+from lidarnaut.envs.geometry import UNKNOWN
+from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap, known_cells
 from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, observe, percent

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import wrap_angle
-from envs.geometry.pose import compose, distance
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry.pose import compose, distance
 
 from ..matching.covariance import correct_covariance, predict_covariance
 from ..matching.gauss_newton import evaluate, known_score_at, refine

@@ -14,7 +14,7 @@ import numpy as np
 from numba import njit
 from numba.extending import overload
 
-from envs.geometry import UNKNOWN
+from lidarnaut.envs.geometry import UNKNOWN
 
 from ..matching.gauss_newton import at_level, neighbours
 

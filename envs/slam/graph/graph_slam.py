@@ -9,17 +9,17 @@ from functools import cache
 
 import numpy as np
 
-from envs.estimation import ORIGIN, Belief, Correction, MapUpdate
-from envs.geometry import Pose2D
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
-from envs.slam.hector import Hector
-from envs.slam.key_scans import Anchor
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
-from envs.slam.params import GraphSlamParams
-from envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
-from envs.slam.relocalization import FOUND_STD
+from lidarnaut.envs.estimation import ORIGIN, Belief, Correction, MapUpdate
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.hector import Hector
+from lidarnaut.envs.slam.key_scans import Anchor
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
+from lidarnaut.envs.slam.params import GraphSlamParams
+from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
+from lidarnaut.envs.slam.relocalization import FOUND_STD
 
 from .local_slam import LocalSlam
 from .loop_search import NEWEST, Confirmation, LoopSearch

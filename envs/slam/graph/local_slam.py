@@ -4,14 +4,14 @@ import dataclasses
 
 import numpy as np
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
-from envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
-from envs.slam.matching.scan_matcher import MatcherParams, match_to_levels
-from envs.slam.params import GraphSlamParams
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
+from lidarnaut.envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
+from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams, match_to_levels
+from lidarnaut.envs.slam.params import GraphSlamParams
 
 from .nodes import NodeStore
 

@@ -12,17 +12,17 @@ from typing import Any, NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.pose import distance
-from envs.robots import LidarParams
-from envs.slam.key_scans import has_moved
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
-from envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
-from envs.slam.matching.gauss_newton import Prior, refine
-from envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
-from envs.slam.params import GraphSlamParams
-from envs.slam.posegraph import PoseGraph
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.pose import distance
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.key_scans import has_moved
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
+from lidarnaut.envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
+from lidarnaut.envs.slam.matching.gauss_newton import Prior, refine
+from lidarnaut.envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
+from lidarnaut.envs.slam.params import GraphSlamParams
+from lidarnaut.envs.slam.posegraph import PoseGraph
 
 from .local_slam import submap_params
 from .nodes import NodeStore

@@ -2,17 +2,17 @@
 
 import numpy as np
 
-from envs.estimation import Correction, MapUpdate, Window
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
-from envs.slam.growing_map import known_cells
-from envs.slam.key_scans import KeyScans
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.gauss_newton import refine
-from envs.slam.matching.scan_matcher import make_prior
-from envs.slam.params import GraphSlamParams
-from envs.slam.posegraph import GrowingArray
-from envs.slam.scans import project_hits
+from lidarnaut.envs.estimation import Correction, MapUpdate, Window
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.growing_map import known_cells
+from lidarnaut.envs.slam.key_scans import KeyScans
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.gauss_newton import refine
+from lidarnaut.envs.slam.matching.scan_matcher import make_prior
+from lidarnaut.envs.slam.params import GraphSlamParams
+from lidarnaut.envs.slam.posegraph import GrowingArray
+from lidarnaut.envs.slam.scans import project_hits
 
 CHUNK = 256
 """Nodes that are integrated at once, at most."""

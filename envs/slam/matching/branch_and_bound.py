@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D, wrap_angle
-from envs.geometry.lookup import load
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry.lookup import load
 
 from .fields import FULL, Pyramid
 

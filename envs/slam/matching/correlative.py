@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry.lookup import load
+from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
 """Hits of a scan that are looked up, evenly chosen."""

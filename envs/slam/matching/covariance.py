@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from envs.robots import OdometryNoise
+from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
 """What noise of the map alone adds to each eigenvalue of the Hessian's translation, for a hit [1/cells^2]."""

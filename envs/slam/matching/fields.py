@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import OccupancyGrid
 
 from ..params import LoopClosureParams
 

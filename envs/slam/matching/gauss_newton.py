@@ -16,7 +16,7 @@ import numpy as np
 from numba import njit, types
 from numba.extending import overload
 
-from envs.geometry.lookup import load
+from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2
 """Longest step of the heading [rad]."""

@@ -6,8 +6,8 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from envs.geometry import wrap_angle
-from envs.geometry.pose import distance
+from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry.pose import distance
 
 from ..params import MatchingParams
 from ..scans import project_hits

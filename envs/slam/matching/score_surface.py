@@ -10,7 +10,7 @@ from functools import cache
 import numpy as np
 from numba import njit
 
-from envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D
 
 from .branch_and_bound import SearchWindow, discretise, total_at
 from .fields import FULL, Pyramid

@@ -135,7 +135,7 @@ class PoseGraphView:
 
     @property
     def edges(self) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
-        """Edges as `envs.logs.runs.save_g2o` takes them, from submaps to nodes."""
+        """Edges as `lidarnaut.envs.logs.runs.save_g2o` takes them, from submaps to nodes."""
         constraints, num_submaps = self.graph.constraints, len(self.graph.submaps)
         edges = []
         for k in np.flatnonzero(constraints.is_active).tolist():

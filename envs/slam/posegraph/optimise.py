@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from envs.geometry.pose import wrap_angle
+from lidarnaut.envs.geometry.pose import wrap_angle
 
 from ..matching.covariance import invert
 from .graph import Graph

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from scipy import ndimage
 
-from envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D
 
 from ..raster import outline
 from ..world import World, box, edges

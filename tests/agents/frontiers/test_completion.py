@@ -3,8 +3,8 @@ import contextlib
 import numpy as np
 import pytest
 
-from agents.frontiers import completion_training
-from agents.frontiers.completion import (
+from lidarnaut.agents.frontiers import completion_training
+from lidarnaut.agents.frontiers.completion import (
     BLOCKED,
     CELL,
     FREE,
@@ -15,15 +15,15 @@ from agents.frontiers.completion import (
     crop,
     expected_area,
 )
-from agents.frontiers.completion_training import fit, samples_of
-from agents.frontiers.score import FrontierScore, ScoreExplorer
-from agents.frontiers.tasks import draw_task
-from agents.learned import find_policy, fingerprint, load_policy
-from agents.run_folder import CheckpointError
-from baselines.episode import run_episode
-from envs.core import LidarEnv
-from envs.navigation.views import cast_view
-from envs.tasks.explore import Explore
+from lidarnaut.agents.frontiers.completion_training import fit, samples_of
+from lidarnaut.agents.frontiers.score import FrontierScore, ScoreExplorer
+from lidarnaut.agents.frontiers.tasks import draw_task
+from lidarnaut.agents.learned import find_policy, fingerprint, load_policy
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.navigation.views import cast_view
+from lidarnaut.envs.tasks.explore import Explore
 
 MIDDLE = SIDE // 2
 

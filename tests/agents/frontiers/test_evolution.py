@@ -9,19 +9,19 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-import train
-from agents.config import EvolutionConfig
-from agents.curves import read_evaluations
-from agents.frontiers import evolution
-from agents.frontiers.evolution import evolve
-from agents.frontiers.features import NAMES, PRIOR
-from agents.frontiers.rollout import compare
-from agents.frontiers.tasks import HELD_OUT, SIDES, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
-from agents.learned import find_policy, load_policy
-from agents.run_folder import GENERATIONS, CheckpointError
-from envs.files import Lock, dump_record
-from envs.robots import ROBOT_NAMES
-from envs.worlds import FAMILIES, WORLD_NAMES, explorable_area
+from lidarnaut import train
+from lidarnaut.agents.config import EvolutionConfig
+from lidarnaut.agents.curves import read_evaluations
+from lidarnaut.agents.frontiers import evolution
+from lidarnaut.agents.frontiers.evolution import evolve
+from lidarnaut.agents.frontiers.features import NAMES, PRIOR
+from lidarnaut.agents.frontiers.rollout import compare
+from lidarnaut.agents.frontiers.tasks import HELD_OUT, SIDES, TRAINING_ROBOTS, TRAINING_WORLDS, draw_task, make_world
+from lidarnaut.agents.learned import find_policy, load_policy
+from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError
+from lidarnaut.envs.files import Lock, dump_record
+from lidarnaut.envs.robots import ROBOT_NAMES
+from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, explorable_area
 
 TINY = {"algorithm": "evolution", "experiment": "tiny", "seed": 1, "population": 4, "tasks": 2, "validation_tasks": 2}
 TINY |= {"num_workers": 1, "validate_every": 2, "families": ("rooms",)}

@@ -3,12 +3,12 @@ import pytest
 import torch
 from gymnasium import spaces
 
-from agents.algorithms import Actor
-from agents.frontiers.features import NUM_FEATURES, PRIOR
-from agents.frontiers.network import FrontierNetwork, FrontierPolicy
-from agents.frontiers.score import FrontierScore
-from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.navigation import GainOverCost
+from lidarnaut.agents.algorithms import Actor
+from lidarnaut.agents.frontiers.features import NUM_FEATURES, PRIOR
+from lidarnaut.agents.frontiers.network import FrontierNetwork, FrontierPolicy
+from lidarnaut.agents.frontiers.score import FrontierScore
+from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.navigation import GainOverCost
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
 

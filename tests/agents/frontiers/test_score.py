@@ -4,18 +4,18 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
-from agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
-from agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore, ScoreExplorer
-from agents.learned import find_policy, load_policy
-from agents.run_folder import CheckpointError
-from baselines import make_explorer
-from baselines.episode import run_episode
-from baselines.frontier.rules import nearest
-from envs.abstract import ExploreFrontiersAbstractEnv
-from envs.core import LidarEnv
-from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.navigation import GainOverCost
-from envs.tasks.explore import Explore
+from lidarnaut.agents.frontiers.features import NAMES, NEAREST, NUM_FEATURES, PRIOR, score_features
+from lidarnaut.agents.frontiers.score import RECORD_FILE, WEIGHTS_FILE, FrontierScore, ScoreExplorer
+from lidarnaut.agents.learned import find_policy, load_policy
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines import make_explorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.frontier.rules import nearest
+from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.tasks.explore import Explore
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
 

@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
 
-from agents.pursuit import UntrainedPursuit
-from agents.run_folder import CheckpointError
-from baselines import (
+from lidarnaut.agents.pursuit import UntrainedPursuit
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.baselines import (
     ExploreLite,
     ExploreLiteExplorer,
     FrontierExplorer,
@@ -17,12 +17,12 @@ from baselines import (
     TourParams,
     make_explorer,
 )
-from baselines.episode import begin_episode, decide_with, run_episode
-from benchmarks.arena.policies import parse_policy
-from envs.core import LidarEnv
-from envs.explore_frontiers import ExploreFrontiersEnv
-from envs.navigation import GainOverCost
-from envs.tasks.explore import Explore
+from lidarnaut.baselines.episode import begin_episode, decide_with, run_episode
+from lidarnaut.benchmarks.arena.policies import parse_policy
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.tasks.explore import Explore
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, hall, reading_of
 
 NAMES = ["nearest", "frontier", "explore_lite", "gain_over_cost", "greedy_gain", "next_best_view", "tour"]

@@ -5,11 +5,11 @@ from itertools import permutations
 import numpy as np
 import pytest
 
-from baselines import TourExplorer, TourParams, make_explorer
-from baselines.frontier.open_tour import best_tours, tour_length
-from baselines.frontier.tour import FAR, path_lengths
-from envs.geometry import OccupancyGrid
-from envs.navigation import CostmapParams, make_costmap, travel_field
+from lidarnaut.baselines import TourExplorer, TourParams, make_explorer
+from lidarnaut.baselines.frontier.open_tour import best_tours, tour_length
+from lidarnaut.baselines.frontier.tour import FAR, path_lengths
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import CostmapParams, make_costmap, travel_field
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
 
 

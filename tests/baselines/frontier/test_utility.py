@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from baselines import FrontierExplorer, FrontierParams
-from baselines.frontier.utility import cluster, is_clear
-from envs.geometry import OccupancyGrid
-from envs.navigation import crop_to_known
+from lidarnaut.baselines import FrontierExplorer, FrontierParams
+from lidarnaut.baselines.frontier.utility import cluster, is_clear
+from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.navigation import crop_to_known
 from tests.baselines.maps import BURGER, belief_at, candidates_from, first_choice, hall, reading_of
 
 
@@ -90,7 +90,7 @@ def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
 
 def test_the_log_tells_the_progress(caplog):
     rule, candidates = rule_at_rest(), candidates_from(5.0, 0.0)
-    with caplog.at_level(logging.INFO, logger="baselines.frontier"):
+    with caplog.at_level(logging.INFO, logger="lidarnaut.baselines.frontier"):
         rule(candidates, belief_at(5.0, 0.0))
     share = (crop_to_known(candidates.costmap.grid).data == 0).mean()
     assert np.hypot(*np.subtract(rule.goal, (10.1, 0.0))) < 0.15

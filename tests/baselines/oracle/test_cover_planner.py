@@ -5,11 +5,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from baselines.oracle.cover_planner import CoverPlanner
-from baselines.oracle.cover_viewpoints import find_viewpoints, pack_bits, views_from
-from envs.geometry import Pose2D
-from envs.navigation import CostmapParams, make_costmap
-from envs.worlds import World, explorable_area
+from lidarnaut.baselines.oracle.cover_planner import CoverPlanner
+from lidarnaut.baselines.oracle.cover_viewpoints import find_viewpoints, pack_bits, views_from
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.navigation import CostmapParams, make_costmap
+from lidarnaut.envs.worlds import World, explorable_area
 from tests.baselines.maps import BURGER
 
 REACH = BURGER.lidar.range_max

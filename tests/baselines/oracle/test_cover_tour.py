@@ -5,8 +5,8 @@ from itertools import pairwise, permutations
 import numpy as np
 import pytest
 
-from baselines.frontier.open_tour import tour_length
-from baselines.oracle.cover_tour import Cover, complete, count_bits, search_tour, seen_on, shorten
+from lidarnaut.baselines.frontier.open_tour import tour_length
+from lidarnaut.baselines.oracle.cover_tour import Cover, complete, count_bits, search_tour, seen_on, shorten
 
 NOTHING, START = np.zeros(1, dtype=np.uint64), np.array([0])
 

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from baselines import EXPLORERS, NearestExplorer, Omniscient, OracleExplorer, make_explorer
-from baselines.episode import begin_episode, run_episode
-from baselines.explorer import to_action
-from baselines.oracle.explorer import TrueMap
-from envs.core import LidarEnv
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.tasks.explore import Explore
+from lidarnaut.baselines import EXPLORERS, NearestExplorer, Omniscient, OracleExplorer, make_explorer
+from lidarnaut.baselines.episode import begin_episode, run_episode
+from lidarnaut.baselines.explorer import to_action
+from lidarnaut.baselines.oracle.explorer import TrueMap
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.tasks.explore import Explore
 from tests.baselines.oracle.test_cover_planner import corridor, world_of
 
 CORRIDOR = corridor(8.0)

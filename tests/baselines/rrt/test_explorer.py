@@ -2,12 +2,12 @@ import numpy as np
 import pytest
 from sklearn.cluster import MeanShift
 
-from baselines import RrtExplorer, RrtParams
-from baselines.rrt.detector import RrtDetector, mean_shift
-from baselines.rrt.robot import RrtRobot
-from baselines.rrt.team import UNASSIGNED, assign
-from baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
-from envs.geometry import OccupancyGrid
+from lidarnaut.baselines import RrtExplorer, RrtParams
+from lidarnaut.baselines.rrt.detector import RrtDetector, mean_shift
+from lidarnaut.baselines.rrt.robot import RrtRobot
+from lidarnaut.baselines.rrt.team import UNASSIGNED, assign
+from lidarnaut.baselines.rrt.trees import BLOCKED, CLEAR, UNKNOWN_AHEAD, Tree, grid_check, nearest
+from lidarnaut.envs.geometry import OccupancyGrid
 from tests.baselines.maps import BURGER, belief_at, reading_of
 
 

@@ -3,17 +3,17 @@ import math
 import numpy as np
 import pytest
 
-import baselines.rrt.team as team_module
-from baselines import RrtExplorer, RrtParams
-from baselines.episode import run_episode
-from baselines.explorer import to_action
-from baselines.rrt.detector import RrtDetector
-from baselines.rrt.team import RrtTeam
-from envs.core import LidarEnv
-from envs.estimation import Belief
-from envs.geometry import OCCUPIED, OccupancyGrid
-from envs.navigation.team_navigator import UNASSIGNED
-from envs.tasks.explore import Explore, ExploreTeam
+import lidarnaut.baselines.rrt.team as team_module
+from lidarnaut.baselines import RrtExplorer, RrtParams
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.explorer import to_action
+from lidarnaut.baselines.rrt.detector import RrtDetector
+from lidarnaut.baselines.rrt.team import RrtTeam
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OCCUPIED, OccupancyGrid
+from lidarnaut.envs.navigation.team_navigator import UNASSIGNED
+from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.baselines.oracle.test_cover_planner import world_of
 
 

@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from baselines import TEAMS, Auction, MinMaxTours, TeamExplorer
-from baselines.episode import run_episode
-from baselines.frontier.rules import nearest
-from baselines.teams.assignment import cover
-from envs.core import LidarEnv
-from envs.navigation import GainOverCost
-from envs.navigation.team_navigator import UNASSIGNED, discount
-from envs.tasks.explore import ExploreTeam
+from lidarnaut.baselines import TEAMS, Auction, MinMaxTours, TeamExplorer
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.frontier.rules import nearest
+from lidarnaut.baselines.teams.assignment import cover
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.navigation import GainOverCost
+from lidarnaut.envs.navigation.team_navigator import UNASSIGNED, discount
+from lidarnaut.envs.tasks.explore import ExploreTeam
 from tests.baselines.maps import belief_at, candidates_from, corridor
 
 NONE = np.empty((0, 2))

@@ -2,7 +2,7 @@ from itertools import pairwise, permutations, product
 
 import numpy as np
 
-from baselines.teams.tours import SUM_WEIGHT, min_max_tours
+from lidarnaut.baselines.teams.tours import SUM_WEIGHT, min_max_tours
 
 
 def lengths_of(robots, stops):

@@ -8,9 +8,9 @@ import pytest
 from numba import njit
 from scipy.optimize import linprog
 
-from envs.simulation.crowd import records as at
-from envs.simulation.crowd.orca import Orca, avoid, best_velocity, walk_by_orca
-from envs.simulation.crowd.walls import list_walls
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd.orca import Orca, avoid, best_velocity, walk_by_orca
+from lidarnaut.envs.simulation.crowd.walls import list_walls
 
 LIMIT = 1.5
 

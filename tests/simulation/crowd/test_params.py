@@ -1,6 +1,6 @@
 import pytest
 
-from envs.simulation.crowd import CROWDS, Crowd, crowd_of
+from lidarnaut.envs.simulation.crowd import CROWDS, Crowd, crowd_of
 
 
 @pytest.mark.parametrize(

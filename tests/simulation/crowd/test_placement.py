@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.geometry.clearance import clearance
-from envs.simulation.crowd import Crowd
-from envs.simulation.crowd import records as at
-from envs.worlds.world import FixedRoute
+from lidarnaut.envs.geometry.clearance import clearance
+from lidarnaut.envs.simulation.crowd import Crowd
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.worlds.world import FixedRoute
 from tests.crowds import HALL, SCENES, begin
 
 

@@ -6,9 +6,9 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.simulation.crowd import records as at
-from envs.simulation.crowd.routes import (
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd.routes import (
     ARRIVAL,
     NEXT_BY_DRAW,
     RESOLUTION,
@@ -17,7 +17,7 @@ from envs.simulation.crowd.routes import (
     plan_routes,
     spread_costs,
 )
-from envs.worlds import load_world
+from lidarnaut.envs.worlds import load_world
 from tests.crowds import CORRIDOR, DOORWAY, HALL
 from tests.rooms import make_room
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from envs.simulation.crowd import records as at
-from envs.simulation.crowd.settling import settle
-from envs.simulation.crowd.walls import list_walls
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd.settling import settle
+from lidarnaut.envs.simulation.crowd.walls import list_walls
 
 NO_ROBOTS = np.empty((0, 5))
 WALLS = list_walls(np.array([(-5.0, 0.0, 5.0, 0.0)]), np.empty((0, 3)), (-5.0, -5.0, 5.0, 5.0), 0.3)

@@ -6,12 +6,18 @@ import numpy as np
 import pytest
 from numba import njit
 
-from envs.geometry.clearance import segment_offset
-from envs.simulation.crowd import Crowd
-from envs.simulation.crowd import records as at
-from envs.simulation.crowd.settling import settle
-from envs.simulation.crowd.social_force import HESITATION, NEGLIGIBLE, SocialForce, social_forces, walk_by_forces
-from envs.simulation.crowd.walls import list_walls, near_list
+from lidarnaut.envs.geometry.clearance import segment_offset
+from lidarnaut.envs.simulation.crowd import Crowd
+from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd.settling import settle
+from lidarnaut.envs.simulation.crowd.social_force import (
+    HESITATION,
+    NEGLIGIBLE,
+    SocialForce,
+    social_forces,
+    walk_by_forces,
+)
+from lidarnaut.envs.simulation.crowd.walls import list_walls, near_list
 from tests.crowds import CYLINDERS, begin, walk
 from tests.rooms import make_room
 

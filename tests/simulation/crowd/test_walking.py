@@ -5,9 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.simulation.crowd import Crowd
-from envs.simulation.crowd import records as at
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.simulation.crowd import Crowd
+from lidarnaut.envs.simulation.crowd import records as at
 from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, SCENES, begin, robots_at_poses, walk, watch
 from tests.rooms import make_room
 

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry.clearance import clearance as slow_clearance
-from envs.simulation.crowd.walls import REACH, clearance, list_walls, push_out
+from lidarnaut.envs.geometry.clearance import clearance as slow_clearance
+from lidarnaut.envs.simulation.crowd.walls import REACH, clearance, list_walls, push_out
 from tests.crowds import CYLINDERS, DOORWAY
 
 

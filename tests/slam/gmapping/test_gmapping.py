@@ -2,9 +2,9 @@ import math
 
 import numpy as np
 
-from envs.estimation import NO_UPDATE
-from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import OdometryNoise
+from lidarnaut.envs.estimation import NO_UPDATE
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.robots import OdometryNoise
 from tests.slam.rooms import CIRCLE, ELSEWHERE, STAY, drive, follow, make_small, see
 
 TIGHT = OdometryNoise(0.001, 0.005, 0.001, 0.001, 0.001)

@@ -4,16 +4,16 @@ import math
 
 import numpy as np
 
-from envs.geometry import Pose2D
-from envs.slam import GMappingParams, HectorParams
-from envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
-from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.proposal import Proposals, draw_poses, propose
-from envs.slam.gmapping.tiles import TileMap
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
-from envs.slam.matching.scan_matcher import MatcherParams
-from envs.slam.scans import project_hits
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.slam import GMappingParams, HectorParams
+from lidarnaut.envs.slam.gmapping.gmapping import normalized_weights, spread, systematic_resample
+from lidarnaut.envs.slam.gmapping.particle_maps import ParticleMaps
+from lidarnaut.envs.slam.gmapping.proposal import Proposals, draw_poses, propose
+from lidarnaut.envs.slam.gmapping.tiles import TileMap
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
+from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams
+from lidarnaut.envs.slam.scans import project_hits
 from tests.slam.rooms import LIDAR, scan
 
 SIZE = {"map_width": 16.0, "map_height": 16.0, "num_levels": 3}

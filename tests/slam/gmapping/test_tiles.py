@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams
-from envs.slam import GMappingParams, HectorParams
-from envs.slam.gmapping.particle_maps import ParticleMaps
-from envs.slam.gmapping.tiles import make_pool
-from envs.slam.log_odds_map import MAX_STAMP, LogOddsMap
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam import GMappingParams, HectorParams
+from lidarnaut.envs.slam.gmapping.particle_maps import ParticleMaps
+from lidarnaut.envs.slam.gmapping.tiles import make_pool
+from lidarnaut.envs.slam.log_odds_map import MAX_STAMP, LogOddsMap
 from tests.slam.reference import LIDAR, random_scan
 
 SHARED = {"resolution": 0.05, "map_width": 3.0, "map_height": 3.0, "num_levels": 3, "max_log_odds": 5.0}

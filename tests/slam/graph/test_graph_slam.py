@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import UNKNOWN, Pose2D
-from envs.robots import LidarParams, OdometryNoise
-from envs.simulation import Reading
-from envs.slam import GraphSlam, GraphSlamParams, load_params
-from envs.slam.graph.local_slam import LocalSlam
-from envs.slam.graph.nodes import MapRendering, NodeStore
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.robots import LidarParams, OdometryNoise
+from lidarnaut.envs.simulation import Reading
+from lidarnaut.envs.slam import GraphSlam, GraphSlamParams, load_params
+from lidarnaut.envs.slam.graph.local_slam import LocalSlam
+from lidarnaut.envs.slam.graph.nodes import MapRendering, NodeStore
 
 from ..rooms import rectangle, scan
 

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.robots import LidarParams
-from envs.slam.graph.loop_search import Confirmation, Loop, least_distances, path_lengths, search_window
-from envs.slam.graph.nodes import NodeStore
-from envs.slam.posegraph import PoseGraph
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import LidarParams
+from lidarnaut.envs.slam.graph.loop_search import Confirmation, Loop, least_distances, path_lengths, search_window
+from lidarnaut.envs.slam.graph.nodes import NodeStore
+from lidarnaut.envs.slam.posegraph import PoseGraph
 
 
 def test_windows_grow_with_the_path_up_to_a_limit():

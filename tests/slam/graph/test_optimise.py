@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
-from envs.geometry import Pose2D
-from envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers, optimise
 
 PHI = 9.0
 SPACING, TURN = 20, 40

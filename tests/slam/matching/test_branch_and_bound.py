@@ -3,9 +3,9 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import Pose2D
-from envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
-from envs.slam.matching.fields import Field, build_pyramid
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
+from lidarnaut.envs.slam.matching.fields import Field, build_pyramid
 
 from ..rooms import FLAT, render_field, visible_points
 

@@ -3,11 +3,19 @@ import math
 import numpy as np
 import pytest
 
-from envs.geometry import OccupancyGrid, Pose2D
-from envs.slam import HectorParams, LoopClosureParams
-from envs.slam.log_odds_map import LogOddsMap
-from envs.slam.matching.fields import Field, HitShares, count_crossings, count_hits, fits_map, hit_shares, is_accepted
-from envs.slam.scans import ScanGeometry
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.slam import HectorParams, LoopClosureParams
+from lidarnaut.envs.slam.log_odds_map import LogOddsMap
+from lidarnaut.envs.slam.matching.fields import (
+    Field,
+    HitShares,
+    count_crossings,
+    count_hits,
+    fits_map,
+    hit_shares,
+    is_accepted,
+)
+from lidarnaut.envs.slam.scans import ScanGeometry
 
 from ..rooms import LIDAR
 

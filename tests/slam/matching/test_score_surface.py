@@ -3,8 +3,8 @@ import math
 import numpy as np
 import pytest
 
-from envs.slam.matching.fields import build_pyramid
-from envs.slam.matching.score_surface import TEMPERATURE, match_covariance, second_moments, surface_scores
+from lidarnaut.envs.slam.matching.fields import build_pyramid
+from lidarnaut.envs.slam.matching.score_surface import TEMPERATURE, match_covariance, second_moments, surface_scores
 
 from ..rooms import FLAT, rectangle, render_field, visible_points
 
