@@ -4,7 +4,6 @@ import hashlib
 from pathlib import Path
 
 from lidarnaut.agents.frontiers.score import (
-    COMPLETION_FILE,
     RECORD_FILE,
     WEIGHTS_FILE,
     FrontierScore,
@@ -47,12 +46,7 @@ def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | Observatio
         CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.
     """
     if (folder / RECORD_FILE).exists():
-        score, estimate = FrontierScore.load(folder), None
-        if (folder / COMPLETION_FILE).exists():
-            from lidarnaut.agents.frontiers.completion import Completion
-
-            estimate = Completion.load(folder)
-        return (PursuitScoreExplorer if pursuit else ScoreExplorer)(score, estimate)
+        return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
     from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
@@ -65,6 +59,4 @@ def fingerprint(folder: Path) -> str:
     from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
-    completion = folder / COMPLETION_FILE
-    content = weights.read_bytes() + (completion.read_bytes() if completion.exists() else b"")
-    return hashlib.sha256(content).hexdigest()
+    return hashlib.sha256(weights.read_bytes()).hexdigest()

@@ -16,15 +16,12 @@ from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import write_folder
 from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
-from lidarnaut.envs.navigation.frontier_navigator import Estimate
 from lidarnaut.envs.robots import RobotParams
 
 from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 from .tasks import SPLIT
 
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
-COMPLETION_FILE = "completion.safetensors"
-"""Where a score comes with a network that completes maps."""
 FAILED = 1e3
 """Taken off the score of candidates that a drive has failed to get to: they come last, as in the rules."""
 MAX_CANDIDATES = 48
@@ -92,10 +89,10 @@ class ScoreExplorer(RuleExplorer):
     it has turned away from.
     """
 
-    def __init__(self, score: FrontierScore, estimate: Estimate | None = None) -> None:
-        """Take a score, and what estimates the areas in view, if rays alone are not to; see `FrontierNavigator`."""
+    def __init__(self, score: FrontierScore) -> None:
+        """Take a score."""
         super().__init__(nearest, max_candidates=MAX_CANDIDATES)  # the rule is not asked
-        self.score, self._estimate = score, estimate
+        self.score = score
         size = MAX_CANDIDATES
         self._observation: dict[str, np.ndarray] = {
             "candidates": np.zeros((size, len(FEATURES)), dtype=np.float32),
@@ -107,8 +104,6 @@ class ScoreExplorer(RuleExplorer):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         self._observation["robot"] = robot_features(robot)
-        if self.navigator is not None:
-            self.navigator.estimate = self._estimate
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
         seen = self._observation

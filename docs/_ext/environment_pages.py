@@ -15,8 +15,8 @@ INDEX = """\
 # Environments
 
 `import lidarnaut` registers these with Gymnasium. `gymnasium.make(id)` makes one, and
-`gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with seed + i. Pages are made from registry and
-docstrings when the site is built.
+`gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with
+seed + i. Pages are made from registry and docstrings when the site is built.
 
 | id | world and task |
 |---|---|

@@ -6,7 +6,6 @@ returns an outcome, a choice is due: `choose` one of `candidates`; if there are 
 """
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -31,8 +30,6 @@ WALKING = 0.2
 """Speed from which people are taken to walk on [m/s]."""
 MET_CELL = 0.3
 """Side of the cells of which each keeps one place where people were [m]."""
-Estimate = Callable[["FrontierNavigator", np.ndarray], None]
-"""Writes another estimate of `visible` into records of candidates, shape (k,), `CANDIDATE`."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 """How a drive ends, by its progress; `FRONTIER_GONE` beside them."""
 
@@ -64,8 +61,6 @@ class FrontierNavigator:
         self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
         """Shape (n, 2), float64, base frame [m]: what plans lead around and no map shows, such as other robots."""
-        self.estimate: Estimate | None = None
-        """Asked with this navigator whenever candidates have been found; None for what rays say."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode: process the first reading and find the first candidates."""
@@ -314,8 +309,6 @@ class FrontierNavigator:
         past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
-        if self.estimate is not None:
-            self.estimate(self, table)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
         """What there is to choose from."""
 
