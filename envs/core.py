@@ -55,7 +55,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` gives the
       task's usual ones.
     - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
-      `"doorway"`, `"crossing"`), an `lidarnaut.envs.simulation.Crowd`, or a mapping of its parameters; drawn for each
+      `"doorway"`, `"crossing"`), a `lidarnaut.envs.simulation.Crowd`, or a mapping of its parameters; drawn for each
       episode. At its end `info` has the measures of people as well, see `lidarnaut.envs.measures.PEOPLE`.
     - `track_people` (`None`): whether robots track people by their scans (`belief.people`) and leave them out of their
       maps; `None`: where `people` are asked for, and scans are matched.

@@ -80,6 +80,9 @@ def run_in(environment, cwd, *command):
 def test_the_wheel_holds_all_that_episodes_need(environment, tmp_path):
     home, installed = environment
     (tmp_path / "episodes.py").write_text(EPISODES)
+    for name in ("envs", "agents", "baselines", "benchmarks"):  # folders of a user, which must clash with nothing
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "__init__.py").touch()
     version, *paths, first, second = run_in(home, tmp_path, "python", "episodes.py").split()
     with open(ROOT / "pyproject.toml", "rb") as file:
         assert version == tomllib.load(file)["project"]["version"]
