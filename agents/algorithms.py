@@ -24,12 +24,14 @@ from lidarnaut.agents.config import (
     GaussianNetworkConfig,
     NetworkConfig,
     TrainingConfig,
+    TrajectoryNetworkConfig,
 )
 from lidarnaut.agents.frontiers.network import NEEDED, RULE, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from lidarnaut.agents.pursuit import PursuitPolicy
+from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
 from lidarnaut.envs.files import explain_unknown, load_object, parse_record
 
@@ -224,7 +226,9 @@ def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spac
     """Return the configuration of the network, of the kind that algorithm and spaces ask for."""
     algorithm = find_algorithm(config.algorithm)
     kind: type = NetworkConfig
-    if isinstance(action_space, spaces.Box) and issubclass(algorithm, OnPolicyAlgorithm):
+    if isinstance(action_space, spaces.Box) and issubclass(algorithm, PPO | A2C) and "trajectories" in parts.spaces:
+        kind = TrajectoryNetworkConfig
+    elif isinstance(action_space, spaces.Box) and issubclass(algorithm, OnPolicyAlgorithm):
         kind = GaussianNetworkConfig
     elif isinstance(action_space, spaces.Discrete) and issubclass(algorithm, PPO | A2C) and {*NEEDED} <= {*parts}:
         kind = DecisionNetworkConfig
@@ -238,6 +242,8 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
     policy: Any = algorithm.policy_aliases[_alias(algorithm)]
     if isinstance(network, DecisionNetworkConfig):
         policy, own = FrontierPolicy, network.model_dump()
+    elif isinstance(network, TrajectoryNetworkConfig):
+        policy, own = TrajectoryPolicy, network.model_dump()
     else:
         features = {"features_dim": network.features, "channels": network.channels}
         own = {

@@ -89,6 +89,15 @@ class GaussianNetworkConfig(NetworkConfig):
     """Weight in the mean of the twist that follows the first path of the observation `plan`; 0 leaves it out."""
 
 
+class TrajectoryNetworkConfig(Section):
+    """Network that chooses twists by PPO or A2C, where `trajectories` are seen; see `lidarnaut.agents.trajectories`."""
+
+    width: Width = 32
+    """Features of a twist."""
+    hidden: Width = 64
+    """Width of the hidden layers of the value."""
+
+
 class DecisionNetworkConfig(Section):
     """Network that chooses frontiers by PPO or A2C; see `lidarnaut.agents.frontiers.network`."""
 

@@ -34,6 +34,12 @@ POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
 clusters in the last scan there have been."""
 
 
+SEEN_LATELY = 0.35
+"""Time since it was last seen up to which what may be a person is taken for one [s]."""
+LEAST_RADIUS = 0.27
+"""What is taken for a person is at least this large [m]: a scan shows one side alone."""
+
+
 @dataclass(frozen=True, slots=True)
 class TrackerParams:
     """How people are told from walls. Defaults without a source are tuned on simulated halls and houses."""
@@ -97,6 +103,11 @@ _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
 """Lidar and `TrackerParams` as kernels take them, all of it float; see there."""
+
+
+def num_kept_scans(params: TrackerParams) -> int:
+    """Return how many scans a tracker keeps."""
+    return max(1, math.ceil(params.memory / params.interval))
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
@@ -268,6 +279,25 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 
 
 @njit(cache=True, error_model="numpy")
+def write_bodies(state, tracks, p, bodies):
+    """Write what may be a person to `bodies`, shape (n, 5), as `PeopleTracker.people`; returns how many there are.
+
+    That is who is tracked, and whatever else as large as a person the last scans have shown, with its velocity.
+    """
+    count = 0
+    c, s = math.cos(state[2]), math.sin(state[2])
+    for i in range(int(state[NUM_TRACKS])):
+        track = tracks[i]
+        is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= SEEN_LATELY
+        if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= p.max_std**2):
+            dx, dy, vx, vy = track[X] - state[0], track[Y] - state[1], track[VX], track[VY]
+            bodies[count, :4] = c * dx + s * dy, c * dy - s * dx, c * vx + s * vy, c * vy - s * vx
+            bodies[count, 4] = max(track[RADIUS], LEAST_RADIUS)
+            count += 1
+    return count
+
+
+@njit(cache=True, error_model="numpy")
 def on_people(ranges, directions, people, margin, p, mask):
     """Write which beams end within `margin` [m] of people, shape (n, 5), as `PeopleTracker.people`."""
     for k in range(ranges.shape[0]):
@@ -284,7 +314,7 @@ class PeopleTracker:
         """Prepare for scans of a lidar, one every `period` seconds."""
         self.params, self._period = params, period
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
-        num_scans = max(1, math.ceil(params.memory / params.interval))
+        num_scans = num_kept_scans(params)
         self._memory = np.empty((num_scans, lidar.num_beams), dtype=np.float32), np.zeros((num_scans, 4))
         self._state, self._tracks = np.zeros(8), np.zeros((MAX_TRACKS, TRACK_SIZE))
         self._clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -310,6 +340,12 @@ class PeopleTracker:
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
         turned = Pose2D(0.0, 0.0, -pose.theta).transform(tracks[:, VX : VY + 1])
         return np.column_stack([pose.inverse().transform(tracks[:, : Y + 1]), turned, tracks[:, RADIUS]])
+
+    @property
+    def bodies(self) -> np.ndarray:
+        """As `people`: those, and whatever else is as large as a person, from the second scan that shows it on."""
+        bodies = np.empty((MAX_TRACKS, 5))
+        return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
 
     @property
     def tracks(self) -> np.ndarray:

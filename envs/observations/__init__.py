@@ -12,6 +12,7 @@ from .plan import Plan
 from .positions import Goal, Home, NearGoal, Peers, PoseUncertainty, RouteAhead, Tracks
 from .scan import Limits, Motion, Scan
 from .scan_history import ScanHistory
+from .trajectories import Trajectories
 
 NEAR_PIXEL = 0.2
 """Side of a pixel of `map_near` [m]."""
@@ -26,6 +27,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "limits": Limits,
     "plan": Plan,
     "tracks": Tracks,
+    "trajectories": Trajectories,
 }
 """Parts that every task has, by name."""
 
@@ -80,5 +82,6 @@ __all__ = [
     "Scan",
     "ScanHistory",
     "Tracks",
+    "Trajectories",
     "make_parts",
 ]

@@ -191,6 +191,24 @@ def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
     assert shown[36] == 0
 
 
+def test_what_is_as_large_as_a_person_is_a_body_from_its_second_scan_on():
+    tracker, rng = PeopleTracker(LIDAR, 0.1), np.random.default_rng(8)
+
+    def walker(time):
+        return 9.5, 4.0 + 1.2 * time, 0.0, 1.2
+
+    for time, pose, people, rows, _ in drive(tracker, [walker], 0.8, rng, course=lambda _: Pose2D(8.0, 5.5, 0.0)):
+        bodies = tracker.bodies
+        places = pose.transform(bodies[:, :2])
+        is_there = np.hypot(*(places - rows[0, :2]).T) < 0.2
+        assert is_there.sum() == (time > 0.05)
+        if len(people) == 0 and time > 0.25:
+            velocity = bodies[is_there][0, 2:4]
+            np.testing.assert_allclose(velocity, (0.0, 1.2), atol=0.6)
+    assert len(people) == 1
+    assert len(bodies) >= 1
+
+
 def test_beams_on_people_are_told_from_beams_on_walls():
     rng = np.random.default_rng(5)
     tracker = PeopleTracker(LIDAR, 0.1)

@@ -1,0 +1,156 @@
+"""The policy of PPO that chooses among the twists of the observation `trajectories`, by what each would lead to."""
+
+from typing import Any
+
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.distributions import Distribution
+from stable_baselines3.common.torch_layers import FlattenExtractor
+from stable_baselines3.common.type_aliases import Schedule
+from torch import Tensor, nn
+from torch.distributions import Categorical
+from torch.nn import functional
+
+from lidarnaut.agents.networks import JointPolicy, Tensors
+from lidarnaut.envs.observations.trajectories import END_SCALE, NUMBERS, TWISTS
+
+NEEDED = "trajectories", "motion"
+"""Observations that are read, beside `goal` or `carrot`; others are read as they are."""
+GOAL_SCALE, CARROT_AHEAD = 10.0, 1.5
+"""Distance of a `goal` that is shown as 1, and of a `carrot`, beyond which the direction alone counts [m]."""
+LAST_ACTION = slice(2, 4)
+"""Entries of `motion`."""
+OWN_NUMBERS = 5
+"""What a candidate is given beside its entries of `trajectories`."""
+MIXED = 0.05
+"""Gain of the last layer at first: all twists are about as likely."""
+
+
+class TwistChoice(Distribution):
+    """One of a table of twists. Samples are the twists themselves, so that environments get actions as from others."""
+
+    def __init__(self, twists: Tensor) -> None:
+        """Take the table, shape (n, 2)."""
+        super().__init__()
+        self._twists = twists
+
+    def proba_distribution_net(self, *args: Any, **kwargs: Any) -> nn.Module:
+        raise TypeError("TwistChoice has no layer of its own: the network gives logits")
+
+    def proba_distribution(self, logits: Tensor) -> "TwistChoice":
+        """Set the logits, shape (batch, n)."""
+        self.logits = logits
+        return self
+
+    @property
+    def _choice(self) -> Categorical:
+        return Categorical(logits=self.logits)
+
+    def log_prob(self, actions: Tensor) -> Tensor:
+        return self._choice.log_prob(torch.cdist(actions, self._twists).argmin(dim=1))
+
+    def entropy(self) -> Tensor:
+        return self._choice.entropy()
+
+    def sample(self) -> Tensor:
+        return self._twists[self._choice.sample()]
+
+    def mode(self) -> Tensor:
+        return self._twists[self.logits.argmax(dim=1)]
+
+    def actions_from_params(self, logits: Tensor, deterministic: bool = False) -> Tensor:
+        return self.proba_distribution(logits).get_actions(deterministic)
+
+    def log_prob_from_params(self, logits: Tensor) -> tuple[Tensor, Tensor]:
+        actions = self.actions_from_params(logits)
+        return actions, self.log_prob(actions)
+
+
+class TrajectoryNetwork(nn.Module):
+    """Logits of the twists, each by the same two layers over what it leads to, and the value of the state.
+
+    Of each twist it also sees how much nearer to the goal it leads, how far it is from the last action, and itself. The
+    value is made of mean and maximum over the twists' features, which layers of its own give.
+    """
+
+    twists: Tensor
+
+    def __init__(self, observation_space: spaces.Dict, *, width: int, hidden: int) -> None:
+        """Build layers: `width` features of a twist, `hidden` of the value.
+
+        Raises:
+            ValueError: if an observation is missing.
+        """
+        super().__init__()
+        names = set(observation_space.spaces)
+        if not {*NEEDED} <= names or not names & {"goal", "carrot"}:
+            raise ValueError(
+                f"the network that chooses among trajectories reads {list(NEEDED)} and `goal` or `carrot`, but the "
+                f"observation space has {sorted(names)}"
+            )
+        self.register_buffer("twists", torch.from_numpy(TWISTS))
+        self._others = sorted(names - {"trajectories"})
+        others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
+        self.embed = nn.Linear(NUMBERS + OWN_NUMBERS + others, width)
+        self.rate = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False))
+        self.add = nn.Linear(NUMBERS + OWN_NUMBERS, 1, bias=False)
+        self.look = nn.Linear(NUMBERS + OWN_NUMBERS, width)
+        self.judge = nn.Sequential(
+            nn.Linear(2 * width + others, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1)
+        )
+        nn.init.orthogonal_(self.rate[-1].weight, MIXED)  # type: ignore[arg-type]
+        nn.init.zeros_(self.add.weight)
+
+    def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
+        """Return logits, shape (batch, 55), and values, shape (batch, 1), float32."""
+        shown, goal = observations["trajectories"], self._goal(observations)
+        away = goal.norm(dim=1, keepdim=True)
+        nearer = (away - (goal[:, None] - END_SCALE * shown[:, :, -2:]).norm(dim=2)) / END_SCALE
+        change = (self.twists - observations["motion"][:, None, LAST_ACTION]).abs()
+        own = self.twists.expand(shown.shape[0], -1, -1)
+        twists = torch.cat([shown, nearer[:, :, None], change, own[:, :, :1], own[:, :, 1:].abs()], dim=2)
+        others = torch.cat([observations[name].flatten(1) for name in self._others], dim=1)
+        # The layer over both, in halves: what all twists share is multiplied once.
+        weight, shared = self.embed.weight.split([twists.shape[2], others.shape[1]], dim=1)
+        rows = functional.linear(twists, weight) + functional.linear(others, shared, self.embed.bias)[:, None]
+        logits = (self.rate(rows) + self.add(twists)).squeeze(2)
+        seen = functional.relu(self.look(twists))
+        return logits, self.judge(torch.cat([seen.mean(dim=1), seen.amax(dim=1), others], dim=1))
+
+    def _goal(self, observations: Tensors) -> Tensor:
+        """Return where to go, shape (batch, 2), base frame [m]."""
+        if "carrot" in observations:
+            carrot = observations["carrot"]
+            far = torch.where(carrot[:, 2:] < 1.0, CARROT_AHEAD * carrot[:, 2:], GOAL_SCALE)
+            return far * carrot[:, :2]
+        return GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
+
+
+class TrajectoryPolicy(JointPolicy):
+    """Draws twists by the logits of a `TrajectoryNetwork`, which also gives the values."""
+
+    def __init__(
+        self,
+        observation_space: spaces.Dict,
+        action_space: spaces.Box,
+        lr_schedule: Schedule,
+        *,
+        width: int = 32,
+        hidden: int = 64,
+        **arguments: Any,
+    ) -> None:
+        """Build the network; see there for `width` and `hidden`. `arguments` are those of the base class."""
+        self._sizes = {"width": width, "hidden": hidden}
+        # The extractor has no weights; it is what the base class asks for.
+        arguments["features_extractor_class"] = FlattenExtractor
+        super().__init__(observation_space, action_space, lr_schedule, **arguments)
+
+    def judge(self, obs: Tensors) -> tuple[TwistChoice, Tensor]:
+        logits, values = self.network(obs)
+        return TwistChoice(self.network.twists).proba_distribution(logits), values
+
+    def _build(self, lr_schedule: Schedule) -> None:
+        assert isinstance(self.observation_space, spaces.Dict)
+        self.network = TrajectoryNetwork(self.observation_space, **self._sizes)
+        make: Any = self.optimizer_class
+        self.optimizer = make(self.network.parameters(), lr=lr_schedule(1), **self.optimizer_kwargs)

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+import torch
+from gymnasium import spaces
+from stable_baselines3.common.utils import ConstantSchedule
+
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.training import train
+from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
+from lidarnaut.envs.files import parse_record
+from lidarnaut.envs.observations.trajectories import TWISTS
+
+TABLE = torch.from_numpy(TWISTS)
+ACTIONS = spaces.Box(-1.0, 1.0, (2,))
+GOAL = spaces.Box(-1.0, 1.0, (4,))
+PARTS = {"trajectories": spaces.Box(-np.inf, np.inf, (55, 6)), "motion": spaces.Box(-1.0, 1.0, (6,))}
+
+
+def sample(space, batch=5):
+    rng = torch.Generator().manual_seed(1)
+    return {key: torch.rand(batch, *box.shape, generator=rng) for key, box in space.spaces.items()}
+
+
+def test_samples_are_twists_and_have_the_probabilities_of_their_logits():
+    logits = torch.randn(4, 55, generator=torch.Generator().manual_seed(0))
+    choice = TwistChoice(TABLE).proba_distribution(logits)
+    expected = logits.log_softmax(dim=1)
+    for k in (0, 17, 54):
+        torch.testing.assert_close(choice.log_prob(TABLE[k].expand(4, 2)), expected[:, k])
+    torch.testing.assert_close(choice.mode(), TABLE[logits.argmax(dim=1)])
+    torch.testing.assert_close(choice.entropy(), -(expected.exp() * expected).sum(dim=1))
+    assert (torch.cdist(choice.sample(), TABLE).amin(dim=1) == 0).all()
+
+
+@pytest.mark.parametrize("names", [("goal",), ("carrot",), ("goal", "limits")])
+def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(names):
+    boxes = {"goal": GOAL, "carrot": spaces.Box(-1.0, 1.0, (3,)), "limits": spaces.Box(0.0, 1.0, (5,))}
+    space = spaces.Dict(PARTS | {name: boxes[name] for name in names})
+    network = TrajectoryNetwork(space, width=8, hidden=8)
+    seen = sample(space)
+    logits, values = network(seen)
+    assert logits.shape == (5, 55)
+    assert values.shape == (5, 1)
+    # What one twist leads to changes its own logit alone.
+    changed = {**seen, "trajectories": seen["trajectories"].clone()}
+    changed["trajectories"][:, 3, 0] += 0.5
+    others = torch.arange(55) != 3
+    torch.testing.assert_close(network(changed)[0][:, others], logits[:, others])
+    assert not torch.equal(network(changed)[0][:, 3], logits[:, 3])
+    assert not torch.equal(network({**seen, names[0]: seen[names[0]] * 0.5})[0], logits)
+
+
+def test_observations_that_are_missing_are_named():
+    with pytest.raises(ValueError, match=r"reads \['trajectories', 'motion'\] and `goal` or `carrot`"):
+        TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
+
+
+def test_a_policy_acts_by_twists_of_the_table():
+    policy = TrajectoryPolicy(spaces.Dict(PARTS | {"goal": GOAL}), ACTIONS, ConstantSchedule(1e-3))
+    seen = {name: value[0].numpy() for name, value in sample(policy.observation_space).items()}
+    action, _ = policy.predict(seen, deterministic=True)
+    assert (np.abs(TWISTS - action).max(axis=1) == 0).any()
+
+
+def test_ppo_chooses_among_trajectories_where_it_sees_them(tmp_path):
+    data = {
+        "experiment": "tiny",
+        "total_steps": 512,
+        "num_envs": 4,
+        "algorithm": "PPO",
+        "environment": {
+            "id": "lidarnaut/ReachCrowd-v0",
+            "people": 3,
+            "num_workers": 0,
+            "observations": ["trajectories", "goal", "motion"],
+        },
+        "hyperparameters": {"n_steps": 64, "batch_size": 64, "n_epochs": 1},
+        "network": {"width": 8},
+        "evaluation": {"every": 512, "episodes": 1, "references": []},
+        "checkpoints": {"every": 512},
+    }
+    run = train(parse_record(data, "tiny", TrainingConfig), run=tmp_path / "run", progress=False)
+    assert (run / "evaluations.csv").read_text().count("\n") >= 2

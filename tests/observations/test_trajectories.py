@@ -1,0 +1,111 @@
+import math
+
+import numpy as np
+import pytest
+from gymnasium.vector import SyncVectorEnv
+
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.observations.trajectories import (
+    END_SCALE,
+    HOLD,
+    HORIZON,
+    MARGIN,
+    NUMBERS,
+    STEP,
+    TWISTS,
+    find_walls,
+    look_ahead,
+)
+from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.vector import LidarVectorEnv
+from tests.rollouts import rollout, step_both
+
+LIMITS = 2.0, 4.0, 5.0, 25.0, 0.3
+NOBODY, NOTHING = np.empty((0, 5)), np.empty((2, 0))
+CROWD = {"world": "hall", "people": 12, "physics": "kinematic", "contact": "costs", "observations": ("trajectories",)}
+
+
+def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY):
+    out = np.empty((len(TWISTS), NUMBERS), dtype=np.float32)
+    look_ahead(now, LIMITS, np.asarray(points, dtype=float), np.asarray(people, dtype=float), TWISTS, out)
+    return out
+
+
+def slow_times(now, points, people, twist):
+    """Return when a twist leads into points and people, in steps of 5 ms after the held twist, inf for never."""
+    (v, w), x, y, theta, time, dt = now, 0.0, 0.0, 0.0, 0.0, STEP
+    max_v, max_w, acc_v, acc_w, radius = LIMITS
+    wall = person = math.inf
+    while time < HORIZON - 1e-9:
+        if time < HOLD - 1e-9:
+            v += np.clip(twist[0] * max_v - v, -acc_v * dt, acc_v * dt)
+            w += np.clip(twist[1] * max_w - w, -acc_w * dt, acc_w * dt)
+        else:
+            v, w, dt = twist[0] * max_v, 0.0, 0.005
+        x, y = x + v * dt * math.cos(theta + 0.5 * w * dt), y + v * dt * math.sin(theta + 0.5 * w * dt)
+        theta, time = theta + w * dt, time + dt
+        ahead = (
+            points
+            if time <= HOLD + 1e-9
+            else points[(points - (x, y)) @ (v * math.cos(theta), v * math.sin(theta)) > 0]
+        )
+        if len(ahead) and np.hypot(*(ahead - (x, y)).T).min() < radius + MARGIN:
+            wall = min(wall, time)
+        if (np.hypot(*(people[:, :2] + time * people[:, 2:4] - (x, y)).T) < people[:, 4] + radius).any():
+            person = min(person, time)
+    return wall, person
+
+
+def test_times_to_contact_are_those_of_small_steps():
+    rng = np.random.default_rng(0)
+    for _ in range(4):
+        angle, away = rng.uniform(-math.pi, math.pi, 8), rng.uniform(0.6, 4.0, 8)
+        points = np.column_stack([away * np.cos(angle), away * np.sin(angle)])
+        people = np.column_stack(
+            [rng.uniform(1.0, 3.0, 5), rng.uniform(-2.0, 2.0, 5), rng.normal(0, 1, (5, 2)), np.full(5, 0.3)]
+        )
+        now = 1.0, 0.4
+        found = shown(now, points.T, people)
+        for twist, row in zip(TWISTS, found, strict=True):
+            wall, person = slow_times(now, points, people, twist)
+            assert row[0] * HORIZON == pytest.approx(min(wall, HORIZON), abs=0.03)
+            assert row[1] * HORIZON == pytest.approx(min(person, HORIZON), abs=0.03)
+
+
+def test_who_walks_beside_the_robot_is_near_and_is_not_met():
+    ahead = int(np.flatnonzero((TWISTS == (1.0, 0.0)).all(axis=1))[0])
+    straight = shown((2.0, 0.0), people=[(0.0, 0.8, 2.0, 0.0, 0.3)])[ahead]
+    assert straight[1] == 1.0
+    assert 0.5 < straight[3] < 1.0
+    np.testing.assert_allclose(straight[4:] * END_SCALE, (2.0, 0.0), atol=1e-6)
+    head_on = shown((2.0, 0.0), people=[(3.0, 0.0, -1.0, 0.0, 0.3)])[ahead]
+    assert head_on[1] * HORIZON == pytest.approx(2.4 / 3.0, abs=1e-3)
+    assert (shown()[:, :4] == (1.0, 1.0, 0.0, 0.0)).all()
+
+
+def test_points_on_people_are_no_walls():
+    angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
+    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)])
+    ranges = np.full(360, np.inf, dtype=np.float32)
+    ranges[170:190], ranges[90] = 1.7, 1.0
+    points = np.empty((2, 120))
+    assert find_walls(ranges, frame, NOBODY, points) > 1
+    assert find_walls(ranges, frame, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
+    np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
+
+
+def test_to_be_written_twice_changes_nothing():
+    env = LidarEnv(ReachGoal, **CROWD)
+    for step in rollout(env, 2, 15):
+        assert step[0]["trajectories"].shape == (55, 6)
+    np.testing.assert_array_equal(env.observe()["trajectories"], env.observe()["trajectories"])
+
+
+def test_vector_environments_show_the_same():
+    ours = LidarVectorEnv(LidarEnv, 3, task=ReachGoal, **CROWD)
+    theirs = SyncVectorEnv([lambda: LidarEnv(ReachGoal, **CROWD)] * 3)
+    rng = np.random.default_rng(0)
+    for _ in step_both(ours, theirs, rng.uniform(-1, 1, (25, 3, 2)).astype(np.float32)):
+        pass
+    ours.close()
+    theirs.close()
