@@ -18,6 +18,8 @@ PASSED, HIDDEN, HIT = 1, 0, -1
 """What a scan says of a disc: all its beams end behind it; it cannot tell; a beam ends there."""
 CORE = 0.8
 """Share of a disc's radius that beams have to pass it by: walls may stand right beside and behind people."""
+PARTLY = 0.75
+"""Share of a body's radius below which a cluster is taken for a part of one."""
 ARC_DEPTH = 0.785
 """How far the mean of a disc's visible points lies before its centre, in radii: pi / 4 for beams evenly over it."""
 
@@ -40,8 +42,17 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
         return count
     radius = 0.5 * width
     depth = ARC_DEPTH * radius / max(distance, 1e-6)
+    x, y = x + depth * ahead, y + depth * left
+    if radius < PARTLY * p.body_radius and beams > 1:
+        # Another body hides the rest: the centre of the circle through both ends.
+        radius = p.body_radius
+        chord_x, chord_y = last[0] - first[0], last[1] - first[1]
+        squared = max(chord_x * chord_x + chord_y * chord_y, 1e-6)
+        depth = math.sqrt(radius * radius / squared - 0.25)
+        depth = depth if ahead * chord_y - left * chord_x < 0.0 else -depth
+        x, y = 0.5 * (first[0] + last[0]) - depth * chord_y, 0.5 * (first[1] + last[1]) + depth * chord_x
     kind = SLOPE if is_slope else (LEG if width < p.leg_size else BODY)
-    clusters[count] = x + depth * ahead, y + depth * left, radius, float(beams), kind, 0.0
+    clusters[count] = x, y, radius, float(beams), kind, 0.0
     return count + 1
 
 

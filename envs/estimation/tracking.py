@@ -56,6 +56,8 @@ class TrackerParams:
     """Greatest extent of a leg [m]."""
     step: float = 0.65
     """Greatest distance between the legs of a person [m]."""
+    body_radius: float = 0.0
+    """Radius of what is hidden in part, which places its centre [m]; 0 leaves centres as if all were seen."""
     min_beams: int = 3
     """Least number of beams of a cluster that begins a track."""
     margin: float = 0.1

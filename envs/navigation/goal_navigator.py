@@ -42,6 +42,7 @@ EAGER = TrackerParams(
     acceleration=1.5,
     memory=6.0,
     static_hits=4,
+    body_radius=0.3,
 )
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
