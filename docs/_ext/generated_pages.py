@@ -23,6 +23,7 @@ from sphinx.application import Sphinx
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.benchmarks.arena.policies import parse_policy
 from lidarnaut.envs.player import EpisodeRecorder, build_page
+from lidarnaut.envs.worlds import load_world
 
 INCLUDED = {
     "CONTRIBUTING.md": "contributing.md",
@@ -64,7 +65,7 @@ def example_page(folder: Path) -> str:
 
 
 def run_examples(folder: Path, out: Path) -> None:
-    """Write what the examples of `PRINTED` print, and pictures of the world and the robot of two of them."""
+    """Write what the examples of `PRINTED` print, and pictures of the worlds and the robot of the pages about them."""
     sys.path.insert(0, str(folder))
     for name in (f"own_{part}" for part in PRINTED):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -72,6 +73,9 @@ def run_examples(folder: Path, out: Path) -> None:
         (out / f"{name}.txt").write_text(printed.getvalue(), encoding="utf-8")
     world = sys.modules["own_map"].draw_world(np.random.default_rng(0))
     gallery.draw_world(world).savefig(out / "own_map.png", dpi=gallery.DPI)
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", (out.parent / "world_files.md").read_text(), re.DOTALL | re.MULTILINE)
+    (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
+    gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
     gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
     sys.path.remove(str(folder))
 
