@@ -136,9 +136,9 @@ def _slug(spec: EnvSpec) -> str:
 
 
 def _docstring(entry_point: str) -> tuple[str, str]:
-    """Return the first line of the docstring and the rest."""
+    """Return the first line of the docstring and the rest, with links to the pages that it names."""
     first, _, rest = (inspect.getdoc(load_env_creator(entry_point)) or "").partition("\n")
-    return first, rest.strip()
+    return first, re.sub(r"\bdocs/(\w+)\.md", r"[\1](../\1.md)", rest.strip())
 
 
 def _arguments(spec: EnvSpec) -> str:

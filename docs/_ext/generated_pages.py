@@ -124,6 +124,9 @@ def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: lis
     """
     if what == "class" and "## Description" in (inspect.getdoc(obj) or ""):
         lines[1:] = ["", "Its page among the environments documents spaces, rewards, ends and arguments."]
+    if what in ("attribute", "data"):
+        lines.insert(0, "")  # or napoleon takes what stands before a colon in the first line for a type
+    lines[:] = [re.sub(r"^#+ (.+)", r"**\1**\n", line) for line in lines]
     text = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines))
     lines[:] = re.sub(r"\|(\w+)\|", r"\|\1\|", text).split("\n")
 
