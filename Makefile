@@ -46,7 +46,7 @@ format: install
 	$(BIN)/ruff format .
 
 docs: $(DOCS_INSTALLED)
-	$(BIN)/python -m sphinx --fail-on-warning --keep-going --quiet docs build/site
+	$(BIN)/python -m sphinx --jobs 2 --fail-on-warning --keep-going --quiet docs build/site
 	LIDARNAUT_SITE=build/site $(BIN)/python -m pytest --quiet tests/docs/test_site.py
 	@echo "the site is in build/site/index.html"
 

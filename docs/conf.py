@@ -15,8 +15,9 @@ os.environ |= {
 }
 
 project = "Lidarnaut"
-author = "the Lidarnaut contributors"
+author = "The Lidarnaut developers"
 release = version = importlib.metadata.version("lidarnaut")
+copyright = f"2026 {author}. Lidarnaut {version}, MIT licence"
 
 extensions = [
     "myst_nb",
@@ -48,6 +49,7 @@ napoleon_use_ivar = True
 html_theme = "furo"
 html_title = "Lidarnaut"
 html_copy_source = False
+html_logo = html_favicon = "_static/logo.svg"
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
 html_theme_options = {"navigation_with_keys": True}

@@ -61,7 +61,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
       maps; `None`: where `people` are asked for, and scans are matched.
     - `sensors` (`()`): sensors of your own, see `lidarnaut.envs.sensor.Sensor`.
     - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
-      robot's; see docs/training.md.
+      robot's; see docs/domain_randomization.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
     - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
       sees, see `lidarnaut.envs.navigation.collision_monitor`.

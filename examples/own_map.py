@@ -1,4 +1,7 @@
-"""A world drawn with NumPy: cells of a map become walls, and a robot explores them."""
+"""A world drawn with NumPy: cells of a map become walls, and a robot explores them.
+
+`world=` takes a `World`, the path of a file, or a function such as this one, which draws a world for each episode.
+"""
 
 import gymnasium
 import numpy as np
@@ -14,14 +17,14 @@ RESOLUTION = 0.1
 """Side of a cell [m]."""
 
 
-def draw_world() -> World:
-    """Return a hall of 10 m x 6 m with a wall that has a door, and four pillars. Row 0 is the lowest y."""
+def draw_world(rng: np.random.Generator) -> World:
+    """Return a hall of 10 m x 6 m with a wall that has a door, and four pillars somewhere. Row 0 is the lowest y."""
     cells = np.full((60, 100), FREE, dtype=np.int8)
     cells[[0, -1], :] = OCCUPIED
     cells[:, [0, -1]] = OCCUPIED
     cells[:, 50:52] = OCCUPIED
     cells[25:37, 50:52] = FREE
-    for row, col in ((15, 70), (15, 85), (40, 70), (40, 85)):
+    for row, col in rng.integers((8, 62), (48, 88), size=(4, 2)):
         cells[row : row + 4, col : col + 4] = OCCUPIED
     grid = OccupancyGrid(cells, RESOLUTION, (0.0, 0.0))
     return world_from_map(grid, "my_hall", spawn=Pose2D(2.0, 3.0, 0.0))
@@ -33,7 +36,7 @@ def main(seconds: float = 120.0) -> float:
     Args:
         seconds: Simulated time.
     """
-    env = gymnasium.make("lidarnaut/Explore-v0", world=draw_world(), physics="kinematic", time_limit=seconds)
+    env = gymnasium.make("lidarnaut/Explore-v0", world=draw_world, physics="kinematic", time_limit=seconds)
     episode = run_episode(env, make_explorer("nearest"), seed=0)
     env.close()
     print(f"explored {100 * episode.explored_fraction:.0f} % of my_hall in {episode.duration:.0f} s")

@@ -1,4 +1,4 @@
-"""A task of one's own, outside of the checkout: drive to a goal in an unknown world. See docs/own_task.md."""
+"""A task of one's own, outside of the checkout: drive to a goal in an unknown world. See docs/customize/task.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

@@ -35,7 +35,7 @@ TEXT = (
     "which no competitor sees. "
 )
 """First lines of the leaderboard's page."""
-DOCS_TEXT = "[Evaluation](evaluation.md) explains measures and statistics; `arena/episodes.csv` holds the raw numbers."
+DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:

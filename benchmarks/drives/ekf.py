@@ -1,4 +1,4 @@
-"""The experiment of Nguyen et al. (2021), see `docs/ekf.md`: estimates of the pose along a rectangle of 78 m."""
+"""The experiment of Nguyen et al. (2021), see `docs/notes/ekf.md`: estimates of the pose along a rectangle of 78 m."""
 
 import dataclasses
 import itertools

@@ -141,7 +141,7 @@ def compare_amcl(
     """Accuracy of AMCL in known worlds, where robots drive to random goals from random starts.
 
     With every seed one is tracked from a known pose, one is localized globally, and one is kidnapped;
-    docs/localization.md says how each is judged.
+    docs/notes/localization_accuracy.md says how each is judged.
 
     Args:
         runs: seeds per world.

@@ -1,6 +1,7 @@
 """A page per task: registered ids, an animated picture of each, spaces, and the docstring."""
 
 import inspect
+import re
 from pathlib import Path
 
 import gymnasium
@@ -14,13 +15,11 @@ PICTURES = Path("images/environments")
 INDEX = """\
 # Environments
 
-`import lidarnaut` registers these with Gymnasium. `gymnasium.make(id)` makes one, and
+`import lidarnaut` registers these ids with Gymnasium. `gymnasium.make(id)` makes one environment, and
 `gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with
-seed + i. Pages are made from registry and docstrings when the site is built.
+seed + i. The films show ground truth on the left, and what the robot estimates on the right.
 
-| id | world and task |
-|---|---|
-{rows}
+{sections}
 
 ## Arguments
 {arguments}
@@ -31,6 +30,24 @@ seed + i. Pages are made from registry and docstrings when the site is built.
 {names}
 ```
 """
+SECTIONS = {
+    "^explore$": "Explore",
+    "^explore": "Explore as a team, or by choosing frontiers",
+    "": "Reach goals, follow routes",
+}
+"""Sections of the gallery, by a pattern of the page's name; the first that fits counts."""
+SECTION = "## {title}\n\n::::{{grid}} 1 2 2 3\n:gutter: 2\n\n{cards}\n\n::::"
+CARD = """\
+:::{{grid-item-card}} `{id}`
+:link: {name}
+:link-type: doc
+:img-top: ../{picture}
+:img-alt: {id}
+
+{summary}
+
+{arguments}
+:::"""
 PAGE = """\
 # {title}
 
@@ -63,15 +80,26 @@ def pages(source: Path) -> dict[str, str]:
         if spec.namespace == "lidarnaut":
             groups.setdefault(spec.kwargs.get("task", str(spec.entry_point)), []).append(spec)
     names = {entry_point: _slug(specs[0]).rpartition("-")[0] for entry_point, specs in groups.items()}
-    rows = [
-        f"| [`{spec.id}`]({names[entry_point]}.md) | {_docstring(entry_point)[0]} {_arguments(spec)} |"
-        for entry_point, specs in groups.items()
-        for spec in specs
-    ]
+    cards: dict[str, list[str]] = {title: [] for title in SECTIONS.values()}
+    for entry_point, specs in groups.items():
+        title = next(title for pattern, title in SECTIONS.items() if re.match(pattern, names[entry_point]))
+        cards[title] += [_card(spec, entry_point, names[entry_point]) for spec in specs]
+    sections = [SECTION.format(title=title, cards="\n\n".join(texts)) for title, texts in cards.items()]
     arguments = _docstring(LIDAR_ENV)[1].partition("## Arguments")[2]
-    index = INDEX.format(arguments=arguments, rows="\n".join(rows), names="\n".join(names.values()))
+    index = INDEX.format(arguments=arguments, sections="\n\n".join(sections), names="\n".join(names.values()))
     found = {f"{names[entry_point]}.md": _page(entry_point, specs, source) for entry_point, specs in groups.items()}
     return {"index.md": index, **found}
+
+
+def _card(spec: EnvSpec, entry_point: str, page: str) -> str:
+    """Return a card of the gallery: the film of an id, its task, and the arguments that it sets."""
+    return CARD.format(
+        id=spec.id,
+        name=page,
+        picture=PICTURES / f"{_slug(spec)}.webp",
+        summary=_docstring(entry_point)[0],
+        arguments=_arguments(spec) or "In any world.",
+    )
 
 
 def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:
@@ -108,9 +136,9 @@ def _slug(spec: EnvSpec) -> str:
 
 
 def _docstring(entry_point: str) -> tuple[str, str]:
-    """Return the first line of the docstring and the rest."""
+    """Return the first line of the docstring and the rest, with links to the pages that it names."""
     first, _, rest = (inspect.getdoc(load_env_creator(entry_point)) or "").partition("\n")
-    return first, rest.strip()
+    return first, re.sub(r"\bdocs/(\w+)\.md", r"[\1](../\1.md)", rest.strip())
 
 
 def _arguments(spec: EnvSpec) -> str:

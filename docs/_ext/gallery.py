@@ -17,7 +17,6 @@ from lidarnaut.envs.worlds.library import LIBRARY
 from lidarnaut.envs.worlds.world_file import WorldFile
 
 PAGES = {
-    "index": "# Galleries\n\n```{toctree}\nworlds\nrobots\n```\n",
     "worlds": """\
 # Worlds
 

@@ -1,18 +1,29 @@
-"""Pages that are made when the site is built: environments, galleries of worlds and robots, and examples.
+"""Pages that are made when the site is built: environments, galleries of worlds and robots, examples, an episode.
 
 They come from the registry, docstrings, libraries and sources, so that they cannot differ from the code. They are
-written to `docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores.
+written to `docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores, and to the site itself.
 """
 
 import ast
+import contextlib
+import importlib
 import inspect
+import io
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 import environment_pages
 import gallery
+import gymnasium
+import numpy as np
 from sphinx.application import Sphinx
+
+from lidarnaut.baselines.episode import run_episode
+from lidarnaut.benchmarks.arena.policies import parse_policy
+from lidarnaut.envs.player import EpisodeRecorder, build_page
+from lidarnaut.envs.worlds import load_world
 
 INCLUDED = {
     "CONTRIBUTING.md": "contributing.md",
@@ -23,6 +34,10 @@ INCLUDED = {
 }
 """Markdown files outside of docs, and the pages that include them."""
 
+PRINTED = ("map", "robot", "sensor", "reward", "observation", "slam", "explorer", "task")
+"""Examples `own_NAME.py` whose output the pages about them show; they take seconds."""
+EPISODE = "episode.html"
+"""Page of an episode, within the site."""
 EXAMPLES = """\
 # Examples
 
@@ -49,6 +64,22 @@ def example_page(folder: Path) -> str:
     return EXAMPLES + "".join(EXAMPLE.format(name=name, text=docstrings[name]) for name in names)
 
 
+def run_examples(folder: Path, out: Path) -> None:
+    """Write what the examples of `PRINTED` print, and pictures of the worlds and the robot of the pages about them."""
+    sys.path.insert(0, str(folder))
+    for name in (f"own_{part}" for part in PRINTED):
+        with contextlib.redirect_stdout(io.StringIO()) as printed:
+            importlib.import_module(name).main()
+        (out / f"{name}.txt").write_text(printed.getvalue(), encoding="utf-8")
+    world = sys.modules["own_map"].draw_world(np.random.default_rng(0))
+    gallery.draw_world(world).savefig(out / "own_map.png", dpi=gallery.DPI)
+    (text,) = re.findall(r"^```yaml\n(.*?)^```", (out.parent / "world_files.md").read_text(), re.DOTALL | re.MULTILINE)
+    (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
+    gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
+    gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
+    sys.path.remove(str(folder))
+
+
 def write_pages(app: Sphinx) -> None:
     """Write all generated pages below the source folder; pages that have not changed keep their time."""
     source = Path(app.srcdir)
@@ -64,6 +95,21 @@ def write_pages(app: Sphinx) -> None:
             path = folder / name
             if not path.exists() or path.read_text(encoding="utf-8") != text:
                 path.write_text(text, encoding="utf-8")
+    run_examples(source.parent / "examples", source / "examples")
+
+
+def record_episode(app: Sphinx, error: Exception | None) -> None:
+    """Write the page of an episode, which others show in a frame: the pretrained explorer in a house it never saw."""
+    if error is not None or app.builder.format != "html":
+        return
+    # The checker would complain of signatures, which autodoc has changed by now.
+    env = gymnasium.make("lidarnaut/ExploreHouse-v0", physics="kinematic", disable_env_checker=True)
+    explorer = parse_policy("pursuit:pretrained/frontiers").make(env.action_space)
+    with EpisodeRecorder(env, explorer) as recorder:
+        run_episode(env, explorer, seed=0)
+    page = build_page([recorder.recording({"explorer": "pursuit:pretrained/frontiers"})])
+    env.close()
+    (Path(app.outdir) / EPISODE).write_text(page, encoding="utf-8")
 
 
 def link_within(app: Sphinx, name: str, source: list[str]) -> None:
@@ -79,6 +125,9 @@ def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: lis
     """
     if what == "class" and "## Description" in (inspect.getdoc(obj) or ""):
         lines[1:] = ["", "Its page among the environments documents spaces, rewards, ends and arguments."]
+    if what in ("attribute", "data"):
+        lines.insert(0, "")  # or napoleon takes what stands before a colon in the first line for a type
+    lines[:] = [re.sub(r"^#+ (.+)", r"**\1**\n", line) for line in lines]
     text = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines))
     lines[:] = re.sub(r"\|(\w+)\|", r"\|\1\|", text).split("\n")
 
@@ -89,4 +138,5 @@ def setup(app: Sphinx) -> dict[str, Any]:
     # Before napoleon, which would split single backticks at a colon within.
     app.connect("autodoc-process-docstring", to_rst, priority=100)
     app.connect("source-read", link_within)
+    app.connect("build-finished", record_episode)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -48,7 +48,7 @@ SLAMS: dict[str, Kind] = {
 """By name. "odometry" and "truth" map at the poses that follow from odometry and from ground truth."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""What environments use: fast, deterministic, and robots of a team can share its map; docs/slam.md compares."""
+"""What environments use: fast, deterministic, and robots of a team share its map; see docs/notes/slam_comparison.md."""
 
 
 def make_slam(

@@ -43,8 +43,9 @@ class SlamParams:
 class TinySlamParams(SlamParams):
     """All params of TinySLAM, and of mapping with known poses, which uses those of the map.
 
-    Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/slam.md` compares them with the
-    original's launch file, with Nguyen et al. (TinySLAM for a robot vacuum, 2025), and with what the environments use.
+    Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/notes/slam.md` compares them with
+    the original's launch file, with Nguyen et al. (TinySLAM for a robot vacuum, 2025), and with what the environments
+    use.
     """
 
     sigma_xy: NotNegative = 0.2

@@ -92,10 +92,13 @@ OWN_SHAPES = {"motion": (6,), "sectors": (8,)}
         ("own_robot", {"seconds": 20.0}, lambda explored: explored > 0.3),
         ("own_slam", {"seconds": 20.0}, lambda errors: errors["forgetful"] > 2.0 * errors["hector"]),
         ("own_reward", {"steps": 30}, lambda rewards: rewards["careful"] > 0.0),
+        ("own_algorithm", {"total_steps": 1024, "episodes": 1}, lambda policy: policy.id == "lidarnaut/ReachGoal-v0"),
         ("own_observation", {"steps": 20}, lambda seen: {name: seen[name].shape for name in seen} == OWN_SHAPES),
     ],
 )
-def test_an_example_gives_what_it_says(load, name, arguments, is_right):
+def test_an_example_gives_what_it_says(load, name, arguments, is_right, tmp_path):
+    if name == "own_algorithm":
+        arguments = {**arguments, "out": tmp_path / "run"}
     assert is_right(load(name).main(**arguments))
 
 

@@ -1,0 +1,56 @@
+"""An algorithm of one's own: PPO with an entropy bonus that falls to zero over the training.
+
+`lidarnaut-train --algorithm own_algorithm:FadingPPO --environment.id lidarnaut/ReachGoal-v0`, from this folder, trains
+by any class that is derived from one of stable-baselines3. What its constructor takes are keys of `hyperparameters`;
+checkpoints, evaluations and resuming work as for the others.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import tyro
+from stable_baselines3 import PPO
+
+from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.explorer import LearnedPolicy
+from lidarnaut.agents.training import train
+
+
+class FadingPPO(PPO):
+    """PPO whose `ent_coef` is `first_ent_coef` times the share of the training that remains."""
+
+    def __init__(self, policy: Any, env: Any, first_ent_coef: float = 0.01, **arguments: Any) -> None:
+        super().__init__(policy, env, **arguments)
+        self._first_ent_coef = first_ent_coef
+
+    def train(self) -> None:
+        """Update the networks by the rollout that was just collected."""
+        self.ent_coef = self._first_ent_coef * self._current_progress_remaining
+        super().train()
+
+
+def main(total_steps: int = 50_000, episodes: int = 20, out: Path | None = None) -> LearnedPolicy:
+    """Train it to reach goals in unknown worlds; return the policy.
+
+    Args:
+        total_steps: steps of all sub-environments.
+        episodes: of an evaluation.
+        out: run folder; None makes one in `runs/`.
+    """
+    config = TrainingConfig.model_validate(
+        {
+            "experiment": "fading",
+            "algorithm": "own_algorithm:FadingPPO",
+            "hyperparameters": {"first_ent_coef": 0.02, "n_steps": 64},
+            "environment": {"id": "lidarnaut/ReachGoal-v0", "world": "halls", "physics": "kinematic"},
+            "evaluation": {"episodes": episodes},
+            "total_steps": total_steps,
+        }
+    )
+    run = train(config, run=out)
+    print(f"lidarnaut-evaluate --id lidarnaut/ReachGoal-v0 --policies learned:{run} pursuit --worlds halls --out DIR")
+    return LearnedPolicy.load(run)
+
+
+if __name__ == "__main__":
+    tyro.cli(main)

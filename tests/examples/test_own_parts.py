@@ -1,0 +1,99 @@
+"""Parts of one's own, from the examples, by their names: what each of make, make_vec, train.py and evaluate.py takes.
+
+docs/customize/index.md has the table of these.
+"""
+
+import csv
+import sys
+from pathlib import Path
+
+import gymnasium
+import pytest
+import yaml
+
+import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut.evaluate import main as evaluate
+from lidarnaut.train import main as train
+
+EXAMPLES = Path(__file__).parents[2] / "examples"
+TASK = "own_task:own_task/ReachGoal-v0"
+OWN = {
+    "world": "own_map:draw_world",
+    "robot": "own_robot:ROBOT",
+    "sensors": ["own_sensor:Beacons"],
+    "reward": "own_reward:Careful",
+    "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
+    "slam": "own_slam:make_forgetful",
+}
+"""Arguments of an environment that are all of one's own."""
+TRAINING = {
+    "total_steps": 16,
+    "num_envs": 2,
+    "algorithm": "own_algorithm:FadingPPO",
+    "hyperparameters": {"n_steps": 8, "batch_size": 16, "n_epochs": 1, "first_ent_coef": 0.02},
+    "evaluation": {"episodes": 1, "references": ["random"]},
+}
+
+
+@pytest.fixture(autouse=True)
+def in_examples(monkeypatch, tmp_path):
+    """Find the examples by name, as the commands do in their folder, and leave results elsewhere."""
+    monkeypatch.syspath_prepend(str(EXAMPLES))
+    monkeypatch.chdir(tmp_path)
+    yield
+    for path in EXAMPLES.glob("own_*.py"):
+        sys.modules.pop(path.stem, None)
+
+
+def train_on(environment, **changes):
+    """Train for a few steps, and return the run folder."""
+    settings = {"num_workers": 0, "time_limit": 2.0, **environment}
+    config = {**TRAINING, **changes, "experiment": "own", "environment": settings}
+    Path("own.yaml").write_text(yaml.safe_dump(config))
+    assert train(["--config", "own.yaml"]) == 0
+    return next(Path("runs").glob("own__*"))
+
+
+def test_make_takes_all_parts():
+    env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", **OWN)
+    observation, _ = env.reset(seed=0)
+    *_, info = env.step(env.action_space.sample())
+    assert {name: part.shape for name, part in observation.items()} == {
+        "motion": (6,),
+        "beacons": (3,),
+        "sectors": (8,),
+    }
+    assert "careful" in info["rewards"]
+    assert (env.unwrapped.world.name, env.unwrapped.robot.name) == ("my_hall", "my_robot")
+    env.close()
+
+
+@pytest.mark.parametrize("num_workers", [0, 1])
+def test_make_vec_takes_all_parts(num_workers):
+    env = gymnasium.make_vec("lidarnaut/Explore-v0", num_envs=2, num_workers=num_workers, **OWN)
+    assert env.reset(seed=0)[0]["sectors"].shape == (2, 8)
+    env.step(env.action_space.sample())
+    env.close()
+
+
+def test_train_takes_all_parts_with_an_algorithm_and_evaluate_takes_them_with_the_result():
+    references = ["own_explorer:largest", "own_explorer:Circling"]
+    run = train_on(OWN, evaluation={"episodes": 1, "references": references})
+    with open(run / "evaluations.csv", newline="") as file:
+        assert {*references, "learned"} <= {row["policy"] for row in csv.DictReader(file)}
+    options = ["--worlds", OWN["world"], "--robots", OWN["robot"], "--slam", OWN["slam"], "--physics", "kinematic"]
+    for name in ("sensors", "reward", "observations"):
+        value = yaml.safe_dump(OWN[name], default_flow_style=True).partition("\n")[0]
+        options += [f"--arguments.{name}", value]
+    options += ["--policies", "own_explorer:largest", f"learned:{run}", "--episodes", "1", "--time-limit", "3"]
+    assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
+    with open("results/episodes.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert {row["world"] for row in rows} == {OWN["world"]}
+    assert len(rows) == 2
+
+
+def test_train_and_evaluate_take_a_task():
+    run = train_on({"id": TASK, "slam": "truth"})
+    options = ["--id", TASK, "--policies", "pursuit", f"learned:{run}", "--physics", "kinematic", "--episodes", "1"]
+    assert evaluate([*options, "--time-limit", "3", "--no-world-sections", "--out", "results"]) == 0
