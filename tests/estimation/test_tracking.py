@@ -209,6 +209,22 @@ def test_what_is_as_large_as_a_person_is_a_body_from_its_second_scan_on():
     assert len(bodies) >= 1
 
 
+@pytest.mark.parametrize("side", [-1.0, 1.0])
+def test_the_centre_of_what_is_hidden_in_part_is_that_of_the_whole_body(side):
+    pose, person, rng = Pose2D(3.0, 6.0, 0.2), (6.0, 4.5, 0.3), np.random.default_rng(4)
+    away = np.array(person[:2]) - pose[:2]
+    beside = side * np.array([-away[1], away[0]]) / np.hypot(*away)
+    errors = {}
+    for radius in (0.0, 0.3):
+        tracker = PeopleTracker(LIDAR, 0.1, TrackerParams(body_radius=radius))
+        for _ in range(2):
+            before = pose[:2] + 0.5 * away + 0.33 * beside
+            tracker.update(scan(pose, [person, (*before, 0.3)], rng), Pose2D(0.0, 0.0, 0.0))
+        centres = pose.transform(tracker.bodies[:, :2])
+        errors[radius] = np.hypot(*(centres - person[:2]).T).min()
+    assert errors[0.3] < 0.05 < errors[0.0]
+
+
 def test_beams_on_people_are_told_from_beams_on_walls():
     rng = np.random.default_rng(5)
     tracker = PeopleTracker(LIDAR, 0.1)
