@@ -46,6 +46,8 @@ EAGER = TrackerParams(
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
+DETOUR_TIME = 10.0
+"""Time for which people block paths once the robot has got nowhere among them [s]."""
 HOME = (0.0, 0.0)
 """Where the map begins (x, y), map frame [m]."""
 
@@ -157,6 +159,7 @@ class GoalNavigator:
         self._tracker = PeopleTracker(robot.lidar, control_period, EAGER) if self.params.track_people else None
         self.tracks = NO_TRACKS
         """People that are tracked; see `PeopleTracker.people`."""
+        self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
         """The costmap; None before the first `act`."""
@@ -238,6 +241,8 @@ class GoalNavigator:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
             navigator.recover()
+        if has_failed:
+            self._waited_until = reading.time + DETOUR_TIME
         if has_failed or navigator.record["recoveries"] > self._num_counted:
             self._count_recovery(reading, pose, planning)
         if not self.is_driving:
@@ -249,7 +254,7 @@ class GoalNavigator:
         if not self.is_driving:
             return STOP
         if self._is_due(self.params.update_period):
-            planning.integrate(pose, reading.ranges, self._robot.lidar)
+            planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
         if self._is_at_goal(pose):
             self.end_reason = "arrived"
             return STOP
@@ -275,6 +280,16 @@ class GoalNavigator:
             return self._navigator.update(reading, pose) == FAILED
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
+
+    def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
+        """Return the scan for the costmap: without people, who will have walked on before the robot gets to them.
+
+        A path around a doorway that somebody walks through may lead through all of the unknown world. Where the robot
+        has got nowhere, people block paths like anything else for a while.
+        """
+        if belief.on_people is None or reading.time < self._waited_until:
+            return reading.ranges
+        return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
 
     def _track(self, ranges: np.ndarray) -> None:
         """Track people, for a planner that asks for them."""

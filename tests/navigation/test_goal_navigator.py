@@ -177,6 +177,18 @@ def test_what_scans_find_is_driven_around():
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
 
 
+def test_people_block_no_path_until_the_robot_has_got_nowhere_among_them():
+    navigator, belief = navigator_to((2.0, 0.0)), Belief(HERE, hall())
+    reading, belief.on_people = reading_of(), np.abs(BURGER.lidar.angles) < 0.15
+    reading.ranges[belief.on_people] = 1.0
+    costs = []
+    for k in range(300):
+        navigator.act(reading._replace(time=0.1 * k), belief)
+        costs.append(cost_at(navigator.map.costmap(0, HERE), 1.0 + BURGER.lidar.mount.x, 0.0))
+    assert max(costs[:90]) < 253
+    assert max(costs) == 254
+
+
 def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
     navigator, grid, actions = navigator_to((2.0, 0.0)), hall(), []
     for _ in range(2000):
