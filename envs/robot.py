@@ -243,7 +243,7 @@ class Robot:
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
                 self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)
-            ranges = np.where(self.belief.on_people, np.float32(np.nan), ranges)
+            ranges = np.where(np.asarray(self.belief.on_people), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])

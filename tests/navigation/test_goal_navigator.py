@@ -177,6 +177,19 @@ def test_what_scans_find_is_driven_around():
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
 
 
+def test_a_robot_that_is_told_to_looks_for_the_goal_around_where_it_has_arrived():
+    navigator, reached, pose = navigator_to((-2.0, 0.0), search_radius=0.8), set(), Pose2D(-2.0, 0.0, 0.0)
+    while navigator.end_reason is None:
+        navigator.act(reading_of(), Belief(pose, hall()))
+        reached.add(navigator.target)
+        pose = Pose2D(*navigator.target, 0.0)
+    x, y = np.array(sorted(reached)).T
+    assert navigator.goal == (-2.0, 0.0)
+    assert navigator.end_reason == "arrived"
+    true = np.array([(r * math.cos(a) - 2.0, r * math.sin(a)) for r in (0.3, 0.6, 0.9) for a in range(7)])
+    assert np.hypot(x - true[:, :1], y - true[:, 1:]).min(axis=1).max() < 0.3
+
+
 def test_people_block_no_path_until_the_robot_has_got_nowhere_among_them():
     navigator, belief = navigator_to((2.0, 0.0)), Belief(HERE, hall())
     reading, belief.on_people = reading_of(), np.abs(BURGER.lidar.angles) < 0.15
