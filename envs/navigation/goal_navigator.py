@@ -56,8 +56,13 @@ HOME = (0.0, 0.0)
 
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
 """How paths are planned where a map is given..."""
-ON_GROWING_MAPS = PlanningParams(cell=0.05, padding=0.0, tight_radii=(0.9,), marking_range=8.0, clearing_range=8.5)
+ON_GROWING_MAPS = PlanningParams(
+    cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
+)
 """...and where there is none, or not all of it: scans mark from afar, and robots need no detour where they fit."""
+NUM_FITTING = 2
+"""On maps that grow, so many footprint padding levels are those of gaps that the robot fits through. The others lead it
+to where the map may be wrong: who stood in a door is in the map until a scan looks there again."""
 
 
 class LocalPlanner(Protocol):
@@ -335,11 +340,17 @@ class GoalNavigator:
         return False
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans."""
+        """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans.
+
+        In the end, on a map that grows, also through gaps that the robot does not fit through.
+        """
         assert self.goal is not None
         assert self.target is not None
         tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
-        for forget, self._level in product((False, True), range(planning.max_level + 1)):
+        levels = range(planning.max_level + 1)
+        num_fitting = NUM_FITTING if allow_unknown else len(levels)
+        attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
+        for forget, self._level in attempts:
             if forget and allow_unknown and self._margin < MAX_MARGIN:
                 self._margin *= 2.0
                 planning.reach_beyond([self.goal, pose[:2]], self._margin)

@@ -122,6 +122,20 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     np.testing.assert_allclose(navigator.plan[-1], (6.0, 0.0), atol=0.1)
 
 
+@pytest.mark.parametrize("gap", [0, 1])
+def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_there_is_no_other_path(gap):
+    grid = hall()
+    grid.data[1:-1, 146:] = 0
+    grid.data[40 : 40 + gap, 145] = 0
+    grid.data[:, -1] = grid.data[0] = grid.data[-1] = 100
+    growing = Belief(HERE, grid)
+    growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 199, 79))
+    navigator = navigator_to((4.0, 0.0))
+    for _ in range(4):
+        navigator.act(reading_of(), growing)
+    assert navigator.end_reason == (None if gap else "no_path")
+
+
 def unknown(pose=HERE):
     """Return what dead reckoning believes, which keeps no map."""
     blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
