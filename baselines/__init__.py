@@ -1,6 +1,7 @@
 """Classic policies, by the tasks that they can do."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -54,13 +55,15 @@ Makers = Mapping[str, Callable[[], Any]]
 """What makes policies, by their names."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
 """Of robots that are driven by twists, whatever their task."""
+_PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
 DRIVES = {
-    "pursuit": GoalParams(max_recoveries=50, max_searches=20),
-    "pursuit:fast": GoalParams(local_planner="rpp:fast", max_recoveries=50, max_searches=20),
-    "dwb": GoalParams(local_planner="dwb", track_people=True, max_recoveries=50, max_searches=20),
-    "mppi": GoalParams(local_planner="mppi", track_people=True, max_recoveries=50, max_searches=20),
+    "pursuit": _PATIENT,
+    "pursuit:fast": replace(_PATIENT, local_planner="rpp:fast"),
+    "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
+    "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Drives to goals by name. They do not give up soon: what blocks the path may be somebody who walks on."""
+"""Drives to goals by name. They do not give up soon: what blocks the path may be somebody who walks on.
+Where the task goes on after they have arrived, the goal is somewhere near."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},

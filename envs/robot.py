@@ -196,7 +196,7 @@ class Robot:
         row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
         if self.tracker is not None:
             self.tracker.reset()
-            self.belief.people = self.tracker.update(reading.ranges, ORIGIN)
+            self._track(self.tracker, reading.ranges, ORIGIN)
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest
@@ -207,14 +207,17 @@ class Robot:
         if isinstance(self.estimator, KeyScanSlam):
             self.estimator.meets_people = True
 
+    def _track(self, tracker: PeopleTracker, ranges: np.ndarray, motion: Pose2D) -> None:
+        self.belief.people = tracker.update(ranges, motion)
+        self.belief.on_people = tracker.is_on_person(ranges, doubt=NOT_STANDING)
+
     def locate(self, flags: int) -> None:
         """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.
 
         Raises what `check_belief` does where no map can be made of the belief.
         """
         if self.tracker is not None:
-            motion = Pose2D(*self.row[at.ODOMETRY : at.ODOMETRY + 3].tolist())
-            self.belief.people = self.tracker.update(self.ranges, motion)
+            self._track(self.tracker, self.ranges, Pose2D(*self.row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
         if flags & SCAN:
             self.integrate()
             return
@@ -240,7 +243,7 @@ class Robot:
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
                 self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)
-            ranges = np.where(self.tracker.is_on_person(ranges, doubt=NOT_STANDING), np.float32(np.nan), ranges)
+            ranges = np.where(np.asarray(self.belief.on_people), np.float32(np.nan), ranges)
         if not self.peers:
             return ranges
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])

@@ -59,7 +59,7 @@ def drive_vector(vector, steps):
 
 
 def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
-    ghosts = {}
+    ghosts, found = {}, False
     for track in (False, True):
         keys = KEYS | {"observations": ("scan",), "slam": "hector"}
         env = gymnasium.make("lidarnaut/Explore-v0", physics="kinematic", track_people=track, **keys)
@@ -69,8 +69,11 @@ def test_people_stay_out_of_maps_and_who_was_drawn_before_fades():
             env.step(np.array([0.0, 0.5], dtype=np.float32))
             if k > 120:  # nobody is known to walk in the first scans
                 ghosts[track] += count_ghosts(env.unwrapped)
+            assert track == (env.unwrapped.belief.on_people is not None)
+            found |= track and env.unwrapped.belief.on_people.any()
         assert (env.unwrapped.robots[0].tracker is not None) == track
         env.close()
+    assert found
     assert ghosts[False] > 1000
     assert ghosts[True] < 0.05 * ghosts[False]
 

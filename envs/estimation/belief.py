@@ -90,6 +90,9 @@ class Belief:
     """Estimated velocity of the base; None where the estimator gives none."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
     """People that the robot tracks by its scans, as `PeopleTracker.people`: shape (n, 5), float64, base frame."""
+    on_people: np.ndarray | None = None
+    """Shape (num_beams,), bool: beams of the last scan that end at people, or at what may be one, which are left out of
+    the map; None where nobody is tracked."""
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
     of estimators with an `anchor` [m, m, rad]; None otherwise."""

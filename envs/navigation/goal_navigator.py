@@ -47,14 +47,23 @@ EAGER = TrackerParams(
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
+DETOUR_TIME = 10.0
+"""Time for which people block paths once the robot has got nowhere among them [s]."""
+SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
+"""Distance between points around a goal, and greatest length of the path from one to the next [m]."""
 HOME = (0.0, 0.0)
 """Where the map begins (x, y), map frame [m]."""
 
 
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
 """How paths are planned where a map is given..."""
-ON_GROWING_MAPS = PlanningParams(cell=0.05, padding=0.0, tight_radii=(0.9,), marking_range=8.0, clearing_range=8.5)
+ON_GROWING_MAPS = PlanningParams(
+    cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
+)
 """...and where there is none, or not all of it: scans mark from afar, and robots need no detour where they fit."""
+NUM_FITTING = 2
+"""On maps that grow, so many footprint padding levels are those of gaps that the robot fits through. The others lead it
+to where the map may be wrong: who stood in a door is in the map until a scan looks there again."""
 
 
 class LocalPlanner(Protocol):
@@ -101,6 +110,9 @@ class GoalParams:
     """Whether paths may cross what neither map nor scans know; None: on maps that grow."""
     goal_tolerance: float = 0.15
     """Distance at which a goal counts as reached [m]."""
+    search_radius: float = 0.0
+    """Distance from the goal up to which the robot drives on around it, where a task does not end with its arrival [m]:
+    its pose estimate is off. With a heading, and at 0, it stops there."""
     heading_tolerance: float = 0.15
     """Turn at which a goal's heading counts as reached [rad]."""
     update_period: float = 0.3
@@ -143,6 +155,8 @@ class GoalNavigator:
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Where to drive (x, y), map frame [m]."""
+        self.target: tuple[float, float] | None = None
+        """The goal, or the point around it to which the robot drives now."""
         self.end_reason: str | None = None
         """Why the drive there has ended: "arrived", by the estimate, "no_path", "stuck", "lost" or "blind"; None while
         it has not."""
@@ -158,6 +172,7 @@ class GoalNavigator:
         self._tracker = PeopleTracker(robot.lidar, control_period, EAGER) if self.params.track_people else None
         self.tracks = NO_TRACKS
         """People that are tracked; see `PeopleTracker.people`."""
+        self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
         """The costmap; None before the first `act`."""
@@ -168,7 +183,8 @@ class GoalNavigator:
         self._forget_goal()
 
     def _forget_goal(self) -> None:
-        self.goal = self.end_reason = None
+        self.goal = self.target = self.end_reason = None
+        self._around: list[tuple[float, float]] = []
         self.num_recoveries = 0
         """Number of recovery behaviors since this goal was set."""
         self._heading: float | None = None
@@ -195,7 +211,13 @@ class GoalNavigator:
         if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
             raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
         self._forget_goal()
-        self.goal, self._heading = (float(goal[0]), float(goal[1])), heading
+        self.goal = self.target = float(goal[0]), float(goal[1])
+        self._heading = heading
+        farthest = self.params.search_radius + 1e-9 if heading is None else 0.0
+        for r in np.arange(SEARCH_STEP, farthest, SEARCH_STEP):
+            angles = np.arange(0.0, 2.0 * math.pi, SEARCH_STEP / r)
+            points = np.column_stack([self.goal[0] + r * np.cos(angles), self.goal[1] + r * np.sin(angles)])
+            self._around += map(tuple, points.tolist())
         if self.map is not None and self._allow_unknown:
             self.map.reach_beyond([self.goal], self._margin)
 
@@ -239,6 +261,8 @@ class GoalNavigator:
             return STOP
         if reading.bumper and not self._has_path and not navigator.is_recovering:
             navigator.recover()
+        if has_failed:
+            self._waited_until = reading.time + DETOUR_TIME
         if has_failed or navigator.record["recoveries"] > self._num_counted:
             self._count_recovery(reading, pose, planning)
         if not self.is_driving:
@@ -250,8 +274,8 @@ class GoalNavigator:
         if not self.is_driving:
             return STOP
         if self._is_due(self.params.update_period):
-            planning.integrate(pose, reading.ranges, self._robot.lidar)
-        if self._is_at_goal(pose):
+            planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
+        if self._is_at_goal(pose) and not self._drive_on_around(pose, planning):
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
@@ -277,6 +301,16 @@ class GoalNavigator:
         (self._navigator.reset if is_first else self._navigator.sense)(reading)
         return False
 
+    def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
+        """Return the scan for the costmap: without people, who will have walked on before the robot gets to them.
+
+        A path around a doorway that somebody walks through may lead through all of the unknown world. Where the robot
+        has got nowhere, people block paths like anything else for a while.
+        """
+        if belief.on_people is None or reading.time < self._waited_until:
+            return reading.ranges
+        return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
+
     def _track(self, ranges: np.ndarray) -> None:
         """Track people, for a planner that asks for them."""
         if self._tracker is not None:
@@ -293,13 +327,31 @@ class GoalNavigator:
         if self._heading is not None and abs(wrap_angle(self._heading - pose.theta)) > self.params.heading_tolerance:
             return False
         # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
-        return math.dist(pose[:2], self.goal) <= self.params.goal_tolerance
+        return math.dist(pose[:2], self.target or self.goal) <= self.params.goal_tolerance
+
+    def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
+        """Set out for the next point around the goal to which there is a short path; false if none is left."""
+        costmap = planning.costmap(0, pose)
+        while self._around:
+            self.target = self._around.pop(0)
+            path = plan_path(costmap, pose[:2], self.target)
+            if path is not None and np.hypot(*np.diff(path, axis=0).T).sum() <= SEARCH_PATH:
+                self._has_path = False
+                return True
+        return False
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans."""
+        """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans.
+
+        In the end, on a map that grows, also through gaps that the robot does not fit through.
+        """
         assert self.goal is not None
+        assert self.target is not None
         tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
-        for forget, self._level in product((False, True), range(planning.max_level + 1)):
+        levels = range(planning.max_level + 1)
+        num_fitting = NUM_FITTING if allow_unknown else len(levels)
+        attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
+        for forget, self._level in attempts:
             if forget and allow_unknown and self._margin < MAX_MARGIN:
                 self._margin *= 2.0
                 planning.reach_beyond([self.goal, pose[:2]], self._margin)
@@ -307,7 +359,7 @@ class GoalNavigator:
             if forget and self._level == 0:
                 planning.clear_marks()
             costmap = planning.costmap(self._level, pose)
-            path = plan_path(costmap, pose[:2], self.goal, tolerance=tolerance, allow_unknown=allow_unknown)
+            path = plan_path(costmap, pose[:2], self.target, tolerance=tolerance, allow_unknown=allow_unknown)
             if path is not None:
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
                 self._planner.set_path(path, self._heading)

@@ -23,7 +23,7 @@ from . import reach_kernels as own_at
 
 SIGHT = 6.0
 """How far one looks down the field for the direction of the path [m]."""
-UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000)
+UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
 """Who only shows the way never gives up."""
 
 
@@ -115,7 +115,7 @@ class PlannedCarrot:
             navigator.act(robot.reading, robot.belief)
             if navigator.plan is not None and len(navigator.plan):
                 self._path, self._index = navigator.plan, 0
-        pose, path = robot.belief.pose, np.vstack([self._path, goal])
+        pose, path = robot.belief.pose, np.vstack([self._path, navigator.target or goal])
         self._index = look_ahead(path, self._index, tuple(pose), (self._ahead,), out)
         rest = np.vstack([pose[:2], path[self._index :]])
         out[2] = min(float(np.hypot(*np.diff(rest, axis=0).T).sum()) / self._ahead, 1.0)

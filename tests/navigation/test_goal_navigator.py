@@ -122,6 +122,20 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     np.testing.assert_allclose(navigator.plan[-1], (6.0, 0.0), atol=0.1)
 
 
+@pytest.mark.parametrize("gap", [0, 1])
+def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_there_is_no_other_path(gap):
+    grid = hall()
+    grid.data[1:-1, 146:] = 0
+    grid.data[40 : 40 + gap, 145] = 0
+    grid.data[:, -1] = grid.data[0] = grid.data[-1] = 100
+    growing = Belief(HERE, grid)
+    growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 199, 79))
+    navigator = navigator_to((4.0, 0.0))
+    for _ in range(4):
+        navigator.act(reading_of(), growing)
+    assert navigator.end_reason == (None if gap else "no_path")
+
+
 def unknown(pose=HERE):
     """Return what dead reckoning believes, which keeps no map."""
     blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
@@ -175,6 +189,31 @@ def test_what_scans_find_is_driven_around():
     obstacle = np.array([1.0 + BURGER.lidar.mount.x, 0.0])
     assert cost_at(navigator.map.costmap(0, HERE), *obstacle) == 254
     assert np.hypot(*(navigator.plan - obstacle).T).min() > BURGER.radius
+
+
+def test_a_robot_that_is_told_to_looks_for_the_goal_around_where_it_has_arrived():
+    navigator, reached, pose = navigator_to((-2.0, 0.0), search_radius=0.8), set(), Pose2D(-2.0, 0.0, 0.0)
+    while navigator.end_reason is None:
+        navigator.act(reading_of(), Belief(pose, hall()))
+        reached.add(navigator.target)
+        pose = Pose2D(*navigator.target, 0.0)
+    x, y = np.array(sorted(reached)).T
+    assert navigator.goal == (-2.0, 0.0)
+    assert navigator.end_reason == "arrived"
+    true = np.array([(r * math.cos(a) - 2.0, r * math.sin(a)) for r in (0.3, 0.6, 0.9) for a in range(7)])
+    assert np.hypot(x - true[:, :1], y - true[:, 1:]).min(axis=1).max() < 0.3
+
+
+def test_people_block_no_path_until_the_robot_has_got_nowhere_among_them():
+    navigator, belief = navigator_to((2.0, 0.0)), Belief(HERE, hall())
+    reading, belief.on_people = reading_of(), np.abs(BURGER.lidar.angles) < 0.15
+    reading.ranges[belief.on_people] = 1.0
+    costs = []
+    for k in range(300):
+        navigator.act(reading._replace(time=0.1 * k), belief)
+        costs.append(cost_at(navigator.map.costmap(0, HERE), 1.0 + BURGER.lidar.mount.x, 0.0))
+    assert max(costs[:90]) < 253
+    assert max(costs) == 254
 
 
 def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():

@@ -53,6 +53,14 @@ def test_near_the_goal_the_carrot_is_the_goal():
     env.close()
 
 
+def test_where_the_task_goes_on_beyond_the_arrival_the_carrot_leads_around_the_goal():
+    env = gymnasium.make("lidarnaut/ReachGoal-v0", observations=("carrot",), goal_tolerance=0.01, **WALL)
+    env.reset(seed=0)
+    observation, _ = env.reset(seed=0, options={"goal": (0.1, 0.0, 0.0)})
+    assert observation["carrot"][2] > 0.2
+    env.close()
+
+
 def test_many_environments_show_the_carrots_of_single_ones():
     vector = gymnasium.make_vec("lidarnaut/ReachGoal-v0", 3, observations=OBSERVATIONS, num_workers=0, **WALL)
     singles = [gymnasium.make("lidarnaut/ReachGoal-v0", observations=OBSERVATIONS, **WALL) for _ in range(3)]
