@@ -26,7 +26,7 @@ def config():
 
 @pytest.fixture
 def scenes():
-    short = {"physics": ("kinematic",), "episodes": 1, "time_limit": 3.0}
+    short = {"episodes": 1, "time_limit": 3.0}
     return [one._replace(settings=one.settings.model_copy(update=short)) for one in SCENES]
 
 
