@@ -70,6 +70,13 @@ class Figure(NamedTuple):
         return f"data:image/{kind};base64,{base64.b64encode(self.content).decode()}"
 
 
+class Frame(NamedTuple):
+    """A page within a page, as HTML that loads nothing else; only HTML shows it."""
+
+    page: str
+    title: str
+
+
 class Section(NamedTuple):
     """A heading, and paragraphs, tables and pictures under it; a section in a section is folded away behind its title.
 
@@ -81,7 +88,7 @@ class Section(NamedTuple):
     level: int = 2
 
 
-Part = str | Table | Figure | Section
+Part = str | Table | Figure | Frame | Section
 
 
 def to_html(sections: Sequence[Section], **more: Any) -> str:
@@ -114,6 +121,8 @@ def _markdown(part: Part, title: str, folder: Path) -> str:
     if isinstance(part, Figure):
         write_file(folder / f"{part.name}.png", part.content)
         return f"![{part.name}]({folder.name}/{part.name}.png)\n\n*{_escape(part.caption)}*"
+    if isinstance(part, Frame):
+        return _escape(part.title)
     if isinstance(part, Section):
         content = "\n\n".join(_markdown(one, title, folder) for one in part.parts)
         # Without the blank lines it would be taken for HTML.

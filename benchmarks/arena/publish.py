@@ -65,14 +65,7 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
     return {group: (len(names), ", ".join(dict.fromkeys(names))) for group, names in groups.items()}
 
 
-def publish(
-    evaluation: Evaluation,
-    command: str = "",
-    docs: Path | None = None,
-    title: str = "",
-    intro: str = "",
-    lead: Mapping[str, bytes] = {},
-) -> Summary:
+def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None) -> Summary:
     """Write `summary.json`, pictures, leaderboard and `report.html` into the folder of an evaluation.
 
     Args:
@@ -80,9 +73,6 @@ def publish(
         command: that made it, to say so.
         docs: folder that gets the leaderboard as `arena.md`, and its pictures, long tables and the raw rows as
             `arena/`.
-        title: heading of the report; empty for one by the task.
-        intro: paragraph under the heading.
-        lead: further pictures to show above the results: contents of PNG or GIF files by caption.
 
     Raises:
         ValueError: if the folder holds nothing yet.
@@ -99,8 +89,7 @@ def publish(
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
     # In the report alone, because other pages lie elsewhere.
     players = list(filter(None, [players_section(folder, episodes)]))
-    report = [Section("", tuple(Figure(caption, content, caption) for caption, content in lead.items()))]
-    report += [*sections[:1], *players, *sections[1:]]
+    report = [*sections[:1], *players, *sections[1:]]
     for case, here in cases.items() if settings.world_sections else ():
         estimates = {policy: summary[policy][case] for policy in here.policies}
         for section in case_sections(folder, case, here, estimates):
@@ -108,8 +97,8 @@ def publish(
             for figure in section.parts:
                 if isinstance(figure, Figure):
                     write_file(folder / f"{figure.name}.png", figure.content)
-    title = title or f"How well do they do? {settings.id}"
-    write_file(folder / "report.html", to_html(report, title=title, intro=intro, facts=_facts(evaluation, episodes)))
+    title = f"How well do they do? {settings.id}"
+    write_file(folder / "report.html", to_html(report, title=title, facts=_facts(evaluation, episodes)))
     if sections:
         write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
