@@ -86,6 +86,23 @@ def test_the_tutorial_trains_what_explores_faster_than_nearest():
 
 
 @needs_site
+def test_the_tutorial_among_people_learns_and_plays_an_episode():
+    page = (SITE / "tutorials" / "learn_among_people.html").read_text(encoding="utf-8")
+    untrained, trained = map(int, re.search(r"^untrained: (\d+) % of the goals, trained: (\d+) %", page, re.M).groups())
+    assert trained > untrained + 10
+    assert page.count('<iframe class="episode" title="A recorded episode" srcdoc=') == 1
+
+
+@needs_site
+def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
+    page = (SITE / "tutorials" / "own_world_to_robot.html").read_text(encoding="utf-8")
+    untrained, trained = map(int, re.search(r"^untrained: (\d+) % of the goals, trained: (\d+) %", page, re.M).groups())
+    assert trained > untrained + 10
+    assert re.search(r"^\d+ kB, sees_around, every 0.1 s", page, re.M)
+    assert re.search(r"^(reached|wall|person|time_limit) after [\d.]+ s and [\d.]+ m", page, re.M)
+
+
+@needs_site
 @needs_browser
 @pytest.mark.parametrize("width", [1280, 390])
 def test_nothing_lies_out_of_reach_and_code_is_not_cut(width):
