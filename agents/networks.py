@@ -60,56 +60,6 @@ class ExplorerFeatures(BaseFeaturesExtractor):
         return torch.cat([encode(part if part.ndim > 1 else part[:, None]) for part, encode in encoders], dim=1)
 
 
-class ScanWindows(BaseFeaturesExtractor):
-    """Overlapping windows of sectors through one shared layer, and beside them all other parts as they are.
-
-    A person looks the same wherever around the robot: a layer that is shared learns it sooner than one over all
-    sectors. Of past scans it sees what has changed since, multiplied, for a person changes what is shown by a few
-    hundredths. It is a 1-D convolution (LeCun et al., 1989) as a matrix product, which costs a fraction on a CPU.
-    """
-
-    def __init__(
-        self,
-        observation_space: spaces.Dict,
-        key: str = "scan_history",
-        num_sectors: int = 90,
-        width: int = 10,
-        stride: int = 5,
-        channels: int = 24,
-        gain: float = 4.0,
-    ) -> None:
-        """Build the layer for the part `key`, which holds scans of `num_sectors` sectors beside each other.
-
-        A window has `width` sectors of all scans and begins `stride` sectors after the one before; it gives `channels`
-        features. `gain`: by what changes are multiplied.
-
-        Raises:
-            ValueError: there is no such part, it does not hold whole scans, or a window is wider than one.
-        """
-        shapes = {name: space.shape for name, space in observation_space.items()}
-        if key not in shapes or spaces.flatdim(observation_space[key]) % num_sectors or width > num_sectors:
-            raise ValueError(
-                f"ScanWindows needs scans of {num_sectors} sectors, at least its width {width}, in part {key!r}; "
-                f"parts are {shapes}"
-            )
-        self._key, self._shape = key, (spaces.flatdim(observation_space[key]) // num_sectors, num_sectors)
-        self._width, self._gain, self._starts = width, gain, range(0, num_sectors - width + 1, stride)
-        self._others = [name for name in observation_space.spaces if name != key]
-        others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
-        super().__init__(observation_space, len(self._starts) * channels + others)
-        self.window = nn.Sequential(nn.Linear(self._shape[0] * width, channels), nn.ReLU())
-
-    def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Return the features, shape (batch, features_dim)."""
-        scans = observations[self._key].reshape(-1, *self._shape)
-        scans = torch.cat([scans[:, :1], self._gain * (scans[:, :1] - scans[:, 1:])], dim=1)
-        # Not by `Tensor.unfold`, which becomes ONNX for a fixed batch alone.
-        windows = [scans[:, :, start : start + self._width].flatten(1) for start in self._starts]
-        windows = self.window(torch.stack(windows, dim=1)).flatten(1)
-        others = [observations[name].flatten(1) for name in self._others]  # in whatever order they are given
-        return torch.cat([windows, *others], dim=1)
-
-
 class FlatFeatures(ExplorerFeatures):
     """The same for algorithms that take observations as vectors; see `flatten`."""
 

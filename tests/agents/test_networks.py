@@ -2,9 +2,8 @@ import numpy as np
 import pytest
 import torch
 from gymnasium import spaces
-from torch.nn import functional
 
-from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, ScanWindows, flat_space, flatten
+from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from tests.agents.fake_env import observation_space
 
 
@@ -66,33 +65,3 @@ def test_tables_crops_of_any_side_and_names_with_dots_are_read():
     flat.load_state_dict(network.state_dict())
     vectors = flatten({key: value.detach().numpy() for key, value in inputs.items()})
     torch.testing.assert_close(flat(torch.from_numpy(vectors)), features)
-
-
-def test_windows_of_scans_are_a_convolution_beside_all_other_parts():
-    space = spaces.Dict({"scan_history": spaces.Box(0, 1, (36,)), "goal": spaces.Box(-1, 1, (4,))})
-    network = ScanWindows(space, num_sectors=12, width=4, stride=2, channels=5)
-    inputs = sample(space, 7)
-    features = network(inputs)
-    assert features.shape == (7, network.features_dim)
-    layer = network.window[0]
-    scans = inputs["scan_history"].reshape(7, 3, 12).clone()
-    scans[:, 1:] = 4.0 * (scans[:, :1] - scans[:, 1:])
-    expected = functional.conv1d(scans, layer.weight.reshape(5, 3, 4), layer.bias, stride=2).relu()
-    torch.testing.assert_close(features[:, :25].reshape(7, 5, 5), expected.transpose(1, 2))
-    assert torch.equal(features[:, 25:], inputs["goal"])
-
-
-@pytest.mark.parametrize("wrong", [{"key": "scan"}, {"num_sectors": 7}, {"num_sectors": 9, "width": 10}])
-def test_windows_that_do_not_fit_the_scans_are_refused(wrong):
-    space = spaces.Dict({"scan_history": spaces.Box(0, 1, (36,))})
-    with pytest.raises(ValueError, match=r"ScanWindows needs scans of \d+ sectors"):
-        ScanWindows(space, **({"num_sectors": 12} | wrong))
-
-
-def test_windows_of_scans_look_at_the_names_of_parts_and_not_at_their_order():
-    space = spaces.Dict(
-        {name: spaces.Box(-1, 1, (width,)) for name, width in (("goal", 4), ("limits", 3), ("scan_history", 36))}
-    )
-    network = ScanWindows(space, num_sectors=12, width=4, stride=2)
-    inputs = sample(space, 2)
-    assert torch.equal(network(inputs), network(dict(reversed(inputs.items()))))
