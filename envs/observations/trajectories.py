@@ -79,7 +79,7 @@ def find_walls(ranges, frame, people, points):
     return count
 
 
-@njit(cache=True, error_model="numpy", fastmath=True)
+@njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def look_ahead(now, limits, points, people, twists, out):
     """Write what each twist leads to, shape (n, NUMBERS), float32; see `Trajectories`.
 
