@@ -165,8 +165,8 @@ def write_trajectories(rows, ranges, memory, active, frame, tracker, twists, out
             state[STEPS] = row[at.STEPS]
         found = people[: write_bodies(state, tracks, tracker, people)]
         count = find_walls(ranges[i], frame, found, points)
-        robot = row[at.ROBOT :]
-        limits = robot[1], robot[2], robot[3], robot[4], robot[0]
+        robot = at.unpack_robot(row[at.ROBOT :])
+        limits = robot.max_v, robot.max_w, robot.max_acc_v, robot.max_acc_w, robot.radius
         now = row[at.TWIST_V], row[at.TWIST_W]
         look_ahead(now, limits, points[:, :count], found, twists, out[i])
 
