@@ -12,6 +12,7 @@ os.environ |= {
     "SDL_VIDEODRIVER": "dummy",
     "MPLBACKEND": "module://matplotlib_inline.backend_inline",
     "PYTHONPATH": str(HERE.parent),
+    "OMP_NUM_THREADS": "1",  # two of them run at once
 }
 
 project = "Lidarnaut"
@@ -26,13 +27,15 @@ extensions = [
     "sphinx_copybutton",
     "sphinx_design",
     "generated_pages",
+    "run_notebooks",
 ]
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 suppress_warnings = ["ref.python"]  # words of docstrings such as "height" that are attributes of several classes
 
 myst_enable_extensions = ["colon_fence", "dollarmath"]
 myst_heading_anchors = 4
-nb_execution_mode = "force"
+nb_execution_mode = "cache"  # filled by `run_notebooks`
+nb_execution_cache_path = str(HERE.parent / "build" / "notebooks")
 nb_execution_timeout = 900
 nb_execution_raise_on_error = True
 nb_execution_show_tb = True
