@@ -12,11 +12,11 @@ from torch.distributions import Categorical
 from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
-from lidarnaut.envs.observations.trajectories import END_SCALE, NUMBERS, TWISTS
+from lidarnaut.envs.observations.trajectories import END, END_SCALE, TWISTS
 
 NEEDED = "trajectories", "motion"
 """Observations that are read, beside `goal` or `carrot`; others are read as they are."""
-GOAL_SCALE, CARROT_AHEAD = 10.0, 1.5
+GOAL_SCALE, CARROT_AHEAD = 10.0, 0.8
 """Distance of a `goal` that is shown as 1, and of a `carrot`, beyond which the direction alone counts [m]."""
 LAST_ACTION = slice(2, 4)
 """Entries of `motion`."""
@@ -90,11 +90,12 @@ class TrajectoryNetwork(nn.Module):
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
         self._others = sorted(names - {"trajectories"})
+        numbers = spaces.flatdim(observation_space["trajectories"]) // len(TWISTS) + OWN_NUMBERS
         others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
-        self.embed = nn.Linear(NUMBERS + OWN_NUMBERS + others, width)
+        self.embed = nn.Linear(numbers + others, width)
         self.rate = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False))
-        self.add = nn.Linear(NUMBERS + OWN_NUMBERS, 1, bias=False)
-        self.look = nn.Linear(NUMBERS + OWN_NUMBERS, width)
+        self.add = nn.Linear(numbers, 1, bias=False)
+        self.look = nn.Linear(numbers, width)
         self.judge = nn.Sequential(
             nn.Linear(2 * width + others, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1)
         )
@@ -105,7 +106,7 @@ class TrajectoryNetwork(nn.Module):
         """Return logits, shape (batch, 55), and values, shape (batch, 1), float32."""
         shown, goal = observations["trajectories"], self._goal(observations)
         away = goal.norm(dim=1, keepdim=True)
-        nearer = (away - (goal[:, None] - END_SCALE * shown[:, :, -2:]).norm(dim=2)) / END_SCALE
+        nearer = (away - (goal[:, None] - END_SCALE * shown[:, :, END]).norm(dim=2)) / END_SCALE
         change = (self.twists - observations["motion"][:, None, LAST_ACTION]).abs()
         own = self.twists.expand(shown.shape[0], -1, -1)
         twists = torch.cat([shown, nearer[:, :, None], change, own[:, :, :1], own[:, :, 1:].abs()], dim=2)

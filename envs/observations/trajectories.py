@@ -30,8 +30,8 @@ TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 """Yaw rates of the table over the robot's limit."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
 """The table, shape (55, 2), as actions are."""
-NUMBERS = 6
-"""What is shown of each twist."""
+NUMBERS, END = 6, slice(4, 6)
+"""What is shown of each twist, without gaps, and which of these numbers say where it ends."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Time for which a twist is held before the robot drives straight on, between two poses of that time at which contact
 is looked for, and how far ahead is looked [s]."""
@@ -39,10 +39,13 @@ ALONG = 1.0
 """Time on the straight line in which nearness to walls counts, half of which leads to the end that is shown [s]."""
 NEAR_WALL, NEAR_PERSON, FADE = 0.4, 0.8, 1.5
 """Gaps to walls and people from which on these are not near [m]; time in which that to people falls to 1 / e [s]."""
+SMALL_GAP = 0.1
+"""Gaps of narrow passages are shown over this [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Most points of a scan that are looked at, each the nearest of neighbouring beams, and how far away [m]."""
-ON_PERSON = 0.15
-"""Points this near to a person's edge are the person's [m]."""
+ON_PERSON, WALKING = 0.15, 0.5
+"""Points this near to a person's edge are the person's [m]; with gaps, only if the person is this fast [m/s]: what
+stands may be a pillar, of which the points say better where it is."""
 MARGIN = 0.02
 """Distance from points that is kept [m], but for what is nearer already."""
 END_SCALE = 2.0
@@ -53,12 +56,12 @@ STATE, STEPS = 9, 8
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
-    """Write the nearest points of neighbouring beams that lie on no person, base frame [m]; returns how many.
+    """Write the nearest points of neighbouring beams that lie on nobody who walks, base frame [m]; returns how many.
 
-    `frame`: x, y of the lidar, and unit vectors along its beams, shape (2, n), base frame; `people`: see `look_ahead`;
-    `points`: shape (2, MAX_POINTS), written.
+    `frame`: x, y of the lidar, unit vectors along its beams, shape (2, n), base frame, and the speed of who walks
+    [m/s]; `people`: see `look_ahead`; `points`: shape (2, MAX_POINTS), written.
     """
-    mount_x, mount_y, directions = frame
+    mount_x, mount_y, directions, walking = frame
     num_beams, count = ranges.shape[0], 0
     group = -(-num_beams // MAX_POINTS)
     for first in range(0, num_beams, group):
@@ -72,7 +75,8 @@ def find_walls(ranges, frame, people, points):
         is_wall = True
         for i in range(people.shape[0]):
             reach = people[i, 4] + ON_PERSON
-            is_wall &= (x - people[i, 0]) ** 2 + (y - people[i, 1]) ** 2 >= reach * reach
+            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= walking * walking
+            is_wall &= not walks or (x - people[i, 0]) ** 2 + (y - people[i, 1]) ** 2 >= reach * reach
         if is_wall:
             points[0, count], points[1, count] = x, y
             count += 1
@@ -81,7 +85,7 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def look_ahead(now, limits, points, people, twists, out):
-    """Write what each twist leads to, shape (n, NUMBERS), float32; see `Trajectories`.
+    """Write what each twist leads to, shape (n, NUMBERS), or one more with gaps, float32; see `Trajectories`.
 
     `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: greatest ones, greatest accelerations, and radius of the
     footprint; `points`: shape (2, k), walls, base frame [m]; `people`: shape (m, 5), as `PeopleTracker.people`.
@@ -94,6 +98,7 @@ def look_ahead(now, limits, points, people, twists, out):
     for i in range(twists.shape[0]):
         v, w = now
         x = y = theta = near_wall = near_person = 0.0
+        least = np.inf
         until_wall = until_person = HORIZON
         for step in range(int(HOLD / STEP)):
             v += min(max(twists[i, 0] * max_v - v, -acc_v * STEP), acc_v * STEP)
@@ -104,6 +109,7 @@ def look_ahead(now, limits, points, people, twists, out):
             time, squared = (step + 1) * STEP, np.inf
             for j in range(points.shape[1]):
                 squared = min(squared, (points[0, j] - x) ** 2 + (points[1, j] - y) ** 2)
+            least = min(least, squared)
             gap = math.sqrt(squared) - reach
             until_wall = min(until_wall, time) if gap < 0.0 else until_wall
             near_wall = max(near_wall, 1.0 - gap / NEAR_WALL)
@@ -143,6 +149,8 @@ def look_ahead(now, limits, points, people, twists, out):
         out[i, 0], out[i, 1] = until_wall / HORIZON, until_person / HORIZON
         out[i, 2], out[i, 3] = min(near_wall, 1.0), near_person
         out[i, 4], out[i, 5] = (x + 0.5 * ALONG * v * ux) / END_SCALE, (y + 0.5 * ALONG * v * uy) / END_SCALE
+        if out.shape[1] > NUMBERS:
+            out[i, NUMBERS] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")
@@ -177,21 +185,28 @@ class Trajectories:
     A twist, one of five forward speeds and eleven yaw rates (`TWISTS`), is approached with the robot's accelerations
     and held for 0.5 s; then the robot drives straight on. Shown are the times until it touches a wall, and a person
     who walks on as now, over 3 s, 1 for no contact until then; nearness to walls (1 at the footprint, 0 from 0.4 m on),
-    and to people (from 0.8 m on; less the later); and where it is after 1 s, forward and to the left, over 2 m.
+    and to people (from 0.8 m on; less the later); and where it is after 1 s, forward and to the left, over 2 m. With
+    `gaps`, a seventh number: the least gap to walls within the 0.5 s over 0.1 m, negative for contact, from -1 to 1;
+    and what is as large as a person but does not walk is a wall as well.
 
     People are tracked as controllers do (`lidarnaut.envs.navigation.goal_navigator.EAGER`). Whatever is as large as a
     person counts as one, with the velocity that scans show, from its second scan on. After the dynamic window approach
     (Fox, Burgard and Thrun, 1997), whose objective a policy learns in place of adding it up.
     """
 
+    def __init__(self, gaps: bool = False) -> None:
+        """Choose whether gaps are shown, which passages need that leave a few centimetres."""
+        self._gaps = bool(gaps)
+
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-inf, inf, (55, 6), float32)`."""
-        return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
+        """Return `Box(-inf, inf, (55, 6), float32)`, or 7 numbers with gaps."""
+        return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS + self._gaps), np.float32)
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode: forget all people."""
         lidar, memory = robot.params.lidar, robot.rows.remember
-        self._fixed = (lidar.mount.x, lidar.mount.y, lidar.directions), tracker_numbers(lidar, EAGER), TWISTS
+        frame = lidar.mount.x, lidar.mount.y, lidar.directions, WALKING if self._gaps else 0.0
+        self._fixed = frame, tracker_numbers(lidar, EAGER), TWISTS
         num_scans = num_kept_scans(EAGER)
         self._keys = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4

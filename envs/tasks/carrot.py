@@ -144,6 +144,6 @@ CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 """Carrots by the path that they are on."""
 
 
-def make_carrot(task: Any, path: str = "plan", ahead: float = 1.5) -> PlannedCarrot:
+def make_carrot(task: Any, path: str = "plan", ahead: float = 0.8) -> PlannedCarrot:
     """Return the carrot on a path, `plan` or `shortest`, so far ahead [m]; ValueError if one is not allowed."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

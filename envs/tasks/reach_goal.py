@@ -72,7 +72,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
 
-    Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 1.5 m ahead on the path of a navigator that plans by what the
+    Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 0.8 m ahead on the path of a navigator that plans by what the
     robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
     `trajectories` (`Box(-inf, inf, (55, 6))`): what driving by each of 55 twists would lead to, see
     `lidarnaut.envs.observations.Trajectories`.

@@ -11,6 +11,7 @@ from lidarnaut.envs.observations.trajectories import (
     HORIZON,
     MARGIN,
     NUMBERS,
+    SMALL_GAP,
     STEP,
     TWISTS,
     find_walls,
@@ -83,15 +84,31 @@ def test_who_walks_beside_the_robot_is_near_and_is_not_met():
     assert (shown()[:, :4] == (1.0, 1.0, 0.0, 0.0)).all()
 
 
-def test_points_on_people_are_no_walls():
+def test_gaps_say_by_how_little_a_passage_is_wide_enough():
+    for half_width, gap in ((0.35, 0.05), (0.27, -0.03)):
+        points = [(x, y) for x in np.linspace(0.0, 3.0, 61) for y in (-half_width, half_width)]
+        found = np.empty((len(TWISTS), NUMBERS + 1), dtype=np.float32)
+        look_ahead((1.0, 0.0), LIMITS, np.array(points).T, NOBODY, TWISTS, found)
+        straight = found[(TWISTS == (0.65, 0.0)).all(axis=1), NUMBERS]
+        assert straight * SMALL_GAP == pytest.approx(gap, abs=1e-3)
+        np.testing.assert_array_equal(found[:, :NUMBERS], shown((1.0, 0.0), np.array(points).T))
+    env = LidarEnv(ReachGoal, **{**CROWD, "observations": {"trajectories": {"gaps": True}}})
+    (observation, *_), *_ = rollout(env, 0, 1)
+    assert observation["trajectories"].shape == (55, NUMBERS + 1)
+
+
+def test_points_on_who_walks_are_no_walls():
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)])
+    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)]), 0.5
     ranges = np.full(360, np.inf, dtype=np.float32)
     ranges[170:190], ranges[90] = 1.7, 1.0
     points = np.empty((2, 120))
     assert find_walls(ranges, frame, NOBODY, points) > 1
     assert find_walls(ranges, frame, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
     np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
+    pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])  # tracked badly
+    assert find_walls(ranges, frame, pillar, points) > 1
+    assert find_walls(ranges, (*frame[:3], 0.0), pillar, points) == 1
 
 
 def test_to_be_written_twice_changes_nothing():

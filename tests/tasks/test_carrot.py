@@ -47,7 +47,7 @@ def test_planned_and_shortest_paths_begin_alike():
 def test_near_the_goal_the_carrot_is_the_goal():
     env = gymnasium.make("lidarnaut/ReachGoal-v0", observations=OBSERVATIONS, **WALL)
     env.reset(seed=0)
-    observation, _ = env.reset(seed=0, options={"goal": (0.9, 0.0, 0.0)})
+    observation, _ = env.reset(seed=0, options={"goal": (0.48, 0.0, 0.0)})
     np.testing.assert_allclose(observation["carrot"], (1.0, 0.0, 0.6), atol=0.1)
     np.testing.assert_allclose(observation["goal"][1:3], observation["carrot"][:2], atol=1e-6)
     env.close()
