@@ -13,11 +13,12 @@ from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
 from lidarnaut.envs.observations.trajectories import END, END_SCALE, TWISTS
+from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion"
 """Observations that are read, beside `goal` or `carrot`; others are read as they are."""
-GOAL_SCALE, CARROT_AHEAD = 10.0, 0.8
-"""Distance of a `goal` that is shown as 1, and of a `carrot`, beyond which the direction alone counts [m]."""
+GOAL_SCALE = 10.0
+"""Distance of a `goal` that is shown as 1, and of a `carrot` that is not the goal yet [m]."""
 LAST_ACTION = slice(2, 4)
 """Entries of `motion`."""
 OWN_NUMBERS = 5
@@ -122,7 +123,7 @@ class TrajectoryNetwork(nn.Module):
         """Return where to go, shape (batch, 2), base frame [m]."""
         if "carrot" in observations:
             carrot = observations["carrot"]
-            far = torch.where(carrot[:, 2:] < 1.0, CARROT_AHEAD * carrot[:, 2:], GOAL_SCALE)
+            far = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE)
             return far * carrot[:, :2]
         return GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
 

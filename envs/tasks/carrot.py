@@ -21,6 +21,8 @@ from lidarnaut.envs.simulation import records as at
 
 from . import reach_kernels as own_at
 
+AHEAD = 0.8
+"""How far ahead on the path the carrot is by default [m]."""
 SIGHT = 6.0
 """How far one looks down the field for the direction of the path [m]."""
 UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
@@ -144,6 +146,6 @@ CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
 """Carrots by the path that they are on."""
 
 
-def make_carrot(task: Any, path: str = "plan", ahead: float = 0.8) -> PlannedCarrot:
+def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
     """Return the carrot on a path, `plan` or `shortest`, so far ahead [m]; ValueError if one is not allowed."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)
