@@ -11,9 +11,9 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 JACKAL = load_robot("jackal")
 
 
-def _variant(name: str, fov: float, **limits: Any) -> RobotParams:
-    """Return a Jackal with a lidar of 360 beams over an angle [rad], and other limits."""
-    lidar = replace(JACKAL.lidar, num_beams=360, fov=fov)
+def _variant(name: str, fov: float, range_max: float = 30.0, **limits: Any) -> RobotParams:
+    """Return a Jackal with a lidar of 360 beams over an angle [rad] up to a range [m], and other limits."""
+    lidar = replace(JACKAL.lidar, num_beams=360, fov=fov, range_max=range_max)
     return replace(JACKAL, name=name, lidar=lidar, **limits)
 
 
@@ -21,3 +21,15 @@ SEES_AHEAD = _variant("sees_ahead", 4.71)
 """270 degrees, as the Jackal itself, with half its beams."""
 SEES_AROUND = _variant("sees_around", 6.28)
 SLOW_SEES_AROUND = _variant("slow_sees_around", 6.28, max_v=1.0, max_w=3.0)
+SMALL_SEES_AROUND = _variant(
+    "small_sees_around",
+    6.28,
+    3.5,
+    radius=0.2,
+    body=replace(JACKAL.body, radius=0.2),
+    max_v=0.3,
+    max_w=1.8,
+    max_acc_v=1.0,
+    max_acc_w=3.2,
+)
+"""About as large, fast and far-sighted as a TurtleBot3."""

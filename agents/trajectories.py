@@ -12,16 +12,17 @@ from torch.distributions import Categorical
 from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
-from lidarnaut.envs.observations.trajectories import END, END_SCALE, TWISTS
+from lidarnaut.envs.observations.scan import SPEED_RANGE
+from lidarnaut.envs.observations.trajectories import END, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
-NEEDED = "trajectories", "motion"
+NEEDED = "trajectories", "motion", "limits"
 """Observations that are read, beside `goal` or `carrot`; others are read as they are."""
 GOAL_SCALE = 10.0
 """Distance of a `goal` that is shown as 1, and of a `carrot` that is not the goal yet [m]."""
 LAST_ACTION = slice(2, 4)
 """Entries of `motion`."""
-OWN_NUMBERS = 5
+OWN_NUMBERS = 6
 """What a candidate is given beside its entries of `trajectories`."""
 MIXED = 0.05
 """Gain of the last layer at first: all twists are about as likely."""
@@ -70,8 +71,9 @@ class TwistChoice(Distribution):
 class TrajectoryNetwork(nn.Module):
     """Logits of the twists, each by the same two layers over what it leads to, and the value of the state.
 
-    Of each twist it also sees how much nearer to the goal it leads, how far it is from the last action, and itself. The
-    value is made of mean and maximum over the twists' features, which layers of its own give.
+    Of each twist it also sees how much nearer to the goal it leads, over what the robot drives in a second at its
+    greatest speed, and the cosine of the goal's bearing then; how far it is from the last action, and itself. The value
+    is made of mean and maximum over the twists' features, which layers of its own give.
     """
 
     twists: Tensor
@@ -104,13 +106,17 @@ class TrajectoryNetwork(nn.Module):
         nn.init.zeros_(self.add.weight)
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
-        """Return logits, shape (batch, 55), and values, shape (batch, 1), float32."""
-        shown, goal = observations["trajectories"], self._goal(observations)
-        away = goal.norm(dim=1, keepdim=True)
-        nearer = (away - (goal[:, None] - END_SCALE * shown[:, :, END]).norm(dim=2)) / END_SCALE
+        """Return logits, shape (batch, 66), and values, shape (batch, 1), float32."""
+        shown, goal = observations["trajectories"], self._goal(observations)[:, None]
+        rest = goal - shown[:, :, END]
+        nearer = goal.norm(dim=2) - rest.norm(dim=2)
+        turn = torch.pi * shown[:, :, TURN]
+        facing = (turn.cos() * goal[:, :, 0] + turn.sin() * goal[:, :, 1]) / goal.norm(dim=2).clamp(min=1e-6)
         change = (self.twists - observations["motion"][:, None, LAST_ACTION]).abs()
         own = self.twists.expand(shown.shape[0], -1, -1)
-        twists = torch.cat([shown, nearer[:, :, None], change, own[:, :, :1], own[:, :, 1:].abs()], dim=2)
+        twists = torch.cat(
+            [shown, torch.stack([nearer, facing], dim=2), change, own[:, :, :1], own[:, :, 1:].abs()], dim=2
+        )
         others = torch.cat([observations[name].flatten(1) for name in self._others], dim=1)
         # The layer over both, in halves: what all twists share is multiplied once.
         weight, shared = self.embed.weight.split([twists.shape[2], others.shape[1]], dim=1)
@@ -120,12 +126,13 @@ class TrajectoryNetwork(nn.Module):
         return logits, self.judge(torch.cat([seen.mean(dim=1), seen.amax(dim=1), others], dim=1))
 
     def _goal(self, observations: Tensors) -> Tensor:
-        """Return where to go, shape (batch, 2), base frame [m]."""
+        """Return where to go, shape (batch, 2), base frame, in what the robot drives in a second at most."""
         if "carrot" in observations:
             carrot = observations["carrot"]
-            far = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE)
-            return far * carrot[:, :2]
-        return GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
+            goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
+        else:
+            goal = GOAL_SCALE * observations["goal"][:, :1] * observations["goal"][:, 1:3]
+        return goal / (SPEED_RANGE * observations["limits"][:, :1])
 
 
 class TrajectoryPolicy(JointPolicy):

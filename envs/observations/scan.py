@@ -13,7 +13,8 @@ from lidarnaut.envs.simulation import records as at
 
 TIME_RANGE = 600.0
 """Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
-
+SPEED_RANGE = 2.0
+"""Greatest forward speed of a robot that is shown as 1 [m/s]."""
 
 ONE = np.ones(1, dtype=np.bool_)
 
@@ -74,7 +75,7 @@ class Limits:
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the robot's limits to `out`."""
         params = robot.params
-        limits = params.max_v / 2.0, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
+        limits = params.max_v / SPEED_RANGE, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
         out[:] = np.minimum((*limits, params.radius / 0.5), 1.0)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:

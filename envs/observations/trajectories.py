@@ -24,14 +24,14 @@ from lidarnaut.envs.simulation import records as at
 
 from .scan import ONE
 
-SPEEDS = -0.3, 0.0, 0.3, 0.65, 1.0
+SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
 """Forward speeds of the table over the robot's limit."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
 """Yaw rates of the table over the robot's limit."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
-"""The table, shape (55, 2), as actions are."""
-NUMBERS, END = 6, slice(4, 6)
-"""What is shown of each twist, without gaps, and which of these numbers say where it ends."""
+"""The table, shape (66, 2), as actions are."""
+NUMBERS, END, TURN = 8, slice(4, 6), 6
+"""How many numbers are shown of each twist, and which of them say where it ends and how far it turns."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Time for which a twist is held before the robot drives straight on, between two poses of that time at which contact
 is looked for, and how far ahead is looked [s]."""
@@ -44,12 +44,12 @@ SMALL_GAP = 0.1
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Most points of a scan that are looked at, each the nearest of neighbouring beams, and how far away [m]."""
 ON_PERSON, WALKING = 0.15, 0.5
-"""Points this near to a person's edge are the person's [m]; with gaps, only if the person is this fast [m/s]: what
-stands may be a pillar, of which the points say better where it is."""
+"""Points this near to a person's edge are the person's [m], if the person is this fast [m/s]: what stands may be a
+pillar, of which the points say better where it is."""
 MARGIN = 0.02
 """Distance from points that is kept [m], but for what is nearer already."""
-END_SCALE = 2.0
-"""Ends of trajectories are shown over this [m]."""
+BEHIND = 0.35
+"""A lidar of which a beam points backwards within this angle sees what is behind [rad]."""
 STATE, STEPS = 9, 8
 """Size of the state of the tracker, and its last entry: the control period of the last update."""
 
@@ -58,10 +58,10 @@ STATE, STEPS = 9, 8
 def find_walls(ranges, frame, people, points):
     """Write the nearest points of neighbouring beams that lie on nobody who walks, base frame [m]; returns how many.
 
-    `frame`: x, y of the lidar, unit vectors along its beams, shape (2, n), base frame, and the speed of who walks
-    [m/s]; `people`: see `look_ahead`; `points`: shape (2, MAX_POINTS), written.
+    `frame`: x, y of the lidar, and unit vectors along its beams, shape (2, n), base frame [m]; `people`: see
+    `look_ahead`; `points`: shape (2, MAX_POINTS), written.
     """
-    mount_x, mount_y, directions, walking = frame
+    mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
     group = -(-num_beams // MAX_POINTS)
     for first in range(0, num_beams, group):
@@ -75,7 +75,7 @@ def find_walls(ranges, frame, people, points):
         is_wall = True
         for i in range(people.shape[0]):
             reach = people[i, 4] + ON_PERSON
-            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= walking * walking
+            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= WALKING * WALKING
             is_wall &= not walks or (x - people[i, 0]) ** 2 + (y - people[i, 1]) ** 2 >= reach * reach
         if is_wall:
             points[0, count], points[1, count] = x, y
@@ -85,12 +85,13 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def look_ahead(now, limits, points, people, twists, out):
-    """Write what each twist leads to, shape (n, NUMBERS), or one more with gaps, float32; see `Trajectories`.
+    """Write what each twist leads to, shape (n, NUMBERS), float32; see `Trajectories`.
 
-    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: greatest ones, greatest accelerations, and radius of the
-    footprint; `points`: shape (2, k), walls, base frame [m]; `people`: shape (m, 5), as `PeopleTracker.people`.
+    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: greatest ones, greatest accelerations, radius of the
+    footprint, and whether the lidar sees what is behind; `points`: shape (2, k), walls, base frame [m]; `people`: shape
+    (m, 5), as `PeopleTracker.people`.
     """
-    max_v, max_w, acc_v, acc_w, radius = limits
+    max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     here = np.inf
     for j in range(points.shape[1]):
         here = min(here, points[0, j] ** 2 + points[1, j] ** 2)
@@ -119,6 +120,8 @@ def look_ahead(now, limits, points, people, twists, out):
                 until_person = min(until_person, time) if gap < 0.0 else until_person
                 near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / FADE))
         v = twists[i, 0] * max_v
+        if v < 0.0 and not sees_behind:
+            until_wall, near_wall = 0.0, 1.0
         ux, uy, speed = math.cos(theta), math.sin(theta), abs(v)
         sign = 1.0 if v >= 0.0 else -1.0
         hit, squared = np.inf, np.inf
@@ -148,17 +151,20 @@ def look_ahead(now, limits, points, people, twists, out):
                 until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
         out[i, 0], out[i, 1] = until_wall / HORIZON, until_person / HORIZON
         out[i, 2], out[i, 3] = min(near_wall, 1.0), near_person
-        out[i, 4], out[i, 5] = (x + 0.5 * ALONG * v * ux) / END_SCALE, (y + 0.5 * ALONG * v * uy) / END_SCALE
-        if out.shape[1] > NUMBERS:
-            out[i, NUMBERS] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
+        farthest = max_v * (HOLD + 0.5 * ALONG)
+        out[i, 4], out[i, 5] = (x + 0.5 * ALONG * v * ux) / farthest, (y + 0.5 * ALONG * v * uy) / farthest
+        out[i, 6] = theta / math.pi
+        out[i, 7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
 
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, tracker, twists, out):
     """Track people for active rows, once in a control period, and write what twists lead to: shape (n, ...), float32.
 
-    `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`.
+    `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`, and
+    whether the lidar sees what is behind.
     """
+    frame, sees_behind = frame[:3], frame[3]
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
     states, all_tracks, all_scans, all_poses = memory
@@ -174,38 +180,37 @@ def write_trajectories(rows, ranges, memory, active, frame, tracker, twists, out
         found = people[: write_bodies(state, tracks, tracker, people)]
         count = find_walls(ranges[i], frame, found, points)
         robot = at.unpack_robot(row[at.ROBOT :])
-        limits = robot.max_v, robot.max_w, robot.max_acc_v, robot.max_acc_w, robot.radius
+        limits = robot.max_v, robot.max_w, robot.max_acc_v, robot.max_acc_w, robot.radius, sees_behind
         now = row[at.TWIST_V], row[at.TWIST_W]
         look_ahead(now, limits, points[:, :count], found, twists, out[i])
 
 
 class Trajectories:
-    """What each of 55 twists would lead to: six numbers for each, by the last scan, and by people tracked in scans.
+    """What each of 66 twists would lead to: eight numbers for each, by the last scan, and by people tracked in scans.
 
-    A twist, one of five forward speeds and eleven yaw rates (`TWISTS`), is approached with the robot's accelerations
+    A twist, one of six forward speeds and eleven yaw rates (`TWISTS`), is approached with the robot's accelerations
     and held for 0.5 s; then the robot drives straight on. Shown are the times until it touches a wall, and a person
     who walks on as now, over 3 s, 1 for no contact until then; nearness to walls (1 at the footprint, 0 from 0.4 m on),
-    and to people (from 0.8 m on; less the later); and where it is after 1 s, forward and to the left, over 2 m. With
-    `gaps`, a seventh number: the least gap to walls within the 0.5 s over 0.1 m, negative for contact, from -1 to 1;
-    and what is as large as a person but does not walk is a wall as well.
+    and to people (from 0.8 m on; less the later); where it is after 1 s, forward and to the left, over what it drives
+    in 1 s at its greatest speed; how far it has turned, over pi; and the least gap to walls within the 0.5 s over
+    0.1 m, negative for contact, from -1 to 1, since passages may leave a few centimetres. Backwards, where the lidar
+    does not see, counts as contact with a wall.
 
     People are tracked as controllers do (`lidarnaut.envs.navigation.goal_navigator.EAGER`). Whatever is as large as a
-    person counts as one, with the velocity that scans show, from its second scan on. After the dynamic window approach
-    (Fox, Burgard and Thrun, 1997), whose objective a policy learns in place of adding it up.
+    person counts as one, with the velocity that scans show, from its second scan on; while it stands, it is a wall as
+    well. After the dynamic window approach (Fox, Burgard and Thrun, 1997), whose objective a policy learns in place of
+    adding it up.
     """
 
-    def __init__(self, gaps: bool = False) -> None:
-        """Choose whether gaps are shown, which passages need that leave a few centimetres."""
-        self._gaps = bool(gaps)
-
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-inf, inf, (55, 6), float32)`, or 7 numbers with gaps."""
-        return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS + self._gaps), np.float32)
+        """Return `Box(-inf, inf, (66, 8), float32)`."""
+        return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode: forget all people."""
         lidar, memory = robot.params.lidar, robot.rows.remember
-        frame = lidar.mount.x, lidar.mount.y, lidar.directions, WALKING if self._gaps else 0.0
+        sees_behind = bool(lidar.directions[0].min() < -math.cos(BEHIND))
+        frame = lidar.mount.x, lidar.mount.y, lidar.directions, sees_behind
         self._fixed = frame, tracker_numbers(lidar, EAGER), TWISTS
         num_scans = num_kept_scans(EAGER)
         self._keys = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]

@@ -74,7 +74,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 0.8 m ahead on the path of a navigator that plans by what the
     robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
-    `trajectories` (`Box(-inf, inf, (55, 6))`, 7 numbers with `gaps`): what driving by each of 55 twists would lead to, see
+    `trajectories` (`Box(-inf, inf, (66, 8))`): what driving by each of 66 twists would lead to, see
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards

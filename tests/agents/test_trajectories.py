@@ -8,12 +8,16 @@ from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.training import train
 from lidarnaut.agents.trajectories import TrajectoryNetwork, TrajectoryPolicy, TwistChoice
 from lidarnaut.envs.files import parse_record
-from lidarnaut.envs.observations.trajectories import TWISTS
+from lidarnaut.envs.observations.trajectories import NUMBERS, TWISTS
 
 TABLE = torch.from_numpy(TWISTS)
 ACTIONS = spaces.Box(-1.0, 1.0, (2,))
 GOAL = spaces.Box(-1.0, 1.0, (4,))
-PARTS = {"trajectories": spaces.Box(-np.inf, np.inf, (55, 6)), "motion": spaces.Box(-1.0, 1.0, (6,))}
+PARTS = {
+    "trajectories": spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS)),
+    "motion": spaces.Box(-1.0, 1.0, (6,)),
+    "limits": spaces.Box(0.0, 1.0, (5,)),
+}
 
 
 def sample(space, batch=5):
@@ -22,7 +26,7 @@ def sample(space, batch=5):
 
 
 def test_samples_are_twists_and_have_the_probabilities_of_their_logits():
-    logits = torch.randn(4, 55, generator=torch.Generator().manual_seed(0))
+    logits = torch.randn(4, 66, generator=torch.Generator().manual_seed(0))
     choice = TwistChoice(TABLE).proba_distribution(logits)
     expected = logits.log_softmax(dim=1)
     for k in (0, 17, 54):
@@ -32,26 +36,25 @@ def test_samples_are_twists_and_have_the_probabilities_of_their_logits():
     assert (torch.cdist(choice.sample(), TABLE).amin(dim=1) == 0).all()
 
 
-@pytest.mark.parametrize("names", [("goal",), ("carrot",), ("goal", "limits")])
-def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(names):
-    boxes = {"goal": GOAL, "carrot": spaces.Box(-1.0, 1.0, (3,)), "limits": spaces.Box(0.0, 1.0, (5,))}
-    space = spaces.Dict(PARTS | {name: boxes[name] for name in names})
+@pytest.mark.parametrize(("name", "box"), [("goal", GOAL), ("carrot", spaces.Box(-1.0, 1.0, (3,)))])
+def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
+    space = spaces.Dict(PARTS | {name: box})
     network = TrajectoryNetwork(space, width=8, hidden=8)
     seen = sample(space)
     logits, values = network(seen)
-    assert logits.shape == (5, 55)
+    assert logits.shape == (5, len(TWISTS))
     assert values.shape == (5, 1)
     # What one twist leads to changes its own logit alone.
     changed = {**seen, "trajectories": seen["trajectories"].clone()}
     changed["trajectories"][:, 3, 0] += 0.5
-    others = torch.arange(55) != 3
+    others = torch.arange(len(TWISTS)) != 3
     torch.testing.assert_close(network(changed)[0][:, others], logits[:, others])
     assert not torch.equal(network(changed)[0][:, 3], logits[:, 3])
-    assert not torch.equal(network({**seen, names[0]: seen[names[0]] * 0.5})[0], logits)
+    assert not torch.equal(network({**seen, name: seen[name] * 0.5})[0], logits)
 
 
 def test_observations_that_are_missing_are_named():
-    with pytest.raises(ValueError, match=r"reads \['trajectories', 'motion'\] and `goal` or `carrot`"):
+    with pytest.raises(ValueError, match=r"reads \['trajectories', 'motion', 'limits'\] and `goal` or `carrot`"):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
 
 
@@ -72,7 +75,7 @@ def test_ppo_chooses_among_trajectories_where_it_sees_them(tmp_path):
             "id": "lidarnaut/ReachCrowd-v0",
             "people": 3,
             "num_workers": 0,
-            "observations": ["trajectories", "goal", "motion"],
+            "observations": ["trajectories", "goal", "motion", "limits"],
         },
         "hyperparameters": {"n_steps": 64, "batch_size": 64, "n_epochs": 1},
         "network": {"width": 8},

@@ -6,13 +6,14 @@ from gymnasium.vector import SyncVectorEnv
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.observations.trajectories import (
-    END_SCALE,
+    END,
     HOLD,
     HORIZON,
     MARGIN,
     NUMBERS,
     SMALL_GAP,
     STEP,
+    TURN,
     TWISTS,
     find_walls,
     look_ahead,
@@ -22,13 +23,16 @@ from lidarnaut.envs.vector import LidarVectorEnv
 from tests.rollouts import rollout, step_both
 
 LIMITS = 2.0, 4.0, 5.0, 25.0, 0.3
+GAP = -1
 NOBODY, NOTHING = np.empty((0, 5)), np.empty((2, 0))
 CROWD = {"world": "hall", "people": 12, "physics": "kinematic", "contact": "costs", "observations": ("trajectories",)}
 
 
-def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY):
+def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY, limits=LIMITS, sees_behind=True):
     out = np.empty((len(TWISTS), NUMBERS), dtype=np.float32)
-    look_ahead(now, LIMITS, np.asarray(points, dtype=float), np.asarray(people, dtype=float), TWISTS, out)
+    look_ahead(
+        now, (*limits, sees_behind), np.asarray(points, dtype=float), np.asarray(people, dtype=float), TWISTS, out
+    )
     return out
 
 
@@ -78,7 +82,7 @@ def test_who_walks_beside_the_robot_is_near_and_is_not_met():
     straight = shown((2.0, 0.0), people=[(0.0, 0.8, 2.0, 0.0, 0.3)])[ahead]
     assert straight[1] == 1.0
     assert 0.5 < straight[3] < 1.0
-    np.testing.assert_allclose(straight[4:] * END_SCALE, (2.0, 0.0), atol=1e-6)
+    np.testing.assert_allclose(straight[END], (1.0, 0.0), atol=1e-6)
     head_on = shown((2.0, 0.0), people=[(3.0, 0.0, -1.0, 0.0, 0.3)])[ahead]
     assert head_on[1] * HORIZON == pytest.approx(2.4 / 3.0, abs=1e-3)
     assert (shown()[:, :4] == (1.0, 1.0, 0.0, 0.0)).all()
@@ -87,19 +91,36 @@ def test_who_walks_beside_the_robot_is_near_and_is_not_met():
 def test_gaps_say_by_how_little_a_passage_is_wide_enough():
     for half_width, gap in ((0.35, 0.05), (0.27, -0.03)):
         points = [(x, y) for x in np.linspace(0.0, 3.0, 61) for y in (-half_width, half_width)]
-        found = np.empty((len(TWISTS), NUMBERS + 1), dtype=np.float32)
-        look_ahead((1.0, 0.0), LIMITS, np.array(points).T, NOBODY, TWISTS, found)
-        straight = found[(TWISTS == (0.65, 0.0)).all(axis=1), NUMBERS]
-        assert straight * SMALL_GAP == pytest.approx(gap, abs=1e-3)
-        np.testing.assert_array_equal(found[:, :NUMBERS], shown((1.0, 0.0), np.array(points).T))
-    env = LidarEnv(ReachGoal, **{**CROWD, "observations": {"trajectories": {"gaps": True}}})
-    (observation, *_), *_ = rollout(env, 0, 1)
-    assert observation["trajectories"].shape == (55, NUMBERS + 1)
+        found = shown((1.0, 0.0), np.array(points).T)[(TWISTS == (0.65, 0.0)).all(axis=1), GAP]
+        assert found * SMALL_GAP == pytest.approx(gap, abs=1e-3)
+
+
+def test_left_and_right_turns_on_the_spot_can_be_told_apart():
+    left, right = (shown()[(np.abs(TWISTS - (0.0, w)) < 1e-6).all(axis=1)][0] for w in (0.4, -0.4))
+    assert left[TURN] * math.pi == pytest.approx(0.4 * 4.0 * HOLD, abs=0.1)
+    assert left[TURN] == -right[TURN]
+
+
+def test_ends_are_shares_of_what_the_robot_can_drive():
+    slow, fast = (shown(limits=(max_v, 4.0, 2.5 * max_v, 25.0, 0.3)) for max_v in (0.3, 2.0))
+    np.testing.assert_allclose(slow[:, END], fast[:, END], atol=1e-6)
+
+
+def test_backwards_is_blocked_where_the_lidar_does_not_see():
+    seen, unseen = shown(sees_behind=True), shown(sees_behind=False)
+    backwards = TWISTS[:, 0] < 0.0
+    np.testing.assert_array_equal(seen[~backwards], unseen[~backwards])
+    assert (seen[backwards, 0] == 1.0).all()
+    assert (unseen[backwards][:, [0, 2]] == (0.0, 1.0)).all()
+    for robot, is_seen in (("jackal", False), ("turtlebot3_waffle_pi", True)):
+        env = LidarEnv(ReachGoal, **{**CROWD, "world": "clutter", "people": 0, "robot": robot})
+        observation, _ = env.reset(seed=0)
+        assert (observation["trajectories"][backwards, 0] > 0.0).any() == is_seen
 
 
 def test_points_on_who_walks_are_no_walls():
     angles = np.linspace(-math.pi, math.pi, 360, endpoint=False)
-    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)]), 0.5
+    frame = 0.0, 0.0, np.array([np.cos(angles), np.sin(angles)])
     ranges = np.full(360, np.inf, dtype=np.float32)
     ranges[170:190], ranges[90] = 1.7, 1.0
     points = np.empty((2, 120))
@@ -108,13 +129,12 @@ def test_points_on_who_walks_are_no_walls():
     np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
     pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])  # tracked badly
     assert find_walls(ranges, frame, pillar, points) > 1
-    assert find_walls(ranges, (*frame[:3], 0.0), pillar, points) == 1
 
 
 def test_to_be_written_twice_changes_nothing():
     env = LidarEnv(ReachGoal, **CROWD)
     for step in rollout(env, 2, 15):
-        assert step[0]["trajectories"].shape == (55, 6)
+        assert step[0]["trajectories"].shape == (len(TWISTS), NUMBERS)
     np.testing.assert_array_equal(env.observe()["trajectories"], env.observe()["trajectories"])
 
 
