@@ -37,21 +37,26 @@ def find_policy(path: str | Path) -> Path:
     return find_checkpoint(path)
 
 
-def load_policy(folder: Path, *, pursuit: bool = False) -> Explorer | ObservationPolicy:
+def load_policy(folder: Path, *, pursuit: bool = False, deterministic: bool = True) -> Explorer | ObservationPolicy:
     """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
-    That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`).
+    That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`); others take their most likely
+    actions, or draw them as in training if they are not to be `deterministic`.
 
     Raises:
-        CheckpointError: if it is damaged, or is to drive by pursuit and is no score of frontiers.
+        CheckpointError: if it is damaged, drives by `pursuit` and is no score of frontiers, or draws and is one.
     """
     if (folder / RECORD_FILE).exists():
+        if not deterministic:
+            raise CheckpointError(
+                f"{folder} holds a score of frontiers, which draws no actions; leave out deterministic"
+            )
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
     from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
 
-    return LearnedPolicy.load(folder)
+    return LearnedPolicy.load(folder, deterministic=deterministic)
 
 
 def fingerprint(folder: Path) -> str:

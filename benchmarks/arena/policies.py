@@ -48,6 +48,8 @@ class Policy:
     """Checkpoint folder of a learned policy, fixed when the name was read: a training may write newer ones."""
     is_pursuit: bool = False
     """Whether a learned score of frontiers drives by pursuit."""
+    deterministic: bool = True
+    """Whether a learned policy takes its most likely actions, or draws them as in training."""
     model: str = ""
     """First 12 digits of the SHA-256 of its weights."""
     level: Level | None = None
@@ -60,7 +62,7 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            return load_policy(Path(self.checkpoint), pursuit=self.is_pursuit)
+            return load_policy(Path(self.checkpoint), pursuit=self.is_pursuit, deterministic=self.deterministic)
         return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
 
 
@@ -70,7 +72,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     A name is a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
     by pursuit), `module:attribute`, a classic policy with parameters, `nearest?max_time=8,inflation=0.3`, or `LABEL=`
     before one of the latter. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`; of several that a
-    pattern with `*` fits, the last by name.
+    pattern with `*` fits, the last by name. After `?deterministic=false` the policy draws its actions as in training.
 
     Raises:
         ValueError: if there is no such policy, or it cannot do the task; lists those that can.
@@ -97,8 +99,15 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     if kind in ("ppo", "learned", "pursuit") and rest:
         from lidarnaut.agents.learned import find_policy, fingerprint
 
-        folder = find_policy(max(glob.glob(rest), default=rest)).resolve()
-        policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit")
+        path, _, changes = rest.partition("?")
+        chosen = {"deterministic": True, **_read_changes(changes)}
+        deterministic = chosen.pop("deterministic")
+        for unknown in chosen:
+            raise ValueError(f"policy {what!r}: unknown parameter {explain_unknown(unknown, ['deterministic'])}")
+        if not isinstance(deterministic, bool):
+            raise ValueError(f"policy {what!r}: deterministic must be true or false, got {deterministic!r}")
+        folder = find_policy(max(glob.glob(path), default=path)).resolve()
+        policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit", deterministic=deterministic)
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
     if what in CLASSIC:
@@ -106,6 +115,12 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
     if not rest:
         resolve(what, {**classic, "ppo:PATH": None, "LABEL=ppo:PATH": None}, "policy")  # says what is allowed
     return _checked(Policy(label, what), load_object(what))
+
+
+def _read_changes(changes: str) -> dict[str, Any]:
+    """Return the parameters of `max_time=8,inflation=0.3`, values of YAML; none of an empty text."""
+    words = (change.partition("=") for change in re.split(r",(?=\w+=)", changes) if change)
+    return {name: yaml.safe_load(text) for name, _, text in words}
 
 
 def make_changed(make: Callable[..., Any], changes: str) -> Any:
@@ -116,8 +131,7 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
     Raises:
         ValueError: if there is no such parameter; lists those there are.
     """
-    words = (change.partition("=") for change in re.split(r",(?=\w+=)", changes))
-    given = {name: yaml.safe_load(text) for name, _, text in words}
+    given = _read_changes(changes)
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:

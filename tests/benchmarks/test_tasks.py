@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import gymnasium
+import numpy as np
 import pytest
 
 from lidarnaut.baselines import policies_for
@@ -125,6 +126,22 @@ def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():
     assert list(explorer.planning.view_distances) == [0.0, 0.5]
 
 
+def test_learned_policies_draw_their_actions_if_asked():
+    arguments = parse_policy("ppo:pretrained/reach").arguments
+    env = gymnasium.make("lidarnaut/ReachClutter-v0", physics="kinematic", **arguments)
+    observation, _ = env.reset(seed=0)
+
+    def actions(name, seed):
+        policy = pickle.loads(pickle.dumps(parse_policy(f"ppo:pretrained/reach{name}"))).make()
+        policy.reset(env.unwrapped.robot, env.unwrapped.control_period, np.random.default_rng(seed))
+        return np.array([policy(observation) for _ in range(40)])
+
+    drawn = actions("?deterministic=false", 1)
+    assert len(np.unique(drawn, axis=0)) > 1
+    np.testing.assert_array_equal(drawn, actions("?deterministic=false", 1))
+    assert len(np.unique(actions("", 1), axis=0)) == 1
+
+
 @pytest.mark.parametrize(
     ("name", "message"),
     [
@@ -132,6 +149,11 @@ def test_parameters_of_a_policy_and_of_its_navigator_are_set_by_name():
         ("random?speed=1", "allowed are none"),
         ("nearest?max_time=fast", r"policy 'nearest\?max_time=fast': could not convert"),
         ("tour?", "unknown policy"),
+        (
+            "ppo:pretrained/reach?determinstic=false",
+            r"unknown parameter 'determinstic' \(did you mean 'deterministic'\?\)",
+        ),
+        ("ppo:pretrained/reach?deterministic=no way", "deterministic must be true or false, got 'no way'"),
     ],
 )
 def test_unknown_parameters_are_refused(name, message):
