@@ -11,7 +11,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 JACKAL = load_robot("jackal")
 
 
-def _variant(name: str, fov: float, range_max: float = 30.0, **limits: Any) -> RobotParams:
+def _variant(name: str, fov: float, range_max: float = JACKAL.lidar.range_max, **limits: Any) -> RobotParams:
     """Return a Jackal with a lidar of 360 beams over an angle [rad] up to a range [m], and other limits."""
     lidar = replace(JACKAL.lidar, num_beams=360, fov=fov, range_max=range_max)
     return replace(JACKAL, name=name, lidar=lidar, **limits)

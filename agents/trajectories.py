@@ -13,7 +13,7 @@ from torch.nn import functional
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
 from lidarnaut.envs.observations.scan import SPEED_RANGE
-from lidarnaut.envs.observations.trajectories import END, TURN, TWISTS
+from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
@@ -93,12 +93,11 @@ class TrajectoryNetwork(nn.Module):
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
         self._others = sorted(names - {"trajectories"})
-        numbers = spaces.flatdim(observation_space["trajectories"]) // len(TWISTS) + OWN_NUMBERS
         others = sum(spaces.flatdim(observation_space[name]) for name in self._others)
-        self.embed = nn.Linear(numbers + others, width)
+        self.embed = nn.Linear(NUMBERS + OWN_NUMBERS + others, width)
         self.rate = nn.Sequential(nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False))
-        self.add = nn.Linear(numbers, 1, bias=False)
-        self.look = nn.Linear(numbers, width)
+        self.add = nn.Linear(NUMBERS + OWN_NUMBERS, 1, bias=False)
+        self.look = nn.Linear(NUMBERS + OWN_NUMBERS, width)
         self.judge = nn.Sequential(
             nn.Linear(2 * width + others, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1)
         )

@@ -97,7 +97,7 @@ def test_gaps_say_by_how_little_a_passage_is_wide_enough():
 
 def test_left_and_right_turns_on_the_spot_can_be_told_apart():
     left, right = (shown()[(np.abs(TWISTS - (0.0, w)) < 1e-6).all(axis=1)][0] for w in (0.4, -0.4))
-    assert left[TURN] * math.pi == pytest.approx(0.4 * 4.0 * HOLD, abs=0.1)
+    assert left[TURN] * math.pi == pytest.approx(0.4 * 4.0 * HOLD, abs=1e-5)
     assert left[TURN] == -right[TURN]
 
 
