@@ -36,8 +36,8 @@ def draw_learning_curve(
 ) -> None:
     """Draw how often goals are reached, or how much of the task is done, and the headline measure, over training steps.
 
-    A line is the mean over episodes; the band spans the quartiles of the headline. What does not learn is a level line.
-    `runs` are rows of `evaluations.csv` by the run's label, `axis` is what their column `steps` counts.
+    A line is the mean over episodes, with its 95 % interval as a band. What does not learn is a level line. `runs` are
+    rows of `evaluations.csv` by the run's label, `axis` is what their column `steps` counts.
     """
     from matplotlib.figure import Figure
 
@@ -49,9 +49,11 @@ def draw_learning_curve(
         for number, (name, run) in enumerate(runs.items()):
             learned = [row for row in run if row["policy"] == LEARNED]
             steps = [int(row["steps"]) for row in learned]
-            axes.plot(steps, [float(row[measure]) for row in learned], color=f"C{number}", marker=".", label=name)
-            if measure == headline:
-                low, high = ([float(row[f"{measure}_{q}"]) for row in learned] for q in ("q25", "q75"))
+            means = np.array([float(row[measure]) for row in learned])
+            axes.plot(steps, means, color=f"C{number}", marker=".", label=name)
+            if measure != "progress":
+                errors = np.array([_error_of_mean(row, measure) for row in learned])
+                low, high = means - 1.96 * errors, means + 1.96 * errors
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
         # All runs of one experiment measure the references on the same episodes.
         references = [row for row in first if row["policy"] != LEARNED]
@@ -59,11 +61,20 @@ def draw_learning_curve(
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
         axes.set_xlabel(axis)
         names = {"progress": "share of the task that is done", "success": "share of goals reached"}
+        names |= {"time_spl": "success times ideal time over time"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path)
+
+
+def _error_of_mean(row: Row, measure: str) -> float:
+    """Return the standard error of the mean over the episodes of an evaluation: of `success`, or of the headline."""
+    scores = np.array(str(row[SCORES]).split(), dtype=np.float64)
+    share = float(row["success"])
+    spread = np.sqrt(share * (1.0 - share)) if measure == "success" else scores.std()
+    return float(spread / np.sqrt(len(scores)))
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:

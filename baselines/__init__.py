@@ -50,7 +50,10 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorers by name; `:published` have the parameters of their sources, the others tuned ones."""
+"""Explorers by name; `:published` have the parameters of their sources, the others tuned ones.
+
+:meta hide-value:
+"""
 Makers = Mapping[str, Callable[[], Any]]
 """What makes policies, by their names."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}

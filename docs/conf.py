@@ -26,8 +26,8 @@ extensions = [
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
     "sphinx_design",
+    "run_notebooks",  # which begins before pages are generated
     "generated_pages",
-    "run_notebooks",
 ]
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 suppress_warnings = ["ref.python"]  # words of docstrings such as "height" that are attributes of several classes

@@ -20,7 +20,7 @@ from cmaes import CMA
 from torch.utils.tensorboard import SummaryWriter
 
 from lidarnaut.agents.config import EvolutionConfig
-from lidarnaut.agents.curves import LEARNED, Row, read_evaluations
+from lidarnaut.agents.curves import LEARNED, SCORES, Row, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
 from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
@@ -150,10 +150,11 @@ class _Evolution:
         values = {"progress": float(explored.mean()), "success": float((explored >= TARGET).mean())}
         values |= {"time_over_rule": float(np.exp(ratios.mean()))}
         values |= {"time_over_rule_q25": low, "time_over_rule_q75": high}
+        scores = " ".join(f"{ratio:.5g}" for ratio in np.exp(ratios))
         if policy == LEARNED:
             for name, value in values.items():
                 self.log.add_scalar(f"evaluation/{name}", value, generation)
-        self._validated.append({"policy": policy, "steps": generation, **values})
+        self._validated.append({"policy": policy, "steps": generation, **values, SCORES: scores})
         return self._validated[-1]
 
     def _compare(self, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:

@@ -20,7 +20,10 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 USUAL = "usual"
 """Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
-"""Words that stand for many worlds; the benchmark BARN is reported on every sixth of its own."""
+"""Words that stand for many worlds; the benchmark BARN is reported on every sixth of its own.
+
+:meta hide-value:
+"""
 
 
 def estimator_of(id: str) -> str:

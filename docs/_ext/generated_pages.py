@@ -31,6 +31,7 @@ INCLUDED = {
     "agents/pretrained/frontiers/README.md": "pretrained.md",
     "agents/pretrained/twist/README.md": "pretrained.md",
     "agents/pretrained/crowd/README.md": "pretrained.md",
+    "agents/pretrained/reach/README.md": "pretrained.md",
 }
 """Markdown files outside of docs, and the pages that include them."""
 
@@ -55,6 +56,10 @@ EXAMPLE = """
 ```
 :::
 """
+
+
+_written: list[str] = []
+"""The docstring that `to_rst` has turned last."""
 
 
 def example_page(folder: Path) -> str:
@@ -125,11 +130,16 @@ def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: lis
     """
     if what == "class" and "## Description" in (inspect.getdoc(obj) or ""):
         lines[1:] = ["", "Its page among the environments documents spaces, rewards, ends and arguments."]
-    if what in ("attribute", "data"):
-        lines.insert(0, "")  # or napoleon takes what stands before a colon in the first line for a type
     lines[:] = [re.sub(r"^#+ (.+)", r"**\1**\n", line) for line in lines]
     text = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines))
     lines[:] = re.sub(r"\|(\w+)\|", r"\|\1\|", text).split("\n")
+    _written[:] = lines
+
+
+def keep_attributes(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Undo what napoleon makes of attributes: it takes what stands before a colon in the first line for a type."""
+    if what in ("attribute", "data", "property"):
+        lines[:] = _written
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
@@ -137,6 +147,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("builder-inited", write_pages)
     # Before napoleon, which would split single backticks at a colon within.
     app.connect("autodoc-process-docstring", to_rst, priority=100)
+    app.connect("autodoc-process-docstring", keep_attributes, priority=900)
     app.connect("source-read", link_within)
     app.connect("build-finished", record_episode)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

@@ -1,7 +1,9 @@
-"""Runs the notebooks side by side before the pages are read; myst-nb alone runs one after the other."""
+"""Runs the notebooks side by side while other pages are made; myst-nb alone runs one after the other."""
 
 import logging
 import shutil
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -9,24 +11,38 @@ from jupyter_cache import get_cache
 from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
+_running: list[subprocess.Popen[bytes]] = []
 
-def run_notebooks(app: Sphinx) -> None:
-    """Run all notebooks of `docs/tutorials` anew, and keep what they give where myst-nb looks for it.
 
-    One that fails is run again by myst-nb, which then says why.
-    """
-    folder = Path(app.config.nb_execution_cache_path)
+def start(app: Sphinx) -> None:
+    """Begin to run all notebooks of `docs/tutorials` anew."""
+    config = app.config
+    arguments = app.srcdir, config.nb_execution_cache_path, config.nb_execution_timeout
+    _running.append(subprocess.Popen([sys.executable, __file__, *map(str, arguments)]))
+
+
+def wait(app: Sphinx, env: Any, names: list[str]) -> None:
+    """Wait until all of them have run. One that failed is run again by myst-nb, which then says why."""
+    _running.pop().wait()
+
+
+def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
+    """Run the notebooks of a source folder, and keep what they give where myst-nb looks for it."""
     shutil.rmtree(folder, ignore_errors=True)
     cache = get_cache(folder)
-    notebooks = sorted((Path(app.srcdir) / "tutorials").glob("*.ipynb"), key=lambda path: -path.stat().st_size)
-    for path in notebooks:
+    for path in sorted((source / "tutorials").glob("*.ipynb"), key=lambda path: -path.stat().st_size):
         cache.add_nb_to_project(str(path))
     logger = logging.getLogger(__name__)
     logger.setLevel(logging.WARNING)
-    load_executor("local-parallel", cache, logger).run_and_cache(timeout=app.config.nb_execution_timeout)
+    load_executor("local-parallel", cache, logger).run_and_cache(timeout=timeout)
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register; see `run_notebooks`."""
-    app.connect("builder-inited", run_notebooks)
+    """Register; see `start` and `wait`."""
+    app.connect("builder-inited", start)
+    app.connect("env-before-read-docs", wait)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
+
+
+if __name__ == "__main__":
+    run_notebooks(Path(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3]))

@@ -12,14 +12,18 @@ from numba import njit
 CLUSTER_SIZE = 6
 """Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, the kind, and 1 for what has
 stood there for some time, which the tracker finds."""
-BODY, LEG, SLOPE = 0.0, 1.0, 2.0
-"""Kinds: as large as a body; as a leg; cut from a surface that goes on nearer to the lidar, which begins no track."""
+BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
+"""Kinds: as large as a body; as a leg; cut from a surface, flat or going on nearer to the lidar, which begins no
+track; a part of a body (`TrackerParams.body_radius`)."""
 PASSED, HIDDEN, HIT = 1, 0, -1
 """What a scan says of a disc: all its beams end behind it; it cannot tell; a beam ends there."""
 CORE = 0.8
 """Share of a disc's radius that beams have to pass it by: walls may stand right beside and behind people."""
 PARTLY = 0.75
 """Share of a body's radius below which a cluster is taken for a part of one."""
+BODY_RADIUS, FLAT, FLAT_SIZE, MIN_FLAT = 0.3, 0.27, 0.25, 8
+"""Points, at least `MIN_FLAT` over at least `FLAT_SIZE` [m], are a wall's if their mean distance from the line between
+their ends is less than a share `FLAT` of the height of a body's arc over it [m]; a body's is two thirds of that."""
 ARC_DEPTH = 0.785
 """How far the mean of a disc's visible points lies before its centre, in radii: pi / 4 for beams evenly over it."""
 
@@ -28,6 +32,18 @@ ARC_DEPTH = 0.785
 def _is_slope(edge, neighbour, p):
     """Tell whether the next beam ends a little nearer, as on a surface seen at grazing incidence."""
     return edge - p.slope < neighbour < edge
+
+
+@njit(cache=True, error_model="numpy")
+def _is_flat(x, y, first, last):
+    """Tell whether points of a mean (x, y) lie on the line from a first to a last one, as no body's do."""
+    chord_x, chord_y = last[0] - first[0], last[1] - first[1]
+    chord = math.hypot(chord_x, chord_y)
+    if chord < FLAT_SIZE:
+        return False
+    height = abs((x - first[0]) * chord_y - (y - first[1]) * chord_x) / chord
+    radius = max(BODY_RADIUS, 0.5 * chord)
+    return height < FLAT * (radius - math.sqrt(radius * radius - 0.25 * chord * chord))
 
 
 @njit(cache=True, error_model="numpy")
@@ -40,10 +56,12 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     width += distance * p.increment
     if width > p.max_size or distance > p.max_range or count == clusters.shape[0]:
         return count
+    is_slope |= beams >= MIN_FLAT and _is_flat(x, y, first, last)
     radius = 0.5 * width
     depth = ARC_DEPTH * radius / max(distance, 1e-6)
     x, y = x + depth * ahead, y + depth * left
-    if radius < PARTLY * p.body_radius and beams > 1:
+    is_part = radius < PARTLY * p.body_radius and beams > 1
+    if is_part:
         # Another body hides the rest: the centre of the circle through both ends.
         radius = p.body_radius
         chord_x, chord_y = last[0] - first[0], last[1] - first[1]
@@ -51,7 +69,8 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
         depth = math.sqrt(radius * radius / squared - 0.25)
         depth = depth if ahead * chord_y - left * chord_x < 0.0 else -depth
         x, y = 0.5 * (first[0] + last[0]) - depth * chord_y, 0.5 * (first[1] + last[1]) + depth * chord_x
-    kind = SLOPE if is_slope else (LEG if width < p.leg_size else BODY)
+    whole = PART if is_part else BODY
+    kind = SLOPE if is_slope else (LEG if width < p.leg_size else whole)
     clusters[count] = x, y, radius, float(beams), kind, 0.0
     return count + 1
 

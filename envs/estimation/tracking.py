@@ -17,7 +17,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import compose
 from lidarnaut.envs.robots import LidarParams
 
-from .scan_clusters import CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
+from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
@@ -93,6 +93,9 @@ class TrackerParams:
     """By how many standard deviations that speed has to differ from 0."""
     max_std: float = 0.35
     """Uncertainty of the position along an axis up to which a hidden person is shown [m]."""
+    stood_hits: int = 1
+    """Scans kept that have to have hit the place of a whole body before it counts as something that stands, since
+    somebody else may have been there; of anything else, one will do."""
     static_hits: int = 12
     """What is as large as a person stands, and belongs into maps, where so many of the scans kept have hit it."""
     max_misses: int = 4
@@ -236,7 +239,8 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
         clusters[k, 0], clusters[k, 1] = x + c * u - s * v, y + s * u + c * v
         passed, hits = _votes(clusters[k, 0], clusters[k, 1], clusters[k, 2], time, scans, poses, num_scans, p)
         clusters[k, 5] = passed == 0 and hits >= p.static_hits
-        moved[k] = 1 if passed > hits else (-1 if hits > 2 * passed else 0)
+        has_stood = hits > 2 * passed and (hits >= p.stood_hits or clusters[k, 4] != BODY)
+        moved[k] = 1 if passed > hits else (-1 if has_stood else 0)
     for i in range(num_tracks):
         predict(tracks[i], period, p)
     matches = np.empty(num_tracks, dtype=np.int64)

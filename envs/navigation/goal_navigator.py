@@ -34,13 +34,12 @@ first, and at most, since it is doubled where there is no path."""
 EDGE = 1.0
 """Planning cells reach at least this far beyond the robot [m]."""
 EAGER = TrackerParams(
-    min_hits=2,
-    min_travel=0.1,
-    hidden_travel=0.15,
-    significance=1.0,
-    position_std=0.05,
+    min_travel=0.25,
+    hidden_travel=0.4,
+    position_std=0.04,
     acceleration=1.5,
     memory=6.0,
+    stood_hits=3,
     static_hits=4,
     body_radius=0.3,
 )

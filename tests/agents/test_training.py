@@ -70,7 +70,8 @@ def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_conf
 
 
 def test_rows_lack_measures_that_were_infinite(tmp_path):
-    row = {"policy": "learned", "steps": 0, "progress": 0.5, "area": 1.0, "area_q25": 0.4, "area_q75": 0.6}
+    row = {"policy": "learned", "steps": 0, "progress": 0.5, "success": 0.5, "scores": "0.5 1.5"}
+    row |= {"area": 1.0, "area_q25": 0.4, "area_q75": 0.6}
     write_evaluations(tmp_path, [row, {**row, "steps": 5, "time_to_90": 9.0}], "tiny")
     assert [str(line["time_to_90"]) for line in read_evaluations(tmp_path)] == ["nan", "9.0"]
 

@@ -27,6 +27,7 @@ from lidarnaut.envs.estimation.tracking import (
 )
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.navigation.goal_navigator import EAGER
 from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
@@ -241,6 +242,30 @@ def test_beams_on_people_are_told_from_beams_on_walls():
             right, wrong, beams = right + (mask & truth).sum(), wrong + (mask & ~truth).sum(), beams + truth.sum()
     assert right > 0.85 * beams
     assert wrong < 0.1 * beams
+
+
+def test_a_piece_of_wall_between_bodies_is_no_body():
+    pose, pillars = Pose2D(6.0, 1.8, -math.pi / 2.0), [(5.57, 0.8, 0.25), (6.43, 0.8, 0.25)]
+    tracker, rng = PeopleTracker(LIDAR, 0.1), np.random.default_rng(8)
+    for _ in range(3):
+        tracker.update(scan(pose, pillars, rng), Pose2D(0.0, 0.0, 0.0))
+        places = pose.transform(tracker.bodies[:, :2])
+    assert (np.hypot(*(places - (6.0, 0.0)).T) > 0.5).all()
+    assert all(np.hypot(*(places - pillar[:2]).T).min() < 0.1 for pillar in pillars)
+
+
+def test_somebody_who_follows_another_is_lost_nowhere():
+    def walker(start):
+        return lambda time: (start + 1.2 * time, 10.8, 1.2, 0.0)
+
+    rng, missed = np.random.default_rng(9), 0
+    tracker = PeopleTracker(LIDAR, 0.1, EAGER)
+    people = [walker(7.0), walker(5.56)]  # the second one is after 1.2 s where the first one was
+    for time, pose, _, rows, _ in drive(tracker, people, 2.5, rng, course=lambda _: Pose2D(8.0, 9.0, math.pi / 2.0)):
+        places = pose.transform(tracker.bodies[:, :2])
+        gaps = np.hypot(*(places[:, None] - rows[None, :, :2]).T).T.reshape(len(places), 2)
+        missed += (gaps.min(axis=0) > 0.25).sum() if time > 0.25 else 0
+    assert missed == 0
 
 
 def test_the_filter_is_that_of_kalman():
