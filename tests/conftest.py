@@ -1,6 +1,8 @@
 import os
 from collections import defaultdict
 
+import pytest
+
 # No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
@@ -32,3 +34,9 @@ def pytest_terminal_summary(terminalreporter):
                 for cell in line
             )
             terminalreporter.write_line(f"| {' | '.join(cells)} |")
+
+
+@pytest.fixture
+def no_curves(monkeypatch):
+    """Draw no learning curves, which takes half of the time of the smallest trainings."""
+    monkeypatch.setattr("lidarnaut.agents.run_folder.draw_learning_curve", lambda *args: None)

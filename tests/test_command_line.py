@@ -102,10 +102,6 @@ def test_wrong_settings_are_one_plain_line_under_the_name_that_was_called(main, 
             ["-m", "lidarnaut.benchmarks.drives", "planning", "--worlds", "atlantis"],
             "drives: unknown world 'atlantis'",
         ),
-        (
-            ["-m", "lidarnaut.agents.ship", "/no/such/run", "/no/such/folder"],
-            "lidarnaut.agents.ship: /no/such/run is no folder",
-        ),
         ([ROOT / "benchmarks/films.py", "--policy"], "films.py: "),
     ],
 )

@@ -15,6 +15,8 @@ from lidarnaut.envs.ids import arguments_of
 from tests.agents.test_every_algorithm import tiny
 from tests.test_contract import TASKS
 
+pytestmark = pytest.mark.usefixtures("no_curves")
+
 CLASSIC = {"Navigate": "pursuit", "Track": "route_follower", "ExploreTeam": "rrt_team"}
 """A classic policy for an id; explorations have `nearest`, goals in unknown worlds `pursuit`."""
 

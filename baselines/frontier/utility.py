@@ -23,7 +23,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
-from sklearn.cluster import DBSCAN
 
 from lidarnaut.baselines.frontier.explorer import COMMITTED, RuleExplorer
 from lidarnaut.baselines.frontier.rules import CELL
@@ -182,6 +181,8 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
     (n,), int64, -1 for what is too sparse.
     """
+    from sklearn.cluster import DBSCAN  # half of the time in which workers start
+
     parts = candidates.cells
     cells = np.concatenate(parts)
     owners = np.repeat(np.arange(len(candidates)), [len(own) for own in parts])

@@ -103,18 +103,18 @@ def write_pages(app: Sphinx) -> None:
     run_examples(source.parent / "examples", source / "examples")
 
 
-def record_episode(app: Sphinx, error: Exception | None) -> None:
+def record_episode(app: Sphinx) -> None:
     """Write the page of an episode, which others show in a frame: the pretrained explorer in a house it never saw."""
-    if error is not None or app.builder.format != "html":
+    if app.builder.format != "html":
         return
-    # The checker would complain of signatures, which autodoc has changed by now.
-    env = gymnasium.make("lidarnaut/ExploreHouse-v0", physics="kinematic", disable_env_checker=True)
+    env = gymnasium.make("lidarnaut/ExploreHouse-v0", physics="kinematic")
     explorer = parse_policy("pursuit:pretrained/frontiers").make(env.action_space)
     with EpisodeRecorder(env, explorer) as recorder:
         run_episode(env, explorer, seed=0)
     page = build_page([recorder.recording({"explorer": "pursuit:pretrained/frontiers"})])
     env.close()
-    (Path(app.outdir) / EPISODE).write_text(page, encoding="utf-8")
+    app.outdir.mkdir(parents=True, exist_ok=True)
+    (app.outdir / EPISODE).write_text(page, encoding="utf-8")
 
 
 def link_within(app: Sphinx, name: str, source: list[str]) -> None:
@@ -145,9 +145,9 @@ def keep_attributes(app: Sphinx, what: str, name: str, obj: Any, options: Any, l
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register the extension."""
     app.connect("builder-inited", write_pages)
+    app.connect("builder-inited", record_episode)
     # Before napoleon, which would split single backticks at a colon within.
     app.connect("autodoc-process-docstring", to_rst, priority=100)
     app.connect("autodoc-process-docstring", keep_attributes, priority=900)
     app.connect("source-read", link_within)
-    app.connect("build-finished", record_episode)
     return {"parallel_read_safe": True, "parallel_write_safe": True}

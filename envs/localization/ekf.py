@@ -16,7 +16,7 @@ from typing import Literal, get_args
 
 import numpy as np
 from numba import njit
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
@@ -145,7 +145,8 @@ class Ekf:
             raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
         self._horizon, self._patience = horizon, patience
         self._noise = np.square([*DRIFT, acceleration, angular_acceleration])
-        self._gates = {kind: float(chi2.ppf(gate, len(MEASURED[kind]))) for kind in KINDS}
+        # Quantiles of the chi-squared distribution.
+        self._gates = {kind: float(2.0 * gammaincinv(0.5 * len(MEASURED[kind]), gate)) for kind in KINDS}
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
     def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:

@@ -23,6 +23,8 @@ from lidarnaut.envs.core import LidarEnv, lidar_env_of
 from lidarnaut.envs.tasks.explore import Explore
 from tests.rollouts import rollout
 
+pytestmark = pytest.mark.usefixtures("no_curves")
+
 CHOOSING = ("PPO", "A2C", "MaskablePPO", "DQN", "QRDQN")
 """Algorithms for environments in which actions are choices."""
 DISCRETE = ("DQN", "QRDQN", "MaskablePPO")

@@ -180,8 +180,9 @@ class Position:
 
 
 def test_parts_without_bounds_are_observed_and_saved(tmp_path):
-    parts = {"motion": None, "position": f"{__name__}:Position"}
-    config = tiny("PPO", "Explore", environment={"id": "lidarnaut/Explore-v0", "world": "rooms", "observations": parts})
+    environment = {"id": "lidarnaut/Explore-v0", "world": "rooms", "num_workers": 0, "time_limit": 1.0}
+    environment["observations"] = {"motion": None, "position": f"{__name__}:Position"}
+    config = tiny("PPO", "Explore", environment=environment)
     policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False))
     env = gymnasium.make("lidarnaut/Explore-v0", world="rooms", physics="kinematic", observations=policy.observations)
     observation, _ = env.reset(seed=0)

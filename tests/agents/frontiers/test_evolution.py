@@ -56,13 +56,20 @@ def test_a_score_that_shuns_gain_takes_longer():
     assert ratios[:, 1].mean() > 0.1
 
 
-def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(tmp_path):
-    whole = evolve(EvolutionConfig(**TINY, generations=3), run=tmp_path / "whole", progress=False)
-    part = evolve(EvolutionConfig(**TINY, generations=1), run=tmp_path / "part", progress=False)
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The folder of a finished run."""
+    run = tmp_path_factory.mktemp("runs") / "whole"
+    return evolve(EvolutionConfig(**TINY, generations=3), run=run, progress=False)
+
+
+def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, tmp_path):
+    """After a kill in the midst of the second generation, all of the first one is there, and nothing of the second."""
+    part = shutil.copytree(whole, tmp_path / "part")
     shutil.rmtree(part / "policy")
-    # As it would be after a kill in the midst of a generation: all of the first one, nothing of the second.
-    rows = (part / "evaluations.csv").read_text().splitlines(keepends=True)
-    (part / "evaluations.csv").write_text("".join(rows[:-1]))
+    for name, lines in ((GENERATIONS, 1), ("evaluations.csv", 3)):
+        (part / name).write_text("".join((part / name).read_text().splitlines(keepends=True)[:lines]))
+    (part / "learning_curve.png").unlink()
     evolve(EvolutionConfig(**TINY, generations=3), resume=part, progress=False)
     for name in (GENERATIONS, "evaluations.csv"):
         assert (part / name).read_text() == (whole / name).read_text()
@@ -90,25 +97,27 @@ def test_ctrl_c_ends_at_once_and_names_the_run(tmp_path, monkeypatch, capsys):
     assert said.partition(": ")[2] == f"stopped after generation {generations}; --resume {run} goes on"
 
 
-def test_validations_are_logged_after_nearest_which_is_measured_once(tmp_path, monkeypatch):
-    config = EvolutionConfig(**TINY, generations=2)
-    run = evolve(config, run=tmp_path / "run", progress=False)
-    nearest, first, last = rows = read_evaluations(run)
-    assert [(row["policy"], row["steps"]) for row in rows] == [("nearest", 0), ("learned", 0), ("learned", 2)]
+def test_validations_are_logged_after_nearest_which_is_measured_once(whole, tmp_path, monkeypatch):
+    nearest, first, *later = rows = read_evaluations(whole)
+    assert [(row["policy"], row["steps"]) for row in (nearest, first)] == [("nearest", 0), ("learned", 0)]
+    assert [(row["policy"], row["steps"]) for row in later] == [("learned", 2), ("learned", 3)]
     assert first["time_over_rule"] == 1.0 < nearest["time_over_rule"]
     assert first["time_over_rule_q25"] == first["success"] == 1.0
-    assert last["progress"] >= 0.95
+    assert later[-1]["progress"] >= 0.95
     monkeypatch.setattr(evolution, "compare", None)
-    evolve(config, resume=run, progress=False)
-    assert read_evaluations(run) == rows
-    events = EventAccumulator(str(run / "tensorboard")).Reload()
+    again = shutil.copytree(whole, tmp_path / "again")
+    evolve(EvolutionConfig(**TINY, generations=3), resume=again, progress=False)
+    assert read_evaluations(again) == rows
+    events = EventAccumulator(str(again / "tensorboard")).Reload()
     assert events.Scalars("evaluation/time_over_rule")[0].value == 1.0
 
 
 def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     config = tmp_path / "tiny.yaml"
-    config.write_text("algorithm: evolution\nexperiment: tiny\npopulation: 4\ntasks: 1\nvalidation_tasks: 1\n")
+    config.write_text(
+        "algorithm: evolution\nexperiment: tiny\npopulation: 4\ntasks: 1\nvalidation_tasks: 1\nfamilies: [rooms]\n"
+    )
     assert train.main(["--config", str(config), "--generations", "1", "--num-workers", "1"]) == 0
     (run,) = (tmp_path / "runs").glob("tiny__*")
     assert (run / "policy" / "policy.json").exists()
