@@ -36,7 +36,7 @@ TRAINING = {
     "environment.people.number": [4, 14],
     "network.width": 16,
     "hyperparameters.n_steps": 32,
-    "evaluation.every": 30_000,
+    "evaluation.every": 45_000,
     "evaluation.episodes": 40,
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
