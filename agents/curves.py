@@ -41,9 +41,8 @@ def draw_learning_curve(
     """
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(10, 4.4), dpi=120)
+    figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(title)
-    figure.subplots_adjust(left=0.07, right=0.985, top=0.91, bottom=0.21, wspace=0.17)
     first = next(iter(runs.values()))
     headline, share = headline_of_rows(first), "success" if "spl" in first[0] else "progress"
     for axes, measure in zip(figure.subplots(1, 2), (share, headline), strict=True):
@@ -66,7 +65,7 @@ def draw_learning_curve(
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)
-    figure.legend(*axes.get_legend_handles_labels(), loc="lower center", ncols=5)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
     figure.savefig(path)
 
 

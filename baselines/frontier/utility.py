@@ -181,7 +181,7 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     cells, shape (n, 2), float64 [m]; the candidate that each belongs to, shape (n,), int64; and its cluster, shape
     (n,), int64, -1 for what is too sparse.
     """
-    from sklearn.cluster import DBSCAN  # half of the time in which workers start
+    from sklearn.cluster import DBSCAN  # takes longest to load, and other explorers need none of it
 
     parts = candidates.cells
     cells = np.concatenate(parts)

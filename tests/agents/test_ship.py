@@ -14,6 +14,7 @@ from lidarnaut.agents.learned import PRETRAINED, find_policy, load_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.ship import CHECKSUMS, MODEL_CARD, main
 from lidarnaut.agents.vec_env import make_env
+from lidarnaut.envs.command_line import run_command
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 SHIPPED = sorted(folder for folder in PRETRAINED.iterdir() if folder.is_dir())
@@ -38,6 +39,14 @@ def test_what_comes_with_the_package_is_whole_and_was_trained_on_the_split(folde
     if (folder / "held_out.yaml").exists():
         now = PRETRAINED.parent / "frontiers" / "held_out.yaml"
         assert (folder / "held_out.yaml").read_bytes() == now.read_bytes()
+
+
+def test_a_run_that_is_not_there_is_one_line(tmp_path, capsys):
+    with pytest.raises(SystemExit) as stop:
+        run_command(main, ["/no/such/run", str(tmp_path / "folder")])
+    assert stop.value.code == 2
+    assert capsys.readouterr().err.partition(": ")[2].startswith("/no/such/run is no folder")
+    assert not (tmp_path / "folder").exists()
 
 
 def test_a_score_is_shipped_and_its_model_card_is_kept(tmp_path):
