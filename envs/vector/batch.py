@@ -6,8 +6,9 @@ What the kernel leaves, each sub-environment does itself, in the cache that it n
 from collections.abc import Sequence
 from typing import Any
 
-import numba
 import numpy as np
+from numba import njit
+from numba.typed import List
 
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.robot import SCAN
@@ -20,6 +21,21 @@ from .memory import Arrays, Extras
 
 MOST_POSITIONS = 256
 """Positions of robots without a map that are kept for their trails before their objects get them."""
+
+
+@njit(cache=True)
+def repeat(item, count):
+    """Return a list for kernels that holds an item so many times; see `put`."""
+    items = List()
+    for _ in range(count):
+        items.append(item)
+    return items
+
+
+@njit(cache=True)
+def put(items, i, item):
+    """Set an item. Numba keeps these two compiled, where what a list does by itself is compiled by every process."""
+    items[i] = item
 
 
 class Batch:
@@ -58,15 +74,15 @@ class Batch:
         """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
         envs, num_robots = self._envs, self._num_robots
         if self.around is None:
-            self.around = numba.typed.List([_around(env) for env in envs])
-            self.task_arrays = [numba.typed.List(each) for each in zip(*(env.task.arrays for env in envs), strict=True)]
+            self.around = repeat(_around(envs[0]), len(envs))
+            self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
-            self.around[i] = _around(env)
+            put(self.around, i, _around(env))
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
-                arrays[i] = array
+                put(arrays, i, array)
             self._is_new[robots], self._counts[robots] = True, 0
             rewards, weights = env.task.rewards, envs[0].task.rewards.weights
             is_unobserved = not env.sensors and env.on_period is None
@@ -175,7 +191,7 @@ class Batch:
             side = pyramids[0].block * self.robots[0].belief.grid.resolution
             count = len(pyramids)
             known: list[Any] = [None] * count
-            words = numba.typed.List([level.words for level in pyramids])
+            words = repeat(pyramids[0].words, count)
             self._levels[resolution] = words, np.zeros((count, 2), np.int64), np.zeros((count, 2)), side, known
             self._is_new[:] = True
         words, sizes, origins, side, known = self._levels[resolution]
@@ -183,7 +199,8 @@ class Batch:
             robot = self.robots[k]
             level = robot.pyramid.level(resolution)
             if level.words is not known[k]:
-                words[k] = known[k] = level.words
+                known[k] = level.words
+                put(words, k, level.words)
                 sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
         return words, sizes, origins, side
 
