@@ -153,6 +153,13 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     return model
 
 
+class NoOptimizer:
+    """In place of the optimizer of a policy that only acts: to make the first one of a process, torch loads for 3 s."""
+
+    def __init__(self, *args: Any, **kwargs: Any) -> None:
+        pass
+
+
 def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
     """Make the policy of a checkpoint, for acting only.
 
@@ -165,6 +172,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
         action_space: Any = record.action.space()
         algorithm = find_algorithm(record.config.algorithm)
         arguments = _arguments(record.config, parts, action_space)
+        arguments["policy_kwargs"]["optimizer_class"] = NoOptimizer
         arguments |= {"buffer_size": 1} if "buffer_size" in _parameters(algorithm) else {"n_steps": 2}
         model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
         model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
