@@ -174,5 +174,5 @@ def pose_errors(rows):
         start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)
         pose = compose(start[0], start[1], start[2], pose[0], pose[1], pose[2])
         dx, dy, turn = between(pose[0], pose[1], pose[2], true[0], true[1], true[2])
-        errors[k] = distance(dx, dy), abs(turn)
+        errors[k, 0], errors[k, 1] = distance(dx, dy), abs(turn)
     return errors

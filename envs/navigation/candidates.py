@@ -298,7 +298,8 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
         out[AHEAD] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
         out[LEFT] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
         out[FAILURES] = min(row.failures / max_failures, 1.0)
-        sectors[k] = row.sectors
+        for i in range(sectors.shape[1]):
+            sectors[k, i] = row.sectors[i]
         for i in range(k):
             gap = math.hypot(row.frontier[0] - table[i].frontier[0], row.frontier[1] - table[i].frontier[1])
             gaps[k, i] = gaps[i, k] = gap / (gap + HALF_COST)

@@ -47,7 +47,7 @@ def walk_back(predecessor, row, col):
     cells = np.empty((length, 2), dtype=np.int64)
     r, c = row + 1, col + 1
     for k in range(length - 1, -1, -1):
-        cells[k] = r - 1, c - 1
+        cells[k, 0], cells[k, 1] = r - 1, c - 1
         if k:
             d_row, d_col = STEPS[predecessor[r, c]]
             r, c = r - d_row, c - d_col

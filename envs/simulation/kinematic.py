@@ -121,19 +121,19 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
     where they are by then. So no two of them ever overlap, and nobody pushes a robot. Arguments are plain: unpacking
     named tuples would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V`
     and `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
-    `People.arrays`, of which the rows are written.
+    `People.arrays`, of which the rows are written, or None for nobody: half of the kernel need not be compiled then.
     """
-    people, points, fields, setup = crowd
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
-    radius, num_fixed = robot.radius, num_circles + people.shape[0]
+    radius = robot.radius
     for k in range(rows.shape[0]):
         rows[k, at.TOUCHED] = 0.0
         rows[k, at.STEPS] += 1.0
         rows[k, at.TIME] = rows[k, at.STEPS] * robot.period
         rows[k, at.DRAW] += 1.0
-    if people.shape[0] > 0:
-        step_people(people, points, fields, setup, rows)
-    around = with_people(circles, people)
+    if crowd is not None and crowd[0].shape[0] > 0:
+        step_people(crowd[0], crowd[1], crowd[2], crowd[3], rows)
+    around = circles if crowd is None else with_people(circles, crowd[0])
+    num_fixed = around.shape[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         noise = draws[k, int(row[at.DRAW])]
@@ -146,7 +146,8 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
             elif hits[j]:  # contact is mutual
                 peer = j - num_fixed + (j - num_fixed >= k)
                 rows[peer, at.TOUCHED] = max(rows[peer, at.TOUCHED], 1.0)
-    sense(rows, draws, ranges, segments, with_bodies(circles, people, setup))
+    seen = circles if crowd is None else with_bodies(circles, crowd[0], crowd[3])
+    sense(rows, draws, ranges, segments, seen)
 
 
 class KinematicSimulator(Simulator):
@@ -159,5 +160,5 @@ class KinematicSimulator(Simulator):
             row[at.X], row[at.Y], row[at.THETA] = pose.x, pose.y, wrap_angle(pose.theta)
 
     def _move(self, world: World) -> None:
-        rows = self.rows
-        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, world.circles, self.crowd.arrays)
+        rows, crowd = self.rows, self.crowd.arrays if len(self.crowd.rows) else None
+        step_robots(rows.numbers, rows.draws, rows.ranges, world.segments, world.circles, crowd)

@@ -73,7 +73,8 @@ def with_peers(circles, states, index, radius):
     """Return circles, shape (m, 3) [m], and after them the robots of the rows `states` but the one at `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
     joined = np.empty((count + num_robots - 1, 3))
-    joined[:count] = circles
+    for row in range(count):
+        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
     for k in range(num_robots):
         if k != index:
             row = count + k - (k > index)

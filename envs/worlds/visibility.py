@@ -95,10 +95,10 @@ def _lines(reach):
     for k in range(NUM_DIRECTIONS):
         # The golden angle: any few directions in sequence look all around.
         d_row, d_col = longest_step(2.399963229728653 * k)
-        slopes[k] = d_row, d_col
+        slopes[k, 0], slopes[k, 1] = d_row, d_col
         lengths[k] = int(reach / math.hypot(d_row, d_col))
         for step in range(lengths[k] + 1):
-            lines[k, step] = cell_along(0, 0, d_row, d_col, step)
+            lines[k, step, 0], lines[k, step, 1] = cell_along(0, 0, d_row, d_col, step)
     return slopes, lengths, lines
 
 
@@ -133,11 +133,13 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
             asked = wanted[top + _HEIGHT, start + _WIDTH : start + 2 * _WIDTH]
             if not asked.any():
                 continue
-            left[:] = asked
+            for j in range(_WIDTH):  # as slices, it would take Numba seconds to compile
+                left[j] = asked[j]
             for k in range(lengths.shape[0]):
                 if not left.any():
                     break
-                alive[:] = left
+                for j in range(_WIDTH):
+                    alive[j] = left[j]
                 for step in range(1, lengths[k] + 1):
                     row, col = top + _HEIGHT + lines[k, step, 0], start + _WIDTH + lines[k, step, 1]
                     if not (0 < row < height + _HEIGHT and 0 < col < width + _WIDTH):

@@ -100,7 +100,8 @@ def with_people(circles, people):
     """Return circles, shape (m, 3) [m], and after them people."""
     count = circles.shape[0]
     joined = np.empty((count + people.shape[0], 3))
-    joined[:count] = circles
+    for row in range(count):
+        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
     for i in range(people.shape[0]):
         row = count + i
         joined[row, 0], joined[row, 1], joined[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
@@ -117,7 +118,8 @@ def with_bodies(circles, people, setup):
         return with_people(circles, people)
     count = circles.shape[0]
     joined = np.empty((count + 2 * people.shape[0], 3))
-    joined[:count] = circles
+    for row in range(count):
+        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
     for i in range(people.shape[0]):
         person = people[i]
         c, s = math.cos(person[at.HEADING]), math.sin(person[at.HEADING])

@@ -110,14 +110,18 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
         # nothing: they would draw a search as wide as this one.
         far, around = params.retry_distance / resolution, params.retry_angle
         pose = search_window(*over, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
-        wide = np.diag(np.array([params.retry_distance, params.retry_distance, around]) ** 2)
+        wide = np.zeros((3, 3))
+        wide[0, 0] = wide[1, 1] = params.retry_distance**2
+        wide[2, 2] = around**2
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])
         if there[0] * there[1] > num_known * known_score + params.retry_gain * count:
             x, y, theta, fit = found
             num_known, known_score = there
-            covariance[:] = wide
+            for i in range(3):
+                for j in range(3):
+                    covariance[i, j] = wide[i, j]
             is_far = True
     is_judged = num_known >= params.min_known_hits
     fits = not is_judged or known_score >= params.min_known_score
