@@ -1,6 +1,8 @@
 PYTHON ?= python3.11
 BIN := .venv/bin
 LIBRARIES := .venv-libraries/bin
+# Python compiles what is imported when it is; to compile all that is installed takes pip a minute.
+PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
@@ -10,7 +12,7 @@ install: $(INSTALLED)
 
 $(INSTALLED): pyproject.toml constraints.txt
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev]"
+	$(PIP) --editable ".[dev]"
 	$(BIN)/python -m pip check
 	touch $@
 
@@ -51,7 +53,7 @@ docs: $(DOCS_INSTALLED)
 	@echo "the site is in build/site/index.html"
 
 $(DOCS_INSTALLED): $(INSTALLED)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable ".[dev,docs]"
+	$(PIP) --editable ".[dev,docs]"
 	touch $@
 
 clean:
