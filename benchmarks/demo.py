@@ -29,14 +29,17 @@ from lidarnaut.envs.player import Recording, build_page
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "reach_crowd.yaml"
 TRAINING = {
-    "total_steps": 90_000,
+    "total_steps": 50_000,
     "num_envs": 64,
     "environment.num_workers": 2,
     "environment.world": "hall",
     "environment.people.number": [4, 14],
     "network.width": 16,
+    "environment.reward.progress": 0.2,
+    "environment.reward.collision": -1.0,
     "hyperparameters.n_steps": 32,
-    "evaluation.every": 45_000,
+    "hyperparameters.batch_size": 512,
+    "evaluation.every": 25_000,
     "evaluation.episodes": 40,
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
