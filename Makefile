@@ -49,7 +49,7 @@ format: install
 
 docs: $(DOCS_INSTALLED)
 	$(BIN)/python -m sphinx --jobs 2 --fail-on-warning --keep-going --quiet docs build/site
-	LIDARNAUT_SITE=build/site $(BIN)/python -m pytest --quiet --numprocesses 2 tests/docs/test_site.py
+	LIDARNAUT_SITE=build/site $(BIN)/python -m pytest --quiet --noconftest --numprocesses 2 tests/docs/test_site.py
 	@echo "the site is in build/site/index.html"
 
 $(DOCS_INSTALLED): $(INSTALLED)

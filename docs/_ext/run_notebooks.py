@@ -1,4 +1,4 @@
-"""Runs the notebooks side by side while other pages are made; myst-nb alone runs one after the other."""
+"""Runs the notebooks side by side while other pages are made and read; myst-nb alone runs one after the other."""
 
 import logging
 import shutil
@@ -11,6 +11,7 @@ from jupyter_cache import get_cache
 from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
+NOTEBOOKS = "tutorials/"
 _running: list[subprocess.Popen[bytes]] = []
 
 
@@ -18,19 +19,23 @@ def start(app: Sphinx) -> None:
     """Begin to run all notebooks of `docs/tutorials` anew."""
     config = app.config
     arguments = app.srcdir, config.nb_execution_cache_path, config.nb_execution_timeout
-    _running.append(subprocess.Popen([sys.executable, __file__, *map(str, arguments)]))
+    _running.append(subprocess.Popen([sys.executable, __file__, *map(str, arguments)], stdout=subprocess.PIPE))
 
 
-def wait(app: Sphinx, env: Any, names: list[str]) -> None:
-    """Wait until all of them have run. One that failed is run again by myst-nb, which then says why."""
-    _running.pop().wait()
+def wait(app: Sphinx, name: str, source: list[str]) -> None:
+    """Wait before a notebook is read until all have run. One that failed is run again by myst-nb, which says why.
+
+    Pages are read by processes that this one forks, which share its pipe: that ends with the process that writes there.
+    """
+    if name.startswith(NOTEBOOKS):
+        _running[0].stdout.read()  # type: ignore[union-attr]
 
 
 def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
     """Run the notebooks of a source folder, and keep what they give where myst-nb looks for it."""
     shutil.rmtree(folder, ignore_errors=True)
     cache = get_cache(folder)
-    for path in sorted((source / "tutorials").glob("*.ipynb"), key=lambda path: -path.stat().st_size):
+    for path in sorted((source / NOTEBOOKS).glob("*.ipynb"), key=lambda path: -path.stat().st_size):
         cache.add_nb_to_project(str(path))
     logger = logging.getLogger(__name__)
     logger.setLevel(logging.WARNING)
@@ -40,7 +45,8 @@ def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
 def setup(app: Sphinx) -> dict[str, Any]:
     """Register; see `start` and `wait`."""
     app.connect("builder-inited", start)
-    app.connect("env-before-read-docs", wait)
+    app.connect("source-read", wait)
+    app.connect("build-finished", lambda *_: _running.pop().wait())
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
