@@ -154,7 +154,7 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
 
 
 class NoOptimizer:
-    """In place of the optimizer of a policy that only acts: to make the first one of a process, torch loads for 3 s."""
+    """In place of the optimizer of a policy that only acts: to make a process's first one, torch loads its compiler."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         pass

@@ -12,6 +12,7 @@ from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
 NOTEBOOKS = "tutorials/"
+"""How the names of pages begin that are notebooks."""
 _running: list[subprocess.Popen[bytes]] = []
 
 

@@ -121,7 +121,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
     where they are by then. So no two of them ever overlap, and nobody pushes a robot. Arguments are plain: unpacking
     named tuples would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V`
     and `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
-    `People.arrays`, of which the rows are written, or None for nobody: half of the kernel need not be compiled then.
+    `People.arrays`, of which the rows are written, or None for nobody: the kernels of people need not be compiled then.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius

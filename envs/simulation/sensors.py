@@ -69,12 +69,23 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 
 @njit(cache=True, error_model="numpy")
+def with_room(circles, num_more):
+    """Return circles, shape (m, 3) [m], and after them rows for so many more, shape (m + num_more, 3).
+
+    One by one: to assign a slice, Numba compiles for seconds.
+    """
+    joined = np.empty((circles.shape[0] + num_more, 3))
+    for row in range(circles.shape[0]):
+        for k in range(3):
+            joined[row, k] = circles[row, k]
+    return joined
+
+
+@njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
     """Return circles, shape (m, 3) [m], and after them the robots of the rows `states` but the one at `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
-    joined = np.empty((count + num_robots - 1, 3))
-    for row in range(count):
-        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
+    joined = with_room(circles, num_robots - 1)
     for k in range(num_robots):
         if k != index:
             row = count + k - (k > index)

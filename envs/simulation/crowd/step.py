@@ -7,6 +7,7 @@ from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from lidarnaut.envs.simulation import records as robots_at
+from lidarnaut.envs.simulation.sensors import with_room
 
 from . import records as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
@@ -99,9 +100,7 @@ def _follow_route(person, points, dt):
 def with_people(circles, people):
     """Return circles, shape (m, 3) [m], and after them people."""
     count = circles.shape[0]
-    joined = np.empty((count + people.shape[0], 3))
-    for row in range(count):
-        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
+    joined = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
         row = count + i
         joined[row, 0], joined[row, 1], joined[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
@@ -117,9 +116,7 @@ def with_bodies(circles, people, setup):
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]
-    joined = np.empty((count + 2 * people.shape[0], 3))
-    for row in range(count):
-        joined[row, 0], joined[row, 1], joined[row, 2] = circles[row, 0], circles[row, 1], circles[row, 2]
+    joined = with_room(circles, 2 * people.shape[0])
     for i in range(people.shape[0]):
         person = people[i]
         c, s = math.cos(person[at.HEADING]), math.sin(person[at.HEADING])
