@@ -1,16 +1,26 @@
-"""Compiled kernels: where they are kept, and a progress bar while they are made."""
+"""Compiled kernels: where they are kept, by which process each is made, and a progress bar meanwhile."""
 
+import contextlib
+import gc
 import hashlib
 import logging
 import multiprocessing
 import os
 import re
+from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numba
 from numba.core import caching, event
+from numba.core.compiler_lock import global_compiler_lock
+from numba.core.dispatcher import Dispatcher
 from tqdm import tqdm
+
+try:
+    import fcntl
+except ImportError:  # Windows
+    fcntl = None  # type: ignore[assignment]
 
 _log = logging.getLogger("lidarnaut")
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
@@ -105,6 +115,38 @@ def _name(path: str) -> str:
     return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
+def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> Any:
+    """Compile a kernel in one process; others that need it, too, wait until it is kept, and load it."""
+    if not (dispatcher._cache.cache_path and _OWN.match(dispatcher.py_func.__module__)):
+        return compile(dispatcher, sig)
+    path = os.path.join(dispatcher._cache.cache_path, f".{dispatcher._cache._impl.filename_base}")
+    with global_compiler_lock, _lock(path), _garbage_kept():  # Numba's lock first: threads take both in one order
+        return compile(dispatcher, sig)
+
+
+@contextlib.contextmanager
+def _lock(path: str) -> Iterator[None]:
+    """Wait until no other process holds the lock of a file, and hold it; where there are no locks, go on."""
+    with contextlib.ExitStack() as stack:
+        with contextlib.suppress(OSError):  # a folder removed meanwhile, or a file system without locks
+            file = stack.enter_context(open(path, "w"))
+            if fcntl is not None:
+                fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+@contextlib.contextmanager
+def _garbage_kept() -> Iterator[None]:
+    """Put the garbage collector off: it takes a tenth of what a compilation takes, and finds little."""
+    is_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if is_on:
+            gc.enable()
+
+
 def _load_index(file: Any, load: Any = caching.IndexDataCacheFile._load_index) -> dict[Any, str]:
     """Return the kernels of a file that are kept; none where a record that one takes is in another module now."""
     try:
@@ -114,5 +156,6 @@ def _load_index(file: Any, load: Any = caching.IndexDataCacheFile._load_index) -
 
 
 caching.IndexDataCacheFile._load_index = _load_index  # type: ignore[method-assign]
+Dispatcher.compile = _compile  # type: ignore[method-assign, assignment]
 caching.CacheImpl._locator_classes.insert(0, SourceLocator)
 event.register("numba:compile", _Progress())

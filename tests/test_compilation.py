@@ -90,6 +90,17 @@ def test_a_cache_that_cannot_be_written_is_done_without(checkout):
     assert list((checkout / "lidarnaut" / "envs" / "__pycache__").glob("outer.*.nbi"))
 
 
+@pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
+def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(checkout):
+    environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache")}
+    command = [sys.executable, "-c", PROGRAM]
+    runs = [subprocess.Popen(command, env=environment, cwd=checkout, stdout=-1, text=True) for _ in range(4)]
+    printed = [run.communicate()[0].split() for run in runs]
+    assert [words[:2] for words in printed] == [["7", "3"]] * 4
+    for hits in zip(*(words[2:] for words in printed), strict=True):
+        assert sorted(hits) == ["0", "1", "1", "1"]
+
+
 @pytest.mark.skipif(os.name == "nt", reason="there are no such terminals")
 def test_a_terminal_shows_how_many_kernels_have_been_compiled(checkout):
     ours, theirs = os.openpty()

@@ -9,6 +9,8 @@ import math
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry.rows import write_row
+
 CLUSTER_SIZE = 6
 """Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, the kind, and 1 for what has
 stood there for some time, which the tracker finds."""
@@ -71,7 +73,7 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
         x, y = 0.5 * (first[0] + last[0]) - depth * chord_y, 0.5 * (first[1] + last[1]) + depth * chord_x
     whole = PART if is_part else BODY
     kind = SLOPE if is_slope else (LEG if width < p.leg_size else whole)
-    clusters[count] = x, y, radius, float(beams), kind, 0.0
+    write_row(clusters[count], (x, y, radius, float(beams), kind, 0.0))
     return count + 1
 
 
@@ -82,7 +84,8 @@ def find_clusters(ranges, directions, p, clusters):
     The distance that cuts is that of Borges and Aldon ("Line extraction in 2D range images for mobile robotics", 2004,
     equation 3). `clusters`: shape (n, CLUSTER_SIZE), float64, written.
     """
-    num_beams, count, beams, start = ranges.shape[0], 0, 0, 0
+    num_beams, start = ranges.shape[0], 0
+    count = beams = np.int64(0)  # as literals, they would have what they are passed to compiled once more
     if p.is_full_turn > 0.0:  # what lies across the first beam is one cluster
         while start < num_beams and abs(ranges[start] - ranges[start - 1]) < 0.5:
             start += 1
@@ -98,7 +101,7 @@ def find_clusters(ranges, directions, p, clusters):
         if beams > 0 and (r == np.inf or math.hypot(point[0] - last[0], point[1] - last[1]) > reach):
             is_slope |= _is_slope(previous, r, p)
             count = _add_cluster(clusters, count, first, last, total, beams, is_slope, p)
-            beams = 0
+            beams = np.int64(0)
         if r < np.inf:
             if beams == 0:
                 first, total, is_slope = point, (0.0, 0.0), _is_slope(r, previous, p)
@@ -124,7 +127,7 @@ def join_legs(clusters, count, p):
             one[0], one[1], one[4] = 0.5 * (one[0] + other[0]), 0.5 * (one[1] + other[1]), BODY
             one[3] += other[3]
             count -= 1
-            clusters[nearest] = clusters[count]
+            write_row(other, clusters[count])
         i += 1
     return count
 

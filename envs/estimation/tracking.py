@@ -15,6 +15,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.pose import compose
+from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robots import LidarParams
 
 from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters, join_legs, look_at_disc
@@ -185,8 +186,10 @@ def _match(tracks, num_tracks, clusters, count, moved, matches, p):
                 distances[num_pairs] = squared / s - (0.1 if track[IS_PERSON] > 0.0 else 0.0)
                 num_pairs += 1
     is_taken = np.zeros(count, dtype=np.bool_)
-    for n in np.argsort(distances[:num_pairs]):
-        i, k = pairs[n]
+    for _ in range(num_pairs):
+        n = np.argmin(distances[:num_pairs])
+        distances[n] = np.inf
+        i, k = pairs[n, 0], pairs[n, 1]
         if matches[i] < 0 and not is_taken[k]:
             matches[i] = k
             is_taken[k] = True
@@ -261,7 +264,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
             track[MISSES] += is_gone or _is_doubled(i, tracks, num_tracks, matches, p)
         patience = p.lost_time if track[IS_PERSON] > 0.0 else p.lost_time / 6.0
         if track[MISSES] < p.max_misses and time - track[SEEN] <= patience + 1e-9:
-            tracks[kept] = track
+            write_row(tracks[kept], track)
             kept += 1
     for k in range(count):
         if is_taken[k] or moved[k] < 0 or clusters[k, 4] == SLOPE or clusters[k, 3] < p.min_beams or kept == MAX_TRACKS:
@@ -274,13 +277,13 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
             place = clusters[k, 0], clusters[k, 1]
             spread = p.position_std**2, 0.0, p.speed_std**2
             first = (clusters[k, 2], 1.0, 0.0, time, *place, 0.0, state[NUM_BORN], 1.0 * (moved[k] == 1))
-            tracks[kept] = (*place, 0.0, 0.0, *spread, *first)
+            write_row(tracks[kept], (*place, 0.0, 0.0, *spread, *first))
             state[NUM_BORN] += 1.0
             kept += 1
     state[NUM_TRACKS] = kept
     if num_scans == 0 or time - poses[(num_scans - 1) % len(poses), 3] >= p.interval - 1e-9:
-        scans[num_scans % len(poses)] = ranges
-        poses[num_scans % len(poses)] = (*lidar, time)
+        write_row(scans[num_scans % len(poses)], ranges)
+        write_row(poses[num_scans % len(poses)], (*lidar, time))
         state[NUM_SCANS] += 1.0
 
 
@@ -297,8 +300,8 @@ def write_bodies(state, tracks, p, bodies):
         is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= SEEN_LATELY
         if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= p.max_std**2):
             dx, dy, vx, vy = track[X] - state[0], track[Y] - state[1], track[VX], track[VY]
-            bodies[count, :4] = c * dx + s * dy, c * dy - s * dx, c * vx + s * vy, c * vy - s * vx
-            bodies[count, 4] = max(track[RADIUS], LEAST_RADIUS)
+            place, velocity = (c * dx + s * dy, c * dy - s * dx), (c * vx + s * vy, c * vy - s * vx)
+            write_row(bodies[count], (*place, *velocity, max(track[RADIUS], LEAST_RADIUS)))
             count += 1
     return count
 

@@ -32,6 +32,8 @@ LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], 
 """By a set of steps, a bit for each of `STEPS`: the first one in it."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 """Travel cost of cells that cannot be reached."""
+NO_GOAL = (-1, -1)
+"""In place of a goal, to search everywhere."""
 COST_WEIGHT = 3.0
 """How many times its length a step over a free cell of the highest cost costs more than one over a free one."""
 NUM_BUCKETS = 1 << 15
@@ -124,7 +126,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
     `entries`: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written, as
     is `expansion`; where it is full, the search stops early. `open_weights`: shape ((height + 2) * (width + 2),),
-    uint8, 0 in the border; `stride`: width of the raster and its border; `goal`: (row, column), (-1, -1) for none.
+    uint8, 0 in the border; `stride`: width of the raster and its border; `goal`: (row, column) or `NO_GOAL`.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal

@@ -14,7 +14,7 @@ from pydantic import PositiveFloat
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.astar import NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
+from lidarnaut.envs.navigation.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM, Costmap
 from lidarnaut.envs.navigation.paths import walk_back
 from lidarnaut.envs.navigation.views import (
@@ -161,18 +161,18 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find the frontiers that are cheapest to get to from a cell, at most `max_candidates`.
+    """Find frontiers until at least `max_candidates` are known that no other is cheaper to get to from a cell.
 
     `layer` holds costs, shape (height, width), uint8, and the `open_weights` of `_expand`, `frontier` the cells and
     parts of `split_groups`. A frontier has at least the first of `min_lengths` cells; the next one counts where none of
     those before can be reached. Returns records, `CANDIDATE`, of which the cells, travel cost, span and group are
-    written (`group_size` in cells); which of them are candidates, shape (k,), by increasing cost; and `entries`.
+    written (`group_size` in cells), and `entries`.
     """
     costs, open_weights = layer
     cells, parts = frontier
     height, width = joined.shape
     travel = expansion.travel.reshape(height + 2, width + 2)
-    begin(expansion, entries, costs, start, (-1, -1))
+    begin(expansion, entries, costs, start, NO_GOAL)
     found = np.empty(len(parts), dtype=CANDIDATE)
     is_settled = np.zeros(len(parts), dtype=np.bool_)
     num_found = 0
@@ -182,7 +182,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
         while True:
             if is_complete or not ((parts[:, 2] >= min_length) & ~is_settled).any():
                 break
-            entries = expand(expansion, entries, open_weights, costs, tables.weights, (-1, -1), limit)
+            entries = expand(expansion, entries, open_weights, costs, tables.weights, NO_GOAL, limit)
             is_complete = expansion.counters[NUM_WAITING] == 0
             for k in range(len(parts)):
                 if parts[k, 2] < min_length or is_settled[k]:
@@ -194,7 +194,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
                 if seen >= 0:
                     new = found[num_found]
                     new.goal[0], new.goal[1] = row, col
-                    new.cell[0], new.cell[1] = members[seen]
+                    new.cell[0], new.cell[1] = members[seen, 0], members[seen, 1]
                     new.travel = cost
                     new.span[0], new.span[1], new.group_size, new.group = parts[k]
                     num_found += 1
@@ -204,9 +204,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
             limit *= 2
         if num_found > 0:
             break
-    # Parts found in a later round may cost less than some before: a view from afar waits for a nearer one.
-    order = np.argsort(found["travel"][:num_found], kind="mergesort")[:max_candidates]
-    return found, order, entries
+    return found[:num_found], entries
 
 
 @njit(cache=True, error_model="numpy")

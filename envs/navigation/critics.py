@@ -10,6 +10,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry import wrap_angle
+from lidarnaut.envs.geometry.rows import write_row
 
 from .costmap import COST_INSCRIBED
 
@@ -107,7 +108,7 @@ def spread(costs, distances, seeds):
     flat, steps = costs.reshape(size), distances.reshape(size)
     queue = np.empty(size, dtype=np.int64)
     first, last = 0, len(seeds)
-    queue[:last] = seeds
+    write_row(queue, seeds)
     steps[:] = size + 1
     steps[queue[:last]] = 0
     while first < last:

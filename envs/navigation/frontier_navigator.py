@@ -297,10 +297,12 @@ class FrontierNavigator:
                 workspace = planning.expansion, planning.entries
                 costs, frontier = (layer.costs, layer.open_weights), (cells, parts)
                 limits = self._lengths, self._max_candidates
-                found, order, planning.entries = find_candidates(
+                found, planning.entries = find_candidates(
                     planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
                 )
-                table = found[order]  # kernels are slow to copy records as large as these
+                # What is found in a later round may cost less than what was before, since a view from afar waits for a
+                # nearer one. Not in the kernel: those are slow to compile sorts, and to copy records as large as these.
+                table = found[np.argsort(found["travel"], kind="stable")[: self._max_candidates]]
             if len(table):
                 break
         self._level = level

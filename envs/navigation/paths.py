@@ -7,8 +7,10 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry.lines import resample
+from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.navigation.astar import (
     COST_WEIGHT,
+    NO_GOAL,
     NO_STEP,
     SCALE,
     STEPS,
@@ -79,7 +81,7 @@ def shorten(costs, weights, travel, cells, reach):
     (n, 2), int64. Returns the corners of the shorter path, with both of its ends: shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
-    kept[0] = cells[0]
+    write_row(kept[0], cells[0])
     num_kept = 1
     i = 0
     while i < len(cells) - 1:
@@ -90,7 +92,7 @@ def shorten(costs, weights, travel, cells, reach):
             if 0.0 <= line <= walk:
                 break
             j -= 1
-        kept[num_kept] = cells[j]
+        write_row(kept[num_kept], cells[j])
         num_kept += 1
         i = j
     return kept[:num_kept]
@@ -228,7 +230,7 @@ def travel_field(
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
     if cell is None:
         return None
-    return TravelField(costmap, weights, *search(costmap.costs, weights, *cell, *(goal or (-1, -1))))
+    return TravelField(costmap, weights, *search(costmap.costs, weights, *cell, *(goal or NO_GOAL)))
 
 
 def plan_path(

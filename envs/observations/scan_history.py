@@ -10,6 +10,7 @@ from numba import njit
 
 from lidarnaut.envs.arguments import is_number, is_whole
 from lidarnaut.envs.geometry.pose import between, compose
+from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
@@ -137,7 +138,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
         ring = memory[i].reshape(-1, MOTION + count)
         steps, num_slots = int(rows[i, at.STEPS]), ring.shape[0]
         newest = ring[steps % num_slots]
-        newest[:MOTION] = rows[i, at.ODOMETRY : at.ODOMETRY + 3]
+        write_row(newest, rows[i, at.ODOMETRY : at.ODOMETRY + MOTION])
         pool_scan(ranges[i], sectors.beams, newest[MOTION:])
         motion, age = (0.0, 0.0, 0.0), 0
         for j in range(lags.shape[0]):
@@ -150,7 +151,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
                 seen[:] = np.inf
                 shift_sectors(past, motion, sectors, seen, polar)
             else:
-                seen[:] = past
+                write_row(seen, past)
             for k in range(count):
                 shown = near / (max(seen[k] - radius, np.float32(0.0)) + near)
                 is_seen = seen[k] < np.inf or age == 0

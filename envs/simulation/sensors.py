@@ -7,6 +7,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.raycast import cast_rays
+from lidarnaut.envs.geometry.rows import write_row
 
 from . import records as at
 
@@ -70,14 +71,10 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 @njit(cache=True, error_model="numpy")
 def with_room(circles, num_more):
-    """Return circles, shape (m, 3) [m], and after them rows for so many more, shape (m + num_more, 3).
-
-    One by one: to assign a slice, Numba compiles for seconds.
-    """
+    """Return circles, shape (m, 3) [m], and after them rows for so many more, shape (m + num_more, 3)."""
     joined = np.empty((circles.shape[0] + num_more, 3))
     for row in range(circles.shape[0]):
-        for k in range(3):
-            joined[row, k] = circles[row, k]
+        write_row(joined[row], circles[row])
     return joined
 
 

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry.rows import write_row
+
 from . import records as at
 from .social_force import Positive
 from .walls import near_list, offset
@@ -77,7 +79,7 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
     """Write the lines of near walls; return how many. Ends of segments and circles are round, segments straight."""
     x, y, radius, own = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], (people[i, at.VX], people[i, at.VY])
     first, end = near_list(near, grid, x, y)
-    count = 0
+    count = np.int64(0)  # no literal, for which the linear program would be compiled once more
     for k in range(first, end):
         item = int(near[k])
         nx, ny, gap = offset(near, item, x, y)
@@ -189,7 +191,8 @@ def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
         px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if ex * (py - y) - ey * (px - x) <= depth:
             continue
-        equal[:num_hard] = lines[:num_hard]
+        for j in range(num_hard):
+            write_row(equal[j], lines[j])
         count = num_hard
         for j in range(num_hard, i):
             across = ex * lines[j, 3] - ey * lines[j, 2]

@@ -217,5 +217,5 @@ def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_
             if is_small:
                 break
         if level == 0 and not is_small:
-            fit = evaluate(map, 0, points, num_points, x, y, theta)
+            fit = evaluate(map, level, points, num_points, x, y, theta)
     return x, y, theta, fit
