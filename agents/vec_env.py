@@ -1,5 +1,6 @@
 """The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
 
+import contextlib
 import multiprocessing
 from collections.abc import Iterator, Sequence
 from itertools import chain
@@ -58,6 +59,7 @@ def make_vector(
         # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
         methods = multiprocessing.get_all_start_methods()
         settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
+        multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # once, not in each worker
     if mode != "native":
         return gymnasium.make_vec(spec, num_envs, mode, settings, **arguments)
     settings["num_workers"] = config.num_workers
@@ -76,16 +78,14 @@ def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "Gymnasium
     bounds = np.linspace(0, config.num_envs, len(each) + 1).round().astype(int)
     if len(each) > config.num_envs:
         raise ValueError(f"num_envs is {config.num_envs}, fewer than the {len(each)} robots of environment.robots")
-    envs: list[GymnasiumVecEnv] = []
-    try:
-        for one, count in zip(each, np.diff(bounds).tolist()):
-            envs.append(GymnasiumVecEnv(make_vector(one, "train", count), is_flat=is_flat))
-            if envs[-1].parts != envs[0].parts:
+    with contextlib.ExitStack() as made:
+        vectors: list[VectorEnv] = []
+        for one, count in zip(each, np.diff(bounds).tolist()):  # `GymnasiumVecEnv` waits until its workers have started
+            vectors.append(made.enter_context(contextlib.closing(make_vector(one, "train", count))))
+            if vectors[-1].single_observation_space != vectors[0].single_observation_space:
                 raise ValueError(f"robot {one.robots[0]!r} of environment.robots has other observations than the first")
-    except BaseException:
-        for env in envs:
-            env.close()
-        raise
+        envs = [GymnasiumVecEnv(vector, is_flat=is_flat) for vector in vectors]
+        made.pop_all()
     return JoinedVecEnv(envs) if len(envs) > 1 else envs[0]
 
 

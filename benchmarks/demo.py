@@ -1,9 +1,12 @@
 """Train a policy for crowds from nothing, then show the shipped policies where none was trained; write a report."""
 
+import contextlib
+import logging
+import multiprocessing
 import shutil
 import sys
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -25,6 +28,7 @@ from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import Lock, parse_record, read_mapping, write_file
 from lidarnaut.envs.measures import SUCCESS
 from lidarnaut.envs.player import Recording, build_page
+from lidarnaut.envs.processes import interrupts_held, start_worker
 
 FOLDER = Path("runs/demo")
 CONFIG = Path(__file__).parents[1] / "configs" / "reach_crowd.yaml"
@@ -40,7 +44,7 @@ TRAINING = {
     "hyperparameters.n_steps": 32,
     "hyperparameters.batch_size": 512,
     "evaluation.every": 25_000,
-    "evaluation.episodes": 40,
+    "evaluation.episodes": 32,
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
 }
@@ -112,7 +116,8 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
         work.mkdir(parents=True)
         task, stages = config.environment.id.removeprefix("lidarnaut/"), len(scenes) + 1
         say(f"1/{stages} Train PPO in {task}, from an untrained network: {config.total_steps:,} steps")
-        evaluations = read_evaluations(train(config, run=work / "training"))
+        with running(scenes, work):
+            evaluations = read_evaluations(train(config, run=work / "training"))
         draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = check_learning(evaluations, task)
         caption = "The same episodes for all, in worlds that the training does not draw."
@@ -129,6 +134,26 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
         work.rename(folder)
         say("Done")
     return f"{folder / 'report.html'}: {lesson}"
+
+
+@contextlib.contextmanager
+def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
+    """Run the episodes of scenes in another process meanwhile; `show` runs those that it has not ended."""
+    with interrupts_held():
+        process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
+        process.start()
+    try:
+        yield
+    finally:
+        process.terminate()
+        process.join()
+
+
+def _run(scenes: Sequence[Scene], work: Path) -> None:
+    start_worker()
+    logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # what there is to say, the other process says
+    for scene in scenes:
+        Evaluation(scene.settings, work / scene.folder).run(record=True)
 
 
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
