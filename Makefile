@@ -1,4 +1,6 @@
 PYTHON ?= python3.11
+# What `--no-compile` leaves is compiled when it is first imported: not anew by every process.
+unexport PYTHONDONTWRITEBYTECODE
 BIN := .venv/bin
 LIBRARIES := .venv-libraries/bin
 # Python compiles what is imported when it is; to compile all that is installed takes pip a minute.
