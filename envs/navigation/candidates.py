@@ -161,7 +161,7 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find frontiers until at least `max_candidates` are known that no other is cheaper to get to from a cell.
+    """Find the frontiers that are cheapest to get to from a cell: at least `max_candidates`, if there are as many.
 
     `layer` holds costs, shape (height, width), uint8, and the `open_weights` of `_expand`, `frontier` the cells and
     parts of `split_groups`. A frontier has at least the first of `min_lengths` cells; the next one counts where none of
