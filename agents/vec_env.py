@@ -57,9 +57,10 @@ def make_vector(
         mode = "sync"  # an environment of another kind, which shards cannot step
     if mode != "sync":
         # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
-        methods = multiprocessing.get_all_start_methods()
-        settings["context"] = "forkserver" if "forkserver" in methods else "spawn"
-        multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # once, not in each worker
+        settings["context"] = "spawn"
+        if "forkserver" in multiprocessing.get_all_start_methods():
+            settings["context"] = "forkserver"
+            multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once, not by each worker
     if mode != "native":
         return gymnasium.make_vec(spec, num_envs, mode, settings, **arguments)
     settings["num_workers"] = config.num_workers

@@ -126,7 +126,10 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 
 @contextlib.contextmanager
 def _lock(path: str) -> Iterator[None]:
-    """Wait until no other process holds the lock of a file, and hold it; where there are no locks, go on."""
+    """Wait until no other process holds the lock of a file, and hold it; where there are no locks, go on.
+
+    Not by `lidarnaut.envs.files.Lock`: an edit of what this module imports would have all kernels compiled again.
+    """
     with contextlib.ExitStack() as stack:
         with contextlib.suppress(OSError):  # a folder removed meanwhile, or a file system without locks
             file = stack.enter_context(open(path, "w"))
@@ -137,7 +140,7 @@ def _lock(path: str) -> Iterator[None]:
 
 @contextlib.contextmanager
 def _garbage_kept() -> Iterator[None]:
-    """Put the garbage collector off: it takes a tenth of what a compilation takes, and finds little."""
+    """Put the garbage collector off, which takes a good part of a compilation's time and finds little."""
     is_on = gc.isenabled()
     gc.disable()
     try:

@@ -94,7 +94,9 @@ def test_a_cache_that_cannot_be_written_is_done_without(checkout):
 def test_of_processes_that_need_a_kernel_at_once_one_compiles_it(checkout):
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache")}
     command = [sys.executable, "-c", PROGRAM]
-    runs = [subprocess.Popen(command, env=environment, cwd=checkout, stdout=-1, text=True) for _ in range(4)]
+    runs = [
+        subprocess.Popen(command, env=environment, cwd=checkout, stdout=subprocess.PIPE, text=True) for _ in range(4)
+    ]
     printed = [run.communicate()[0].split() for run in runs]
     assert [words[:2] for words in printed] == [["7", "3"]] * 4
     for hits in zip(*(words[2:] for words in printed), strict=True):

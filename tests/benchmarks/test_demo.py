@@ -2,11 +2,13 @@ import html
 import json
 import re
 import sys
+import time
 
 import pytest
 
 from lidarnaut.agents.config import TrainingConfig, change
-from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, check_learning, demo
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, check_learning, demo, running
 from lidarnaut.envs.files import Lock, LockedError, parse_record, read_mapping
 from tests.agents.test_every_algorithm import tiny
 
@@ -53,6 +55,17 @@ def test_the_demo_leaves_everything_and_replaces_an_earlier_one(tmp_path, monkey
         assert (folder / re.search(rf'href="({scene.folder}/[^"]+)"', report)[1]).exists()
         summary = json.loads((folder / scene.folder / "summary.json").read_text())
         assert list(summary) == [name.partition("=")[0] for name in scene.settings.policies]
+
+
+def test_scenes_run_beside_the_training(tmp_path, scenes):
+    (scene, *_), folder = scenes, tmp_path / scenes[0].folder
+    with running([scene], tmp_path):
+        end = time.monotonic() + 120.0
+        while Evaluation(scene.settings, folder).done < len(scene.settings.policies) and time.monotonic() < end:
+            time.sleep(0.5)
+    evaluation = Evaluation(scene.settings, folder)
+    assert evaluation.done == evaluation.total == len(scene.settings.policies)
+    assert len(list(folder.rglob("*.npz"))) > 0
 
 
 def test_the_demo_shortens_the_shipped_configuration():
