@@ -82,19 +82,25 @@ def _in_a_line(box: str) -> str:
     return re.sub(r"^Missing from .*?:", "missing:", text)
 
 
-def run_command(main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None) -> Any:
+def run_command(
+    main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None, status: int = 2
+) -> Any:
     """Call a function with the options of the command line, whose help is that of its module; return what it returns.
 
-    `arguments`: options; None takes those of the process. `options`: class of what the function takes; None for
-    arguments of its own. SystemExit with status 2, which says what, if an option is wrong, or the function raises an
-    error that speaks for itself, such as for a missing file.
+    `arguments`: options; None takes those of the process. `options`: class of the function's argument; None for
+    arguments of its own. SystemExit, with the reason on the standard error: with status 2 if an option is wrong, with
+    `status` if the function raises an error that speaks for itself, such as for a missing file.
     """
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
+    except ValueError as error:
+        sys.exit(fail(error))
+    try:
         return main(read) if options else read()
     except (ValueError, RuntimeError, OSError, ImportError, gymnasium.error.Error) as error:
-        sys.exit(fail(error))
+        fail(error)
+        sys.exit(status)
 
 
 def make_console() -> Console:

@@ -1,26 +1,24 @@
 """Logs of real robots: wheel odometry and laser scans."""
 
 import itertools
+import logging
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import LidarParams, Mount
-from lidarnaut.envs.robots.params import MAX_BEAMS
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
-from .trajectory import find_jump_back
+from .scans import Limits, Recording, Scan, common_beams, usable_scans
+from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back
 
-MAX_RANGE_LIMIT = 1000.0
-"""A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""
 MAX_STEP = 100.0
-"""Odometry that moves farther from one scan to the next, or a lidar farther from the base, is damaged [m]."""
+"""Odometry that moves farther from one scan to the next is damaged [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,6 +35,8 @@ class Log:
     """Shape (m, num_beams), float32 [m]; +inf for no return, NaN for a beam to ignore."""
     lidar: LidarParams
     """Geometry of the scans."""
+    notes: tuple[str, ...] = ()
+    """Scans that the reader left out, motions that it bridged, and what it assumed."""
 
     def motions(self) -> Iterator[Pose2D]:
         """Yield for each scan the pose of the base by odometry, seen from the base at the scan before."""
@@ -94,67 +94,112 @@ def load_log(
     path: str | Path,
     max_range: float | None = None,
     *,
+    min_range: float | None = None,
+    field_of_view: float | None = None,
     scan_topic: str | None = None,
     odom_topic: str | None = None,
+    base_frame: str | None = None,
+    odom_frame: str | None = None,
+    laser_frame: str | None = None,
+    max_speeds: tuple[float, float] = MAX_SPEEDS,
 ) -> Log:
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
+
+    Each scan is read by its own header. Scans that cannot be used are left out, and motions that the robot cannot make
+    are bridged; `Log.notes` and a warning of the logger say what was done.
 
     Args:
         path: the file, or the folder of a ROS 2 bag. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of
             `Log`; `ang0` and `dang`, the angle of the first beam in the base frame and from one beam to the next [rad];
             `maxr`, the range from which there is no return [m]; optionally `mount_x`, the lidar's position in the base
             frame [m], and `off`, added to `t`. Bags: see `read_bag`.
-        max_range: readings from this on count as no return [m]; None takes what the log says.
+        max_range: readings from this on count as no return [m]; None takes the limit of the log.
+        min_range: readings below this are ignored [m]; None takes the limit of the log.
+        field_of_view: angle from the first to the last beam of FLASER lines of CARMEN logs [rad]; None follows CARMEN,
+            see `read_carmen`.
         scan_topic: topic of the scans in a bag; None for the only one.
         odom_topic: topic of the odometry in a bag; None for the only one.
+        base_frame: frame of the base in a bag; None takes that of the odometry.
+        odom_frame: frame of odometry in a bag; None takes that of the messages, or `odom` in transforms.
+        laser_frame: frame of the scans in a bag: one of several on the topic, or the name that transforms use.
+        max_speeds: forward speed [m/s] and yaw rate [rad/s] that the robot does not exceed.
 
     Raises:
         FileNotFoundError: there is no such file.
-        ValueError: the file is of another kind, damaged, or holds no scans, or values that make no sense; the message
-            names the file and the place.
+        ValueError: the file is of another kind, damaged, or holds no scan that can be used, or an option makes no sense
+            for it; the message names the file, the place and the remedy in one line.
     """
     path = Path(path)
     if not path.exists():
         raise FileNotFoundError(f"no log at {path}")
+    of_bags = {
+        "scan_topic": scan_topic,
+        "odom_topic": odom_topic,
+        "base_frame": base_frame,
+        "odom_frame": odom_frame,
+        "laser_frame": laser_frame,
+    }
+    is_carmen = path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file()
+    if chosen := [name for name, value in of_bags.items() if value is not None and not is_bag(path)]:
+        raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) can be chosen in bags only")
+    if field_of_view is not None and not (is_carmen and 0.0 < field_of_view <= 2.0 * math.pi):
+        raise ValueError(
+            f"{path}: field_of_view (--field-of-view) is for CARMEN logs, in (0, 2 pi] rad, got {field_of_view:g}"
+        )
     if is_bag(path):
-        arrays = read_bag(path, scan_topic, odom_topic)
-    elif scan_topic or odom_topic:
-        raise ValueError(f"{path}: topics can be chosen in bags only")
+        recording = read_bag(path, **of_bags)
     elif path.suffix == ".npz":
-        arrays = read_archive(path)
-    elif path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file():
-        arrays = read_carmen(path)
+        recording = read_archive(path)
+    elif is_carmen:
+        recording = read_carmen(path, field_of_view)
     else:
         known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
         raise ValueError(f"{path}: unknown kind of log; {known} are known")
     try:
-        return _make_log(arrays, max_range)
+        log = _make_log(recording, Limits(min_range, max_range), max_speeds)
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
+    for note in log.notes:
+        logging.getLogger(__name__).warning("%s: %s", path, note)
+    return log
 
 
-def _make_log(arrays: dict[str, Any], max_range: float | None) -> Log:
-    """Make a log of what the readers return: the arrays of `load_log`; bags have more of the mount, and `minr`."""
-    ranges, step = arrays["ranges"].astype(np.float32), float(arrays["dang"])
-    if max_range is not None and not max_range > 0.0:
-        raise ValueError(f"max_range (--max-range) must be positive, got {max_range:g}")
-    limit = float(arrays["maxr"]) if max_range is None else min(float(arrays["maxr"]), max_range)
-    if not 0.0 < limit <= MAX_RANGE_LIMIT:
-        allowed = f"(0, {MAX_RANGE_LIMIT:g}]; max_range (--max-range) sets one"
-        raise ValueError(f"the range limit (maxr) is {limit:g} m, it must lie in {allowed}")
-    mount_x, mount_y, mount_z = (float(arrays.get(f"mount_{axis}", 0.0)) for axis in "xyz")
-    if not (math.isfinite(arrays["ang0"]) and 0.0 < step < math.inf and abs(mount_x) <= MAX_STEP):
-        raise ValueError(f"beams start at {float(arrays['ang0'])} rad in steps of {step} rad, {mount_x} m ahead")
-    if step * (ranges.shape[1] - 1) > 2 * math.pi - 1e-6:
-        ranges = ranges[:, :-1]  # the last beam of a full turn repeats the first
-    num_beams = ranges.shape[1]
-    if not 1 <= num_beams <= MAX_BEAMS:
-        raise ValueError(f"scans have {num_beams} beams, from 1 to {MAX_BEAMS:,} are allowed")
-    fov = step * (num_beams - 1)
+def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, float]) -> Log:
+    """Make a log of the contents of a file."""
+    limits.check()
+    scans, faults = usable_scans(recording.scans, limits)
+    of_all = f"of {len(recording.scans)} scans are left out"
+    notes = [*recording.notes, *(f"{number} {of_all}: {fault}" for fault, number in faults.items())]
+    times, (odometry, glitches) = recording.times, bridge_glitches(recording.times, recording.odometry, max_speeds)
+    if scans[0].row is None:
+        scan_times = np.array([scan.time for scan in scans])
+        inside = (scan_times >= times[0]) & (scan_times <= times[-1])
+        if not inside.all():
+            spans = [f"{each.min():.3f} to {each.max():.3f} s" for each in (scan_times, times)]
+            if not inside.any():
+                raise ValueError(f"scans from {spans[0]} and odometry from {spans[1]} do not overlap")
+            notes.append(f"{(~inside).sum()} {of_all}: outside the time of the odometry, {spans[1]}")
+        scans = [scan for scan, is_inside in zip(scans, inside.tolist()) if is_inside]
+        odom_times, times = times, np.union1d(times, scan_times[inside])
+        x, y, theta = odometry.T
+        columns = [np.interp(times, odom_times, column) for column in (x, y, np.unwrap(theta))]
+        odometry = np.stack([columns[0], columns[1], wrap_angle(columns[2])], axis=1)
+        rows = np.searchsorted(times, scan_times[inside])
+    else:
+        rows = np.array([scan.row for scan in scans])
+    readings = [_read(scan, recording.reaches_limit and limits.max_range is None) for scan in scans]
+    ranges, first, step, (x, y, z) = common_beams(readings)
+    low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
+    fov = step * (ranges.shape[1] - 1)
     # LidarParams centres the field of view on the sensor's x axis.
-    mount = Mount(mount_x, mount_y, mount_z, yaw=float(arrays["ang0"]) + fov / 2)
-    lidar = LidarParams(num_beams, limit, float(arrays.get("minr", 0.0)), fov, mount=mount)
-    is_return = ranges <= limit if "minr" in arrays and max_range is None else ranges < limit
+    lidar = LidarParams(ranges.shape[1], high, low, fov, mount=Mount(x, y, z, yaw=first + fov / 2))
+    return Log(times, odometry, rows.astype(np.int64), ranges, lidar, tuple(notes + glitches))
+
+
+def _read(scan: Scan, reaches_limit: bool) -> Scan:
+    """Return a scan whose readings are returns, inf for none, or NaN to ignore, by its own limits."""
+    ranges = scan.ranges
+    is_return = ranges <= scan.range_max if reaches_limit else ranges < scan.range_max
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
-    times, odometry = (arrays[name].astype(np.float64) for name in ("t", "odo"))
-    return Log(times, odometry, arrays["idx"].astype(np.int64), ranges, lidar)
+    ranges[(ranges < scan.range_min) & (ranges >= 0.0)] = np.nan
+    return scan._replace(ranges=ranges)

@@ -10,65 +10,116 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.files import open_archive
+from lidarnaut.envs.geometry import Pose2D
+
+from .scans import FULL_TURN, Recording, Scan
 
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
-_SICK_MAX_RANGE = 80.0
+SICK_MAX_RANGE = 80.0
 """Range of the SICK lasers behind FLASER lines, which do not record it [m]."""
+SICK_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
+"""Angle between beams of FLASER lines by their number, as CARMEN takes it [deg]."""
+FINEST_STEP = 0.25
+"""Least angle between beams of a SICK laser [deg]."""
+SAME_MOUNT = 0.05
+"""Largest difference between the laser mounts of two lines [m, rad]."""
 MAX_LINE = 1_000_000
 """Longest line [characters]."""
 MAX_TEXT = 2**30
 """Longest text [characters]; a small gzipped file can unpack to any size."""
 
 
-def read_carmen(path: Path) -> dict[str, Any]:
-    """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one kind of laser, as the arrays of `load_log`.
+def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
+    """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one laser.
+
+    FLASER lines hold no angles. As in CARMEN, 180 or 181 beams are 1 degree apart, 360 or 361 beams 0.5 and 400 or 401
+    beams 0.25 degrees; any other number is spread over 180 degrees. A `field_of_view` [rad] replaces that. The laser
+    lies `robot_frontlaser_offset` ahead of the base. ROBOTLASER1 lines hold angles, limit, and the poses of laser and
+    robot, of which the mount follows.
 
     Raises:
-        ValueError: a line is damaged, the file is cut off, or there are no scans.
+        ValueError: a line is damaged, the file is cut off, there are no scans, or the lines are those of several
+            lasers.
     """
-    times, odometry, scan_rows, scans = [], [], [], []
-    lidar = {"maxr": _SICK_MAX_RANGE, "mount_x": 0.0}
+    times, odometry, scans, notes, num_empty = [], [], list[Scan](), list[str](), 0
+    offset, mount = 0.0, None
     for number, line in enumerate(_lines(path), start=1):
         kind, *fields = line.split() or [""]
         try:
+            if kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
+                (offset,) = _numbers(fields[1:2])
+            if kind not in ("ODOM", "FLASER", "ROBOTLASER1"):
+                continue
+            first, step, limit, position = 0.0, 0.0, SICK_MAX_RANGE, None
             if kind == "ODOM":
-                pose, num_fields = fields[0:3], 9
+                pose, num_fields, readings = fields[0:3], 9, fields[:0]
             elif kind == "FLASER":
                 count = int(fields[0])
-                scan, pose, num_fields = fields[1 : 1 + count], fields[4 + count : 7 + count], count + 10
-                # Half a turn in steps of 1 or 0.5 degrees.
-                lidar |= {"ang0": -math.pi / 2, "dang": math.radians(1.0 if count <= 181 else 0.5)}
-            elif kind == "ROBOTLASER1":
-                count = int(fields[7])
-                scan = fields[8 : 8 + count]
-                after = 9 + count + int(fields[8 + count])
-                laser, pose = _numbers(fields[after : after + 3]), fields[after + 3 : after + 6]
-                lidar |= {"ang0": float(fields[1]), "dang": float(fields[3]), "maxr": float(fields[4])}
-                num_fields = after + 14
-                lidar["mount_x"] = math.hypot(laser[0] - float(pose[0]), laser[1] - float(pose[1]))
-            elif kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
-                (lidar["mount_x"],) = _numbers(fields[1:2])
-                continue
+                readings, pose, num_fields = fields[1 : 1 + count], fields[4 + count : 7 + count], count + 10
+                if count:
+                    first, step = _flaser_beams(count, field_of_view)
             else:
-                continue
+                first, step, limit = float(fields[1]), float(fields[3]), float(fields[4])
+                count = int(fields[7])
+                readings, after = fields[8 : 8 + count], 9 + count + int(fields[8 + count])
+                laser, pose, num_fields = fields[after : after + 3], fields[after + 3 : after + 6], after + 14
+                position = Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))
             if len(fields) < num_fields:
                 raise ValueError(f"cut off, {len(fields)} of {num_fields} fields")
             times += _numbers([fields[-3]])
             odometry.append(_numbers(pose))
-            if kind != "ODOM":
-                scan_rows.append(len(times) - 1)
-                scans.append(np.array(scan, dtype=np.float32))
-                if len(scans[-1]) != len(scans[0]):
-                    raise ValueError(f"{len(scans[-1])} beams where earlier scans have {len(scans[0])}")
-                if np.isnan(scans[-1]).any():
-                    raise ValueError(f"beam {int(np.isnan(scans[-1]).argmax())} is NaN")
+            if kind == "ODOM" or count == 0:
+                num_empty += kind != "ODOM"
+                continue
+            scan = Scan(np.array(readings, dtype=np.float32), first, step, 0.0, limit, row=len(times) - 1)
+            if np.isnan(scan.ranges).any():
+                raise ValueError(f"beam {int(np.isnan(scan.ranges).argmax())} is NaN")
+            if position is not None:
+                mount = mount or position
+                away = mount.between(position)
+                if math.hypot(away.x, away.y) > SAME_MOUNT or abs(away.theta) > SAME_MOUNT:
+                    poses = " and ".join("({:.3f}, {:.3f}, {:.3f})".format(*pose) for pose in (mount, position))
+                    raise ValueError(f"poses of laser and robot do not agree: mounts {poses} in two lines")
+                scan = scan._replace(first=first + mount.theta, position=(mount.x, mount.y, 0.0))
+            if scans:
+                _compare(scans[0], scan)
+            scans.append(scan)
         except (ValueError, IndexError) as error:
             raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
     if not scans:
         raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines")
-    arrays = {"t": times, "odo": odometry, "idx": scan_rows, "ranges": scans}
-    return {name: np.array(values) for name, values in arrays.items()} | lidar
+    if num_empty:
+        notes.append(f"{num_empty} of {num_empty + len(scans)} scans are left out: they have no beams")
+    if mount is None:
+        scans = [scan._replace(position=(offset, 0.0, 0.0)) for scan in scans]
+        if (count := len(scans[0].ranges)) not in SICK_STEPS and field_of_view is None:
+            spread = "spread over 180 degrees, as in CARMEN; field_of_view (--field-of-view) sets another"
+            notes.append(f"FLASER lines do not hold the angles of their {count} beams: {spread}")
+    return Recording(np.array(times), np.array(odometry), scans, notes)
+
+
+def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float]:
+    """Return the angles of the first beam and between two beams of FLASER lines [rad]; see `read_carmen`."""
+    gaps = max(count - 1, 1)
+    if field_of_view is None and (known := SICK_STEPS.get(count)):
+        # CARMEN's beams begin at the edge of the field of view: 100 degrees for steps of 0.25, else 180.
+        return math.radians(-50.0 if known == 0.25 else -90.0), math.radians(known)
+    if field_of_view is None and 180.0 / gaps < FINEST_STEP - 1e-9:
+        advice = "give field_of_view (--field-of-view), 4.712 rad for the 270 degrees of most lasers with 1081 beams"
+        raise ValueError(f"{count} beams would be {180.0 / gaps:.3g} degrees apart over 180 degrees; {advice}")
+    fov = math.pi if field_of_view is None else field_of_view
+    return -fov / 2.0, fov / (count if fov > FULL_TURN else gaps)
+
+
+def _compare(first: Scan, scan: Scan) -> None:
+    """Raise a ValueError if the beams of two lines differ."""
+    if len(scan.ranges) != len(first.ranges):
+        raise ValueError(f"{len(scan.ranges)} beams where earlier scans have {len(first.ranges)}")
+    for name in ("first", "step", "range_max"):
+        value, before = getattr(scan, name), getattr(first, name)
+        if not abs(value - before) <= 1e-3 * max(abs(before), abs(first.step)):
+            raise ValueError(f"laser configuration ({name}) is {value:g}, earlier {before:g}; split the log there")
 
 
 def _lines(path: Path) -> Iterator[str]:
@@ -94,8 +145,8 @@ def _numbers(fields: list[str]) -> list[float]:
     return values
 
 
-def read_archive(path: Path) -> dict[str, Any]:
-    """Read the arrays of `load_log`, `off` added to `t`; ValueError if damaged, or one is missing or misshapen."""
+def read_archive(path: Path) -> Recording:
+    """Read the arrays of `load_log`; ValueError if damaged, or one is missing or misshapen."""
     arrays: dict[str, Any] = {}
     name = ""
     try:
@@ -121,4 +172,14 @@ def read_archive(path: Path) -> dict[str, Any]:
         raise ValueError(f"{path}, array idx: must be finite")
     if arrays["odo"].shape[1] != 3:
         raise ValueError(f"{path}, array odo: rows of x, y, heading are needed, got shape {arrays['odo'].shape}")
-    return arrays | {"t": arrays["t"] + float(arrays.get("off", 0.0))}
+    lengths = {name: len(arrays[name]) for name in ("t", "odo", "idx", "ranges")}
+    if lengths["t"] != lengths["odo"] or lengths["idx"] != lengths["ranges"]:
+        raise ValueError(f"{path}: numbers of times, poses and scans do not agree: {lengths}")
+    if (rows := arrays["idx"].astype(np.int64)).size and not 0 <= rows.min() <= rows.max() < lengths["t"]:
+        raise ValueError(f"{path}, array idx: scans refer to rows of odometry that do not exist")
+    beams = float(arrays["ang0"]), float(arrays["dang"]), 0.0, float(arrays["maxr"])
+    position = float(arrays.get("mount_x", 0.0)), 0.0, 0.0
+    ranges = arrays["ranges"].astype(np.float32)
+    scans = [Scan(row, *beams, position, int(k)) for row, k in zip(ranges, rows)]
+    times = arrays["t"].astype(np.float64) + float(arrays.get("off", 0.0))
+    return Recording(times, arrays["odo"].astype(np.float64), scans, [])

@@ -2,11 +2,12 @@
 
 import dataclasses
 import json
+import logging
 import math
 import sys
 from dataclasses import asdict, dataclass, field, is_dataclass
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import tyro
@@ -17,6 +18,7 @@ from tqdm import tqdm
 from lidarnaut.envs.command_line import make_console, run_command
 from lidarnaut.envs.estimation import Estimator
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import SLAM_NAMES, SLAMS, load_params, make_slam
 
@@ -56,6 +58,10 @@ class Options:
     """Seed of the first run."""
     max_range: float | None = None
     """Readings from this on count as no return [m]; the log's own limit by default."""
+    min_range: float | None = None
+    """Readings below this are ignored [m]; the log's own limit by default."""
+    field_of_view: float | None = None
+    """Angle from the first to the last beam of CARMEN's FLASER lines [rad]; CARMEN's own rule by default."""
     thin: tuple[float, float] | None = None
     """Keep only scans that are so far [m], or turned by so much [rad], from the last one kept: makes a log sparse."""
     time_offset: float = 0.0
@@ -64,6 +70,15 @@ class Options:
     """Topic of the scans in a bag; needed where several hold any."""
     odom_topic: str | None = None
     """Topic of the odometry in a bag: Odometry messages, or transforms from `odom` to the base such as `/tf`."""
+    base_frame: str | None = None
+    """Frame of the base in a bag; that of the odometry by default."""
+    odom_frame: str | None = None
+    """Frame of the odometry in a bag, such as `odom_combined`."""
+    laser_frame: str | None = None
+    """Frame of the scans in a bag: one of several on a topic, or the name that the transforms use."""
+    robot: str | None = None
+    """Robot (library name, or path of a YAML file) whose greatest speeds, and half as much again, odometry must not
+    exceed; 5 m/s and 10 rad/s by default. Faster motions are bridged, or named."""
 
 
 def main(options: Options) -> list[Run]:
@@ -80,7 +95,12 @@ def main(options: Options) -> list[Run]:
         raise ValueError(f"time_offset must be finite, got {options.time_offset}")
     if options.thin is not None and not min(options.thin) >= 0.0:
         raise ValueError(f"thin must be a distance and an angle that are not negative, got {options.thin}")
-    log = load_log(options.log, options.max_range, scan_topic=options.scan_topic, odom_topic=options.odom_topic)
+    how = ("min_range", "field_of_view", "scan_topic", "odom_topic", "base_frame", "odom_frame", "laser_frame")
+    further: dict[str, Any] = {name: getattr(options, name) for name in how}
+    if options.robot is not None:
+        robot = load_robot(options.robot)
+        further["max_speeds"] = 1.5 * robot.max_v, 1.5 * robot.max_w
+    log = load_log(options.log, options.max_range, **further)
     log = dataclasses.replace(log, times=log.times + options.time_offset)
     if options.thin is not None:
         log = log.thinned(*options.thin)
@@ -146,6 +166,7 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
             "log": str(options.log),
             "slam": name,
             "params": asdict(params) if is_dataclass(params) and not isinstance(params, type) else None,
+            "notes": log.notes,
             "runs": [asdict(run) for run in runs],
         }
         (out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
@@ -198,7 +219,8 @@ def _make_slam(name: str, options: Options, log: Log) -> Estimator:
 
 def cli() -> None:
     """Run the command with the options of the command line; errors end it with a message."""
-    run_command(main, options=Options)
+    logging.basicConfig(format="warning: %(message)s")
+    run_command(main, options=Options, status=1)
 
 
 if __name__ == "__main__":

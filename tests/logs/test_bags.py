@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log
 from tests.logs.bags import drive, write_bag
 
@@ -109,13 +110,14 @@ def test_topics_are_chosen_or_listed(tmp_path, caplog):
 @pytest.mark.parametrize(
     ("kind", "arguments", "complaint"),
     [
-        ("scan", (102.0, [1.0]), "/scan: scan 2 has 1 beams where earlier ones have 2"),
-        ("scan", (102.0, [1.0, 2.0], "laser", -3.0), "/scan: scan 2 has beams from"),
+        ("scan", (102.0, [1.0, 2.0], "other"), "/scan holds scans of several frames: laser, other; .*--laser-frame"),
         ("scan", (50.0, [1.0, 2.0]), "/scan: the clock runs back from 101.000 to 50.000 s at message 2"),
         ("odometry", (50.0, 0.0, 0.0, 0.0), "/odom: the clock runs back from 101.000 to 50.000 s"),
-        ("odometry", (102.0, NAN, 0.0, 0.0), "/odom: pose .nan, 0.0. m at 102.000 s is not finite"),
-        ("odometry", (102.0, 0.0, 0.0, NAN), "/odom at 102.000 s: quaternion .* is no rotation"),
-        ("odometry", (102.0, 0.0, 0.0, 0.0, "other"), "/odom holds odometry of several frames"),
+        (
+            "odometry",
+            (102.0, 0.0, 0.0, 0.0, "other"),
+            "several frames: base_link, other; .*--base-frame",
+        ),
     ],
 )
 def test_bad_messages_are_named(tmp_path, kind, arguments, complaint):
@@ -132,13 +134,12 @@ def test_bad_messages_are_named(tmp_path, kind, arguments, complaint):
     assert "\n" not in str(caught.value)
 
 
-@pytest.mark.parametrize("range_max", [INF, 3e38, 0.0])
+@pytest.mark.parametrize("range_max", [INF, 3e38, 0.0, NAN, -1.0])
 def test_absurd_range_limits_need_one_of_the_users(tmp_path, range_max):
     path = standing(tmp_path, [1.0, 50.0], range_max=range_max)
-    with pytest.raises(ValueError, match=r"range limit \(maxr\) is .* it must lie in"):
+    with pytest.raises(ValueError, match=r"range limit of .* m; max_range \(--max-range\) sets one"):
         load_log(path)
-    if range_max:
-        np.testing.assert_array_equal(load_log(path, max_range=20.0).ranges[0], [1.0, INF])
+    np.testing.assert_array_equal(load_log(path, max_range=20.0).ranges[0], [1.0, INF])
 
 
 def test_a_tilted_lidar_and_clocks_apart_are_refused(tmp_path):
@@ -161,3 +162,191 @@ def test_a_bag_without_scans_says_what_it_holds(tmp_path):
     (tmp_path / "broken" / "metadata.yaml").write_text("rosbag2_bagfile_information: 3\n")
     with pytest.raises(ValueError, match="damaged or no bag"):
         load_log(tmp_path / "broken")
+
+
+def driving(tmp_path, scans, transforms=(), odometry=()):
+    """Write a bag of a robot that drives 0.1 m/s along x from 10 to 20 s; `scans` are arguments of `Messages.scan`."""
+
+    def messages(m):
+        for topic, seconds, *edges in transforms:
+            yield topic, m.transforms(seconds, *edges)
+        for k in range(11):
+            yield "/odom", m.odometry(10.0 + k, 0.1 * k, 0.0, 0.0)
+        for name, values in odometry:
+            yield name, m.odometry(*values)
+        for arguments, fields in scans:
+            yield "/scan", m.scan(*arguments, **fields)
+
+    return write_bag(tmp_path / "drive", messages)
+
+
+ROOM = [(-2.0, -3.0, 4.0, -3.0), (4.0, -3.0, 4.0, 3.5), (4.0, 3.5, -2.0, 3.5), (-2.0, 3.5, -2.0, -3.0)]
+
+
+def cast(x, y, angles):
+    """Distances to the walls of a room, shape of `angles`, float64 [m]."""
+    c, s = np.cos(angles), np.sin(angles)
+    best = np.full(np.shape(angles), INF)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        for x0, y0, x1, y1 in ROOM:
+            ex, ey = x1 - x0, y1 - y0
+            det = c * ey - s * ex
+            r, u = ((x0 - x) * ey - (y0 - y) * ex) / det, ((x0 - x) * s - (y0 - y) * c) / det
+            best = np.where((r > 0) & (u >= -1e-9) & (u <= 1 + 1e-9), np.minimum(best, r), best)
+    return best
+
+
+def errors(log, poses=None):
+    """Return how far returns lie from what the room has there: shape (m, num_beams) [m], NaN without a return."""
+    mount, angles = log.lidar.mount, log.lidar.angles
+    poses = log.odometry[log.scan_rows] if poses is None else poses
+    found = []
+    for (x, y, theta), ranges in zip(poses, log.ranges):
+        at = Pose2D(x, y, theta).compose(Pose2D(mount.x, mount.y, mount.yaw))
+        found.append(np.abs(cast(at.x, at.y, at.theta + angles) - np.where(np.isfinite(ranges), ranges, np.nan)))
+    return np.array(found)
+
+
+def test_each_scan_has_its_own_limits(tmp_path):
+    limits = [(0.1, 3.0), (0.1, 12.0), (1.5, 3.0), (0.1, 0.0), (NAN, 3.0)]
+    fields = [{"range_min": low, "range_max": high} for low, high in limits]
+    path = driving(tmp_path, [((10.0 + k, [1.0, 5.0, 2.0]), each) for k, each in enumerate(fields)])
+    log = load_log(path)
+    np.testing.assert_array_equal(log.ranges, [[1, INF, 2], [1, 5, 2], [NAN, INF, 2]])
+    assert (log.lidar.range_min, log.lidar.range_max) == pytest.approx((0.1, 12.0))
+    assert any("1 of 5 scans are left out: range limit of 0 m; max_range" in note for note in log.notes)
+    assert any("1 of 5 scans are left out: least range of nan m" in note for note in log.notes)
+    log = load_log(path, max_range=4.0, min_range=1.2)
+    np.testing.assert_array_equal(
+        log.ranges, [[NAN, INF, 2], [NAN, INF, 2], [NAN, INF, 2], [NAN, INF, 2], [NAN, INF, 2]]
+    )
+
+
+def test_swapped_limits_need_both(tmp_path):
+    path = driving(tmp_path, [((10.0, [1.0, 5.0]), {"range_min": 12.0, "range_max": 0.1})])
+    with pytest.raises(ValueError, match=r"least range of 12 m and greatest of 0.1 m; .*--min-range.*--max-range"):
+        load_log(path)
+    np.testing.assert_array_equal(load_log(path, 12.0, min_range=2.0).ranges, [[NAN, 5.0]])
+
+
+@pytest.mark.parametrize("counts", [(360, 361, 358, 359), (0, 360, 300, 361), (450, 1, 455, 447)])
+def test_scans_of_varying_length_lie_on_common_beams(tmp_path, counts):
+    scans = []
+    for k, count in enumerate(counts):
+        step = math.radians(1.0) if 300 in counts else 2.0 * math.pi / max(count, 1)
+        ranges = cast(0.1 * k, 0.0, -math.pi + step * np.arange(count))
+        scans.append(((10.0 + k, ranges), {"angle_min": -math.pi, "step": step, "range_max": 12.0}))
+    log = load_log(driving(tmp_path, scans))
+    usable = [count for count in counts if count > 1]
+    assert len(log.ranges) == len(usable)
+    assert any("scans are left out" in note for note in log.notes) == (len(usable) < len(counts))
+    off = errors(log)
+    assert np.nanmax(off) < 0.05  # beside corners
+    for row, count in zip(off, usable):
+        assert np.isnan(row).mean() == pytest.approx(max(0.0, 1.0 - count / 360) if 300 in counts else 0.0, abs=0.01)
+
+
+def test_scans_of_different_fields_keep_their_angles(tmp_path):
+    wide = {"angle_min": -2.0, "step": 0.02, "range_max": 12.0}, -2.0 + 0.02 * np.arange(201)
+    narrow = {"angle_min": 0.3, "step": 0.01, "range_max": 12.0}, 0.3 + 0.01 * np.arange(101)
+    scans = []
+    for k, (fields, angles) in enumerate([wide, narrow] * 3):
+        scans.append(((10.0 + k, cast(0.1 * k, 0.0, angles)), fields))
+    log = load_log(driving(tmp_path, scans))
+    assert np.nanmax(errors(log)) < 0.05
+    angles = log.lidar.angles + log.lidar.mount.yaw
+    is_inside = (angles > 0.31) & (angles < 1.29)
+    assert np.isfinite(log.ranges[1::2, is_inside]).all()
+    assert np.isnan(log.ranges[1::2][:, (angles < 0.28) | (angles > 1.32)]).all()
+
+
+def test_the_last_static_transform_holds(tmp_path):
+    edges = [("/tf_static", 0.0, ("base_link", "laser", 0.0, 0.0, 0.0, 0.0))]
+    edges.append(("/tf_static", 12.0, ("base_link", "laser", 0.25, 0.1, 0.5, 0.0)))
+    mount = load_log(driving(tmp_path, [((15.0, [1.0, 2.0, 3.0, 2.0, 1.0]), {})], edges)).lidar.mount
+    assert (mount.x, mount.y, mount.yaw) == pytest.approx((0.25, 0.1, 0.5), abs=1e-6)
+
+
+def test_a_panning_lidar_is_placed_at_the_time_of_each_scan(tmp_path):
+    edges = [("/tf_static", 0.0, ("base_link", "servo", 0.2, 0.1, 0.0, 0.0))]
+    edges += [("/tf", 10.5 + k, ("servo", "laser", 0.1, 0.0, 0.6 * k - 2.0, 0.0)) for k in range(8)]
+    scans = []
+    for k in range(9):
+        turn = 0.6 * (k - 0.5) - 2.0
+        at = Pose2D(0.1 * k + 0.2, 0.1, 0.0).compose(Pose2D(0.1, 0.0, turn))
+        angles = -0.5 + 0.01 * np.arange(101)
+        fields = {"angle_min": -0.5, "step": 0.01, "range_max": 12.0}
+        scans.append(((10.0 + k, cast(at.x, at.y, turn + angles)), fields))
+    log = load_log(driving(tmp_path, scans, edges))
+    assert log.notes == ("2 of 9 scans are left out: there is no transform between base and lidar at their time",)
+    assert np.nanmax(errors(log)) < 0.03
+    assert (np.isfinite(log.ranges).sum(axis=1) > 90).all()
+
+
+def test_one_bad_transform_and_frames_that_nobody_needs_do_no_harm(tmp_path):
+    edges = [("/tf", 9.0 + k, ("base_link", "laser", 0.2, 0.0, NAN if k == 3 else 0.1, 0.0)) for k in range(12)]
+    edges += [
+        ("/tf", 9.0, ("base_link", "wheel", NAN, 0.0, NAN, 0.0)),
+        ("/tf", 9.0, ("wheel", "wheel", 0.0, 0.0, 0.0, 0.0)),
+    ]
+    log = load_log(driving(tmp_path, [((15.0, [1.0, 2.0, 3.0, 2.0, 1.0]), {})], edges))
+    assert (log.lidar.mount.x, log.lidar.mount.yaw) == pytest.approx((0.2, 0.1), abs=1e-6)
+    assert log.notes == ("1 transforms of 'laser' are ignored: not finite, or no rotation",)
+
+
+def test_trees_of_other_namespaces_stay_apart(tmp_path):
+    def messages(m):
+        for name, x in (("/robot1", 0.1), ("/robot2", 0.3), ("", 0.5)):
+            yield f"{name}/tf_static", m.transforms(0.0, ("base_link", "laser", x, 0.0, 0.0, 0.0))
+            for k in range(3):
+                yield f"{name}/tf", m.transforms(10.0 + k, ("odom", "base_link", x * k, 0.0, 0.0, 0.0))
+                yield f"{name}/front/scan", m.scan(10.0 + k, [1.0, 2.0])
+
+    path = write_bag(tmp_path / "drive", messages)
+    for name, x in (("/robot1", 0.1), ("/robot2", 0.3), ("", 0.5)):
+        log = load_log(path, scan_topic=f"{name}/front/scan")
+        assert log.lidar.mount.x == pytest.approx(x)
+        np.testing.assert_allclose(log.odometry[:, 0], [0.0, x, 2 * x])
+
+
+def test_one_of_several_lidars_on_a_topic_is_chosen_by_its_frame(tmp_path):
+    edges = ("base_link", "front", 0.2, 0.0, 0.0, 0.0), ("base_link", "rear", -0.2, 0.0, math.pi, 0.0)
+    scans = [((10.0 + k, [1.0 + k, 2.0, 3.0], "rear" if k % 2 else "front"), {}) for k in range(6)]
+    path = driving(tmp_path, scans, [("/tf_static", 0.0, *edges)])
+    with pytest.raises(ValueError, match=r"frames: front, rear; choose one by laser_frame \(--laser-frame\)"):
+        load_log(path)
+    for frame, x, first in (("front", 0.2, 1.0), ("/rear", -0.2, 2.0)):
+        log = load_log(path, laser_frame=frame)
+        assert (len(log.ranges), log.lidar.mount.x, log.ranges[0, 0]) == (3, pytest.approx(x), first)
+
+
+def test_frames_of_other_names(tmp_path):
+    def messages(m):
+        yield "/tf_static", m.transforms(0.0, ("base_footprint", "torso", 0.1, 0.0, math.pi / 2, 0.0))
+        yield "/tf_static", m.transforms(0.0, ("torso", "hokuyo", 0.0, 0.2, 0.0, 0.0))
+        for k in range(3):
+            yield "/tf", m.transforms(10.0 + k, ("odom_combined", "base_footprint", 1.0 * k, 0.0, 0.0, 0.0))
+            yield "/scan", m.scan(10.0 + k, [1.0, 2.0], "laser")
+
+    path = write_bag(tmp_path / "drive", messages)
+    with pytest.raises(ValueError, match=r"no transform from odom; frames are .*odom_combined.*--odom-frame"):
+        load_log(path)
+    with pytest.raises(ValueError, match=r"laser_frame sick is unknown; scans have laser, transforms .*hokuyo"):
+        load_log(path, odom_frame="odom_combined", laser_frame="sick")
+    with pytest.raises(ValueError, match=r"no transform from odom_combined to nowhere; frames are .*--base-frame"):
+        load_log(path, odom_frame="odom_combined", laser_frame="hokuyo", base_frame="nowhere")
+    log = load_log(path, odom_frame="odom_combined", laser_frame="hokuyo")
+    assert (log.lidar.mount.x, log.lidar.mount.y) == pytest.approx((-0.1, 0.0), abs=1e-6)
+    np.testing.assert_allclose(log.odometry, [[0, 0, 0], [1, 0, 0], [2, 0, 0]], atol=1e-9)
+    log = load_log(path, odom_frame="/odom_combined", laser_frame="hokuyo", base_frame="torso")
+    assert (log.lidar.mount.x, log.lidar.mount.y) == pytest.approx((0.0, 0.2), abs=1e-6)
+    np.testing.assert_allclose(log.odometry[:, :2], [[0.1, 0], [1.1, 0], [2.1, 0]], atol=1e-9)
+
+
+def test_scans_and_poses_that_are_left_out_are_counted(tmp_path):
+    scans = [((5.0 + k, [1.0, 2.0]), {}) for k in range(20)]
+    bad = [("/odom", (20.5, NAN, 0.0, 0.0)), ("/odom", (20.6, 0.0, 0.0, NAN)), ("/odom", (20.7, 1.07, 0.0, 0.0))]
+    log = load_log(driving(tmp_path, scans, odometry=bad))
+    assert len(log.ranges) == 11
+    assert "9 of 20 scans are left out: outside the time of the odometry, 10.000 to 20.700 s" in log.notes
+    assert "2 of 14 poses of /odom are left out: not finite, or no orientation" in log.notes

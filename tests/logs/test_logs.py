@@ -3,7 +3,9 @@ import gzip
 import numpy as np
 import pytest
 
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.logs.trajectory import bridge_glitches
 
 CARMEN = """\
 # a comment
@@ -27,7 +29,7 @@ def test_carmen_log(tmp_path):
     np.testing.assert_array_equal(log.scan_rows, [1, 3])
     np.testing.assert_allclose(log.ranges, [[1.0, 2.0, np.inf], [1.5, 2.5, 3.5]])
     angles = log.lidar.angles + log.lidar.mount.yaw
-    np.testing.assert_allclose(angles, np.radians([-90.0, -89.0, -88.0]), atol=1e-12)
+    np.testing.assert_allclose(angles, np.radians([-90.0, 0.0, 90.0]), atol=1e-12)
     assert (log.lidar.range_max, log.lidar.mount.x) == (80.0, 0.2)
     assert load_log(path, max_range=3.0).ranges[1, 2] == np.inf
     start, step = log.motions()
@@ -43,7 +45,7 @@ def test_robotlaser_log(tmp_path):
     np.testing.assert_allclose(log.times, [100.5])
     np.testing.assert_allclose(log.ranges, [[1.0, np.inf, 3.0]])
     np.testing.assert_allclose(log.lidar.angles + log.lidar.mount.yaw, [-1.0, 0.0, 1.0], atol=1e-12)
-    assert log.lidar.mount.x == pytest.approx(0.1)
+    assert (log.lidar.mount.x, log.lidar.mount.y) == pytest.approx((0.0, -0.1), abs=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +62,11 @@ def test_robotlaser_log(tmp_path):
         ("beam.log", CARMEN.replace("2.5", "nan"), "line 6: bad FLASER line: beam 1 is NaN"),
         ("back.log", CARMEN.replace("12.0 nohost", "9.0 nohost"), "back.log: the clock runs back from 10.5"),
         ("below.log", CARMEN.replace("2.5", "-2.5"), "beam 1 of scan 1 is -2.5 m"),
-        ("maxr.clf", ROBOTLASER.replace("20.0", "inf"), r"maxr.clf: the range limit \(maxr\) is inf m"),
+        (
+            "maxr.clf",
+            ROBOTLASER.replace("20.0", "inf"),
+            r"maxr.clf: no scan can be used: range limit of inf m; .*--max-range",
+        ),
         ("cut.log.gz", gzip.compress(CARMEN.encode())[:-20], "cut.log.gz: damaged or cut off"),
         ("text.log.gz", CARMEN, "text.log.gz: damaged or cut off"),
     ],
@@ -111,22 +117,25 @@ def test_arrays_of_any_number_type_are_read(tmp_path, dtype):
         ({"ranges": np.array([np.ones(4), np.ones(3), np.ones(4)], dtype=object)}, "array ranges: .*allow_pickle"),
         ({"ranges": np.ones(12)}, r"array ranges: numbers in 2 dimensions are needed, got float64 \(12,\)"),
         ({"odo": np.zeros((3, 2))}, "array odo: rows of x, y, heading"),
-        ({"odo": np.array([[0, 0, 0], [0, np.nan, 0], [0, 0, 0]])}, r"must be finite, row 1 is 1.0 s, \[0.0, nan"),
+        ({"odo": np.full((3, 3), np.nan)}, r"must be finite, row 0 is 0.0 s, \[nan"),
         ({"t": np.array([0.0, np.nan, 1.0])}, "must be finite, row 1 is nan s"),
         ({"t": np.array([0.0, 50.0, 1.0])}, "the clock runs back from 50.000 to 1.000 s at scan 2"),
         ({"t": np.arange(2.0)}, "numbers of times, poses and scans do not agree"),
         ({"idx": np.array([0, 1, 7])}, "rows of odometry that do not exist"),
-        ({"ranges": np.ones((0, 4)), "idx": np.arange(0)}, "holds no scans"),
-        ({"maxr": 1e9}, r"range limit \(maxr\) is 1e\+09 m"),
-        ({"maxr": np.nan}, r"range limit \(maxr\) is nan m"),
-        ({"dang": 0.0}, "in steps of 0.0 rad"),
+        ({"ranges": np.ones((0, 4)), "idx": np.arange(0)}, "no scan can be used: there are none"),
+        ({"maxr": 1e9}, r"range limit of 1e\+09 m"),
+        ({"maxr": np.nan}, r"range limit of nan m"),
+        ({"dang": 0.0}, "in steps of 0 rad"),
         ({"dang": np.nan}, "in steps of nan rad"),
         ({"idx": np.array([0.0, 1.0, np.nan])}, "array idx: must be finite"),
         ({"idx": np.array([2, 1, 0])}, "the clock runs back from 2.000 to 0.000 s at scan 2"),
-        ({"ranges": np.ones((3, 0))}, "scans have 0 beams, from 1 to 20,000"),
-        ({"ranges": np.ones((3, 30_000)), "dang": 1e-5}, "scans have 30000 beams"),
-        ({"mount_x": 1e12}, "1000000000000.0 m ahead"),
-        ({"odo": np.diag([0.0, 1e9, 0.0])[:, [1, 0, 2]]}, r"odometry moves by 1e\+09 m from scan 0 to the next"),
+        ({"ranges": np.ones((3, 0))}, "0 beams; from 2 to 20,000 are allowed"),
+        ({"ranges": np.ones((3, 30_000)), "dang": 1e-5}, "30000 beams; from 2 to 20,000"),
+        ({"mount_x": 1e12}, r"lidar at \(1000000000000.0, 0.0, 0.0\) m in the base frame; at most 100 m"),
+        (
+            {"t": np.arange(9.0), "odo": 1e9 * np.arange(27.0).reshape(9, 3), "idx": np.arange(2, 5)},
+            r"odometry moves by 4.24\d*e\+09 m from scan 0 to the next",
+        ),
     ],
 )
 def test_bad_archives_are_named(tmp_path, changes, complaint):
@@ -135,6 +144,124 @@ def test_bad_archives_are_named(tmp_path, changes, complaint):
         load_log(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
+
+
+ROBOT = {"ahead": (0.2, 0, 0), "behind": (-0.2, 0.1, 0), "facing back": (0, 0.3, np.pi), "turned": (0.1, 0, -2.0)}
+
+
+def robotlaser(mount, step=1.0, first=-1.0, count=3, poses=None):
+    """Lines of a robot that drives and turns, with a laser at a mount (x, y, yaw)."""
+    lines = []
+    for k in range(3):
+        pose = Pose2D(6.0 + 0.1 * k, 8.0, 0.5 + 0.2 * k)
+        laser = pose.compose(Pose2D(*mount)) if poses is None else poses[k]
+        ranges = " ".join(str(1.0 + beam) for beam in range(count))
+        numbers = " ".join(f"{value:.6f}" for value in (*laser, *pose))
+        lines.append(
+            f"ROBOTLASER1 0 {first} 2.0 {step} 20.0 0.01 0 {count} {ranges} 0 {numbers} 0 0 0 0 0 {k}.0 host {k}.0\n"
+        )
+    return lines
+
+
+@pytest.mark.parametrize("name", ROBOT)
+def test_the_mount_is_the_laser_pose_seen_from_the_robot_pose(tmp_path, name):
+    x, y, yaw = ROBOT[name]
+    (tmp_path / "drive.log").write_text("".join(robotlaser((x, y, yaw))))
+    mount = load_log(tmp_path / "drive.log").lidar.mount
+    assert (mount.x, mount.y) == pytest.approx((x, y), abs=1e-5)
+    assert np.cos(mount.yaw - yaw) == pytest.approx(1.0)
+
+
+def test_lasers_that_turn_clockwise(tmp_path):
+    (tmp_path / "drive.log").write_text("".join(robotlaser((0, 0, 0), step=-1.0, first=1.0)))
+    log = load_log(tmp_path / "drive.log")
+    np.testing.assert_allclose(log.lidar.angles + log.lidar.mount.yaw, [-1.0, 0.0, 1.0], atol=1e-12)
+    np.testing.assert_array_equal(log.ranges[0], [3.0, 2.0, 1.0])
+
+
+@pytest.mark.parametrize(
+    ("lines", "complaint"),
+    [
+        (robotlaser((0, 0, 0), poses=[(0, 0, 0)] * 3), "line 2: .*poses of laser and robot do not agree"),
+        (
+            [robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]],
+            "line 2: .*.step. is 0.5, earlier 1",
+        ),
+        ([robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), first=0.0)[1]], "line 2: .*configuration .first. is 0"),
+        (robotlaser((0, 0, 0), count=1), "no scan can be used: 1 beams; from 2"),
+        (
+            robotlaser((0, 0, 0), step=90.0),
+            "3 beams .* more than a turn; are the angles in degrees",
+        ),
+    ],
+)
+def test_contradictory_lasers_are_refused(tmp_path, lines, complaint):
+    (tmp_path / "drive.log").write_text("".join(lines))
+    with pytest.raises(ValueError, match=complaint):
+        load_log(tmp_path / "drive.log")
+
+
+def flaser(count, poses=((0, 0, 0), (0.1, 0, 0))):
+    ranges = " 2.0" * count
+    return "".join(f"FLASER {count}{ranges} 0 0 0 {x} {y} {a} {k}.0 host {k}.0\n" for k, (x, y, a) in enumerate(poses))
+
+
+@pytest.mark.parametrize(
+    ("count", "first", "step"),
+    [(180, -90, 1), (181, -90, 1), (360, -90, 0.5), (361, -90, 0.5), (401, -50, 0.25), (61, -90, 3), (541, -90, 1 / 3)],
+)
+def test_flaser_lines_have_the_angles_of_carmen(tmp_path, caplog, count, first, step):
+    (tmp_path / "drive.log").write_text(flaser(count))
+    lidar = load_log(tmp_path / "drive.log").lidar
+    assert np.degrees(lidar.angle_increment) == pytest.approx(step)
+    assert np.degrees(lidar.angle_min + lidar.mount.yaw) == pytest.approx(first)
+    assert ("spread over 180 degrees" in caplog.text) == (count in (61, 541))
+    wide = load_log(tmp_path / "drive.log", field_of_view=np.radians(270.0)).lidar
+    assert np.degrees(wide.angles[[0, -1]] + wide.mount.yaw) == pytest.approx([-135.0, 135.0])
+
+
+def test_flaser_lines_finer_than_any_sick_laser_need_a_field_of_view(tmp_path):
+    (tmp_path / "drive.log").write_text(flaser(1081) + "FLASER 0 0 0 0 0 0 0 9.0 host 9.0\n")
+    with pytest.raises(ValueError, match=r"line 1: .*1081 beams would be 0.167 degrees apart.*--field-of-view"):
+        load_log(tmp_path / "drive.log")
+    log = load_log(tmp_path / "drive.log", field_of_view=np.radians(270.0))
+    assert np.degrees(log.lidar.angle_increment) == pytest.approx(0.25)
+    assert log.notes == ("1 of 3 scans are left out: they have no beams",)
+
+
+def test_odometry_is_bridged_where_both_neighbours_fit():
+    times = 0.1 * np.arange(60)
+    right = np.column_stack([0.5 * times, 0.1 * times, np.full(60, 3.1) + 0.2 * times])
+    right[:, 2] = (right[:, 2] + np.pi) % (2 * np.pi) - np.pi
+    for rows, offset in ((slice(30, 31), (20.0, 0, 0)), (slice(30, 36), (0, -9.0, 0)), (slice(40, 42), (0, 0, 2.5))):
+        poses = right.copy()
+        poses[rows] += offset
+        fixed, (said,) = bridge_glitches(times, poses)
+        np.testing.assert_allclose(fixed[:, :2], right[:, :2], atol=1e-9)
+        assert np.cos(fixed[:, 2] - right[:, 2]).min() > 1.0 - 1e-9
+        assert f"at {times[rows.start]:.3f} s" in said
+        assert f"{rows.stop - rows.start} poses are interpolated" in said
+    # Beside the first pose, and the last one, there is one neighbour alone.
+    for rows, neighbour in ((slice(0, 1), 1), (slice(59, 60), 58)):
+        poses = right.copy()
+        poses[rows] += (5.0, 5.0, 0.0)
+        np.testing.assert_allclose(bridge_glitches(times, poses)[0][rows], right[[neighbour]])
+
+
+def test_a_jump_that_stays_is_named_and_not_bridged():
+    times = 0.1 * np.arange(100)
+    poses = np.column_stack([0.2 * times, np.zeros(100), np.zeros(100)])
+    poses[50:] -= poses[50]
+    poses[50:, 1] += 7.0
+    fixed, (said,) = bridge_glitches(times, poses)
+    np.testing.assert_array_equal(fixed, poses)
+    assert "odometry moves by 7.0" in said
+    assert "at 5.000 s, beyond 5 m/s or 10 rad/s: 1 jumps stay" in said
+    assert bridge_glitches(times, np.zeros((100, 3)))[1] == []
+    # What one robot can do, another cannot.
+    poses = np.column_stack([4.0 * times, np.zeros(100), np.zeros(100)])
+    assert bridge_glitches(times, poses)[1] == []
+    assert "beyond 0.33 m/s or 3 rad/s: 99 jumps stay" not in bridge_glitches(times, poses, (0.33, 3.0))[1][0]
 
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):

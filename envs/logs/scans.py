@@ -1,0 +1,183 @@
+"""Scans of one lidar, each read by its own header, on a common set of beams."""
+
+import math
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from lidarnaut.envs.robots.params import MAX_BEAMS, MAX_LENGTH
+
+MAX_RANGE_LIMIT = 1000.0
+"""A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""
+SAME_BEAMS = 0.1
+"""Beams that differ by less than this share of the angle between two are the same."""
+SAME_POSITION = 1e-3
+"""Lidars that are no farther apart are at the same position [m]."""
+SAME_SURFACE = 0.1
+"""Ranges of neighbouring beams that differ by less than this share are of one surface, and interpolated."""
+FULL_TURN = 2.0 * math.pi - 1e-6
+"""A scan that covers this much is a full turn [rad]."""
+
+
+class Scan(NamedTuple):
+    """A scan as it was recorded. Angles are those of the base frame [rad]."""
+
+    ranges: np.ndarray
+    """Shape (num_beams,), float32 [m]."""
+    first: float
+    """Angle of the first beam."""
+    step: float
+    """Angle from one beam to the next; negative where they turn clockwise."""
+    range_min: float
+    """Nearest return [m]."""
+    range_max: float
+    """Farthest return [m]."""
+    position: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    """Position of the lidar in the base frame [m]."""
+    row: int | None = None
+    """Row of the odometry at which it was taken; None: the odometry is interpolated at `time`."""
+    time: float = math.nan
+    """When it was taken [s]."""
+
+
+class Recording(NamedTuple):
+    """Contents of a file."""
+
+    times: np.ndarray
+    """Shape (n,), float64, of the odometry [s]."""
+    odometry: np.ndarray
+    """Shape (n, 3), float64, x, y, heading [m, m, rad]."""
+    scans: list[Scan]
+    notes: list[str]
+    """See `Log.notes`."""
+    reaches_limit: bool = False
+    """Whether a reading of exactly `range_max` is a return, as REP 117 has it."""
+
+
+class Limits(NamedTuple):
+    """Limits of readings that a user sets [m]; None leaves them to the headers."""
+
+    min_range: float | None = None
+    max_range: float | None = None
+
+    def check(self) -> None:
+        """Raise a ValueError if one is negative, not finite, or leaves nothing to read."""
+        for name, value in self._asdict().items():
+            if value is not None and not (0.0 <= value < math.inf and (value or name == "min_range")):
+                raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
+
+
+def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], Counter[str]]:
+    """Return the scans that can be used, and how many cannot, by the reason.
+
+    Beams of the returned scans turn counter-clockwise, and none repeats another. A limit in a header that makes no
+    sense is replaced by that of the user.
+
+    Raises:
+        ValueError: no scan can be used; says why, and what to do.
+    """
+    kept, faults = [], Counter[str]()
+    for scan in scans:
+        scan, fault = _checked(scan, limits)
+        if fault:
+            faults[fault] += 1
+        else:
+            kept.append(scan)
+    if not kept:
+        said = "; ".join(fault for fault, _ in faults.most_common(3)) or "there are none"
+        raise ValueError(f"no scan can be used: {said}")
+    return kept, faults
+
+
+def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
+    """Return a scan with its beams in order and its limits as they count, and why it cannot be used, "" if it can."""
+    low, high, count = float(scan.range_min), float(scan.range_max), len(scan.ranges)
+    if low >= high and None not in limits:
+        low = high = math.nan  # swapped
+    if limits.min_range is not None and not low >= limits.min_range:
+        low = limits.min_range
+    if limits.max_range is not None:
+        high = min(high, limits.max_range) if 0.0 < high <= MAX_RANGE_LIMIT else limits.max_range
+    if not 0.0 < high <= MAX_RANGE_LIMIT:
+        return scan, f"range limit of {high:g} m; max_range (--max-range) sets one up to {MAX_RANGE_LIMIT:g} m"
+    if not 0.0 <= low < high:
+        options = "min_range (--min-range) and max_range (--max-range) set both"
+        return scan, f"least range of {low:g} m and greatest of {high:g} m; {options}"
+    if not (math.isfinite(scan.first) and 0.0 < abs(scan.step) < math.inf):
+        return scan, f"beams from {scan.first:g} rad in steps of {scan.step:g} rad"
+    if not np.abs(scan.position).max() <= MAX_LENGTH:
+        return scan, f"lidar at {scan.position} m in the base frame; at most {MAX_LENGTH:g} m is allowed"
+    ranges, first, step = scan.ranges, scan.first, scan.step
+    if abs(step) * (count - 1) > FULL_TURN:
+        ranges, count = ranges[:-1], count - 1  # the last beam of a full turn repeats the first
+    if not 2 <= count <= MAX_BEAMS:
+        return scan, f"{count} beams; from 2 to {MAX_BEAMS:,} are allowed"
+    if abs(step) * (count - 1) > FULL_TURN:
+        hint = "; are the angles in degrees?" if abs(step) * (count - 1) > 4.0 * math.pi else ""
+        return scan, f"{len(scan.ranges)} beams in steps of {step:g} rad cover more than a turn{hint}"
+    if step < 0.0:
+        ranges, first, step = ranges[::-1], first + step * (count - 1), -step
+    return scan._replace(ranges=ranges, first=first, step=step, range_min=low, range_max=high), ""
+
+
+def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
+    """Return the ranges of scans on a common set of beams, shape (m, num_beams), float32 [m].
+
+    And the first beam's angle, that from beam to beam [rad], and the lidar's position, base frame [m]. Scans with the
+    same beams are returned as they are. Otherwise beams cover what all scans cover together, in steps as fine as those
+    of the finest tenth; each reads the nearer of the two beams beside it, or what lies between them where they see one
+    surface, and NaN beyond the scan's own field of view. Scans of a lidar that moves on the robot are seen from its
+    median position.
+    """
+    counts = np.array([len(scan.ranges) for scan in scans])
+    steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])
+    firsts = np.array([scan.first for scan in scans])
+    fields = steps * (counts - 1)
+    middles = firsts + 0.5 * fields
+    firsts -= 2.0 * math.pi * np.rint((middles - middles[0]) / (2.0 * math.pi))
+    lasts, tolerance = firsts + fields, SAME_BEAMS * steps[0]
+    is_same = np.ptp(counts) == 0 and max(np.ptp(firsts), np.ptp(lasts)) <= tolerance
+    if is_same and np.ptp(positions, axis=0).max() <= SAME_POSITION:
+        return np.stack([scan.ranges for scan in scans]), scans[0].first, scans[0].step, scans[0].position
+    x, y, z = np.median(positions, axis=0).tolist()
+    step, low = float(np.quantile(steps, 0.1, method="lower")), float(firsts.min())
+    num_beams = math.floor((lasts.max() - low) / step + 1.5)
+    if step * (num_beams + 0.5) > 2.0 * math.pi:
+        num_beams = round(2.0 * math.pi / step)
+        step = 2.0 * math.pi / num_beams
+    if num_beams > MAX_BEAMS:
+        raise ValueError(f"beams of all scans together would be {num_beams:,}, at most {MAX_BEAMS:,} are allowed")
+    ranges = np.stack([_resampled(scan, (x, y), low, step, num_beams) for scan in scans])
+    return ranges, low, step, (x, y, z)
+
+
+def _resampled(scan: Scan, position: tuple[float, float], low: float, step: float, num_beams: int) -> np.ndarray:
+    """Return a scan on other beams, seen from another position; see `common_beams`."""
+    ranges = scan.ranges.astype(np.float64)
+    angles = scan.first + scan.step * np.arange(len(ranges))
+    dx, dy = scan.position[0] - position[0], scan.position[1] - position[1]
+    if math.hypot(dx, dy) > SAME_POSITION:
+        hit = np.isfinite(ranges)
+        x, y = dx + ranges[hit] * np.cos(angles[hit]), dy + ranges[hit] * np.sin(angles[hit])
+        angles[hit], ranges[hit] = np.arctan2(y, x), np.hypot(x, y)
+    angles = (angles - low) % (2.0 * math.pi)
+    order = np.argsort(angles, kind="stable")
+    angles, ranges = angles[order], ranges[order]
+    # One beam more at either end, a turn away, so that all have two beside them.
+    angles = np.concatenate([angles[-1:] - 2.0 * math.pi, angles, angles[:1] + 2.0 * math.pi])
+    ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
+    wanted = step * np.arange(num_beams)
+    right = np.clip(np.searchsorted(angles, wanted), 1, len(angles) - 1)
+    left = right - 1
+    gap = angles[right] - angles[left]
+    share = (wanted - angles[left]) / np.maximum(gap, 1e-12)
+    nearest = np.where(share < 0.5, left, right)
+    result = ranges[nearest]
+    with np.errstate(invalid="ignore"):
+        one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
+        between = (1.0 - share) * ranges[left] + share * ranges[right]
+    result = np.where(one & (gap < 1.5 * scan.step) & np.isfinite(between), between, result)
+    result[np.abs(wanted - angles[nearest]) > 0.51 * max(scan.step, step)] = np.nan
+    return result.astype(np.float32)
