@@ -184,7 +184,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
         self._has_begun = False  # unless all of it succeeds
-        self.world = self._next_world(options, seed is not None)
+        self.world = task.place(self._next_world(options, seed is not None), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         if self._randomization is not None:

@@ -155,6 +155,10 @@ class Task(ABC):
         `world` is what users passed to `reset(options={"world": ...})`, None for the one that they constructed it with.
         """
 
+    def place(self, world: World, start: Any) -> World:
+        """Return the part of a world for the episode; `start` as for `choose_starts`."""
+        return world
+
     @abstractmethod
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
         """Return where the robots start, world frame, and set `starts` and `map_pose`; `start` as for `draw_world`."""

@@ -51,6 +51,8 @@ class Teleop:
         self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + STRIP))
         self._text = Typesetter()
         env.reset(seed=seed)
+        if env.world.map is not None:
+            self._message = env.world.notes
         self._show()
 
     def tick(self) -> bool:

@@ -2,7 +2,7 @@
 
 import lidarnaut.envs.compilation  # noqa: F401
 
-from .occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid
+from .occupancy_grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 from .pose import Pose2D, wrap_angle
 
-__all__ = ["FREE", "OCCUPIED", "UNKNOWN", "OccupancyGrid", "Pose2D", "wrap_angle"]
+__all__ = ["FREE", "OCCUPIED", "OCCUPIED_FROM", "UNKNOWN", "OccupancyGrid", "Pose2D", "wrap_angle"]

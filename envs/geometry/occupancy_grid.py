@@ -10,6 +10,8 @@ FREE = 0
 """Cell value of certainly free space."""
 OCCUPIED = 100
 """Cell value of certainly occupied space."""
+OCCUPIED_FROM = 50
+"""Least occupancy of a cell that is an obstacle, and blocks the view [percent]; known cells below are free."""
 
 
 @dataclass(slots=True)

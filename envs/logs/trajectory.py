@@ -10,8 +10,8 @@ MAX_CLOCK_JUMP = 1.0
 """Clocks may run back by this much [s]: that of the Intel Research Lab's log does, by 0.9 s."""
 MAX_SPEEDS = (5.0, 10.0)
 """Forward speed [m/s] and yaw rate [rad/s] that no robot of an unknown kind exceeds."""
-CLOCK_JITTER = 0.1
-"""Error of the time between two poses that makes no motion an impossible one [s]."""
+CLOCK_JITTER = 0.02
+"""Error of the time between two poses, beside that of stamps nearer to each other than usual [s]."""
 MAX_GLITCH = 2.0
 """Longest time for which odometry may be off and still be bridged [s]."""
 
@@ -77,13 +77,16 @@ def bridge_glitches(
     Returns:
         The poses, and a sentence on each kind of finding.
     """
+    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
 
     def is_possible(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        duration = np.maximum(times[last] - times[first], 0.0) + CLOCK_JITTER
+        duration = np.maximum(times[last] - times[first], period) + CLOCK_JITTER
         length, turn = pose_errors(poses[last], poses[first])
         result: np.ndarray = (length <= max_speeds[0] * duration) & (turn <= max_speeds[1] * duration)
         return result
 
+    if not np.isfinite(times).all():
+        return poses, []
     count, rows = len(times), np.arange(len(times))
     jumps = rows[:-1][~is_possible(rows[:-1], rows[1:])]
     fixed, bridged, stay, done = poses.copy(), list[int](), list[int](), -1

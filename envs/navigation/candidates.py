@@ -13,9 +13,10 @@ from numba import njit
 from pydantic import PositiveFloat
 
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM, Costmap
+from lidarnaut.envs.navigation.costmap import Costmap
 from lidarnaut.envs.navigation.paths import walk_back
 from lidarnaut.envs.navigation.views import (
     NUM_RAYS,

@@ -8,7 +8,7 @@ import pydantic
 from numba import njit
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
@@ -21,8 +21,6 @@ COST_LETHAL = 254
 """The cell itself is occupied."""
 COST_UNKNOWN = 255
 """Never observed, and no known obstacle's footprint reaches it."""
-OCCUPIED_FROM = 50
-"""Least occupancy of a cell that is an obstacle, and blocks the view [percent]; known cells below are free."""
 Window = tuple[int, int, int, int]
 """A rectangle of cells: first row, first column, row after the last, column after the last."""
 

@@ -10,10 +10,9 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
 from lidarnaut.envs.geometry.lines import cell_along
 from lidarnaut.envs.geometry.pose import wrap_angle
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32

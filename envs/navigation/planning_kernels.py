@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import FREE, OCCUPIED
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM
 from lidarnaut.envs.geometry.lines import next_cell, start_walk
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM, inflate
+from lidarnaut.envs.navigation.costmap import inflate
 from lidarnaut.envs.navigation.obstacles import points_within
 
 

@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
+from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48

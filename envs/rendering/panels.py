@@ -11,6 +11,7 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation.frontiers import frontier_mask
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.worlds import World
+from lidarnaut.envs.worlds.map_worlds import left_out
 
 from . import style
 from .glyphs import draw_dashes, draw_path, draw_robot
@@ -91,8 +92,11 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
 
 @lru_cache(maxsize=8)
 def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
-    """Draw what does not move: the floor that can be reached from the spawns, the outside, and solid between them."""
-    view, lines = View(world.bounds, size), new_surface(size)
+    """Draw what does not move: the floor that can be reached from the spawns, the outside, and solid between them.
+
+    Of a map also the free cells that are left out, and a ring at the spawn.
+    """
+    view, lines = View(shown_bounds(world), size), new_surface(size)
     for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
         pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
     for centre, radius in zip(view.pixels(world.circles[:, :2]).tolist(), world.circles[:, 2] * view.scale):
@@ -104,9 +108,20 @@ def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
     edge = solid & ndimage.binary_dilation(~solid, iterations=4)
     colours = np.full((*labels.shape, 3), style.OUTSIDE, dtype=np.uint8)
     colours[floor], colours[solid], colours[edge] = style.FLOOR, style.SOLID, style.WALL
+    if world.map is not None:
+        pixels, is_out = np.empty(size[::-1], dtype=np.uint32), np.arange(102, dtype=np.uint32) > 100
+        view.paint_grid(left_out(world), Pose2D(0.0, 0.0, 0.0), is_out.astype(np.uint32), pixels)
+        colours[(pixels.T > 0) & ~edge] = style.LEFT_OUT
     surface = new_surface(size)
     pygame.surfarray.blit_array(surface, colours)
+    if world.map is not None:
+        pygame.draw.circle(surface, style.MUTED, (int(columns[0]), int(rows[0])), 10, 3)
     return surface
+
+
+def shown_bounds(world: World) -> tuple[float, float, float, float]:
+    """Return what pictures of a world show, (x_min, y_min, x_max, y_max) [m]: its bounds, of a map all known cells."""
+    return world.bounds if world.map is None else left_out(world).bounds
 
 
 def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:

@@ -9,7 +9,7 @@ import pygame
 
 from . import style
 from .glyphs import draw_mark
-from .panels import SUPERSAMPLING, draw_estimate, draw_truth, new_surface
+from .panels import SUPERSAMPLING, draw_estimate, draw_truth, new_surface, shown_bounds
 from .scene import Scene
 from .view import View
 
@@ -86,7 +86,7 @@ class Picture:
     def paint(self, scene: Scene) -> pygame.Surface:
         """Draw a scene; the surface is used again for the next one."""
         self._frame.blit(self._background, (0, 0))
-        view = View(scene.world.bounds, self._panel.get_size())
+        view = View(shown_bounds(scene.world), self._panel.get_size())
         for box, draw in zip(self._boxes, (draw_truth, draw_estimate)):
             draw(self._panel, scene, view)
             pygame.transform.smoothscale(self._panel, box.size, self._frame.subsurface(box))

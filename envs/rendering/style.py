@@ -27,6 +27,8 @@ FLOOR: Colour = (255, 255, 255)
 SOLID: Colour = (122, 133, 147)
 WALL: Colour = (46, 56, 69)
 OUTSIDE: Colour = (226, 230, 235)
+LEFT_OUT: Colour = (238, 214, 175)
+"""Free cells of a map beside the area that is used as the world."""
 
 FREE: Colour = (255, 255, 255)
 OCCUPIED: Colour = (30, 36, 46)

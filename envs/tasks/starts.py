@@ -18,6 +18,7 @@ from lidarnaut.envs.slam import DEFAULT_SLAM, make_slam
 from lidarnaut.envs.task import Task
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
 from lidarnaut.envs.worlds.library import WorldSampler
+from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
 """Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
@@ -70,6 +71,11 @@ class WorldTask(Task):
             _ = area.explorable  # here, since worlds are drawn ahead of time
         return drawn
 
+    def place(self, world: World, start: Any) -> World:
+        """Return the area of a map in which the first robot starts, if its pose is given; see `Task`."""
+        wanted = self._start if start is None else read_start(start, self.num_robots)
+        return world if isinstance(wanted, str) else area_around(world, wanted[0])
+
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         """Return where the robots start: where asked, and the rest of a team around the first; see `Task`.
 
@@ -88,7 +94,8 @@ class WorldTask(Task):
                 if not area.is_traversable(pose):
                     raise ValueError(
                         f"start {tuple(pose)} is not collision-free for robot {robot.name!r} (radius {robot.radius} m) "
-                        f"in world {world.name!r}; its spawns are {[tuple(spawn) for spawn in world.spawns]}"
+                        f"in world {world.name!r}: it lies {_reason(area, world, robot, pose)}; spawns are "
+                        f"{[tuple(spawn) for spawn in world.spawns]}"
                     )
         if len(chosen) < self.num_robots:
             chosen = draw_starts(area, world, robot, chosen[0], self.num_robots, rng)
@@ -136,6 +143,19 @@ def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
         return [Pose2D(*map(float, pose)) for pose in poses]
     each = f", or one for each of {num_robots} robots" if num_robots > 1 else ""
     raise ValueError(f"start must be 'random', 'spawn', a pose (x, y, theta){each}, got {start!r}")
+
+
+def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D) -> str:
+    """Say why a pose is not traversable."""
+    if world.map is not None and (where := class_at(world.map, pose)) != FREE_SPACE:
+        return where
+    cell = area.walls.cells(np.array(pose[:2]))
+    if not area.walls.contains(cell):
+        return f"outside of the bounds {world.bounds}"
+    gap = clearance(pose.x, pose.y, world.segments, world.circles)
+    if area.walls.data[tuple(cell)] or gap <= robot.radius + area.walls.resolution:
+        return f"in an obstacle, or only {max(gap, 0.0):.2f} m from one"
+    return "in another area than the spawns, or inside an obstacle"
 
 
 def draw_starts(

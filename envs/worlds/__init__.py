@@ -3,7 +3,8 @@
 from .barn import BARN_NAMES
 from .explorable import ExplorableArea, explorable_area
 from .library import WORLD_NAMES, load_world, world_sampler
-from .map_files import load_map, save_map, world_from_map
+from .map_files import load_map, save_map
+from .map_worlds import world_from_map
 from .procedural import FAMILIES
 from .raster import check_world, free_area, leaks, rasterize, reachable
 from .world import FixedRoute, World

@@ -1,5 +1,6 @@
 """Finding a world by what users call it."""
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from numbers import Integral
@@ -11,7 +12,8 @@ import numpy as np
 from lidarnaut.envs.files import SHORT, parse_record, read_mapping, resolve
 
 from .barn import barn_world
-from .map_files import load_map, world_from_map
+from .map_files import load_map
+from .map_worlds import world_from_map
 from .procedural import FAMILIES
 from .raster import check_world
 from .world import World
@@ -21,6 +23,9 @@ LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library"
 """World files that come with the project, by name."""
 WORLD_NAMES = tuple(LIBRARY)
 """Names of the worlds in the library."""
+
+IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
+"""Of images of maps."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
@@ -48,19 +53,39 @@ def load_world(world: str | Path | World) -> World:
         raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")
-    return _read(found.resolve(), found.stat().st_mtime_ns)
+    image = _image_of(path := found.resolve(), _version(path))
+    return _read(path, _version(path), image and _version(image))
 
 
 def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
     """Return what a name stands for, see `resolve`; those that begin with `barn:` are no modules."""
     if isinstance(world, str) and world.startswith("barn:"):
         return barn_world(world)
+    if isinstance(world, str) and (path := Path(world)).suffix in IMAGE_SUFFIXES and path.is_file():
+        beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
+        advice = f"such as {beside[0]}" if beside else "there is none beside it"
+        raise ValueError(f"world {world!r} is an image; name the YAML file of the map, {advice}")
     return resolve(world, table, "world", files=True)
 
 
+def _version(path: Path) -> tuple[int, ...] | None:
+    """Return numbers that differ once a file is changed or replaced; None if it is missing."""
+    with contextlib.suppress(OSError, ValueError):
+        found = path.stat()
+        return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
+    return None
+
+
 @lru_cache(maxsize=64)
-def _read(path: Path, modified: int) -> World:
-    """Read a world file or a map; `modified` only makes a changed file another key of the cache."""
+def _image_of(path: Path, version: tuple[int, ...] | None) -> Path | None:
+    """Return the image that a map names; None for a world file."""
+    image = read_mapping(path).get("image")
+    return path.parent / image if isinstance(image, str) else None
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, version: tuple[int, ...] | None, image: tuple[int, ...] | None) -> World:
+    """Read a world file or a map; versions of the file and its image make a changed one another key of the cache."""
     content = read_mapping(path)
     build: Callable[[], World]
     if "image" in content:

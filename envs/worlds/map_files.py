@@ -1,6 +1,7 @@
 """Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
 
 import io
+import logging
 import os
 import warnings
 from pathlib import Path
@@ -10,25 +11,26 @@ import numpy as np
 import yaml
 from PIL import Image
 from pydantic import BaseModel, Field
-from scipy import ndimage
 
 from lidarnaut.envs.files import read_record, write_file
-from lidarnaut.envs.geometry import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
-from lidarnaut.envs.geometry.distance_transform import deepest_cell
-from lidarnaut.envs.progress import Progress
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 
-from .raster import MAX_CELLS, check_world, outline
-from .world import World
+from .raster import MAX_CELLS
 from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
 """Occupancy above which a saved cell reads as occupied."""
 FREE_THRESH = 0.196
 """Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
+SAVED_UNKNOWN = 205
+"""Grey by which map_savers write unknown cells."""
+SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
+"""Greys that map_savers write, and pure white, by which people paint free space."""
+SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
+"""Difference of greys that are the same, and share of the pixels with such greys in an image of a map_saver, which may
+have been retouched."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
 """Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
-_DELAY = 2.0
-"""Time after which there is a progress bar [s]."""
 
 
 class MapFile(BaseModel):
@@ -51,28 +53,44 @@ def map_paths(path: Path) -> tuple[Path, Path]:
     return image_path, path if path.suffix in (".yaml", ".yml") else path.with_suffix(".yaml")
 
 
-def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
-    """Save a grid as map_saver does: 254 free, 0 occupied, 205 unknown or undecided; a full disk changes nothing.
+def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
+    """Save a grid for map_server; a full disk changes nothing.
 
-    `path`, which is returned: `NAME.yaml` or `NAME` (image in `NAME.pgm`), `NAME.pgm` or `NAME.png` (YAML in
-    `NAME.yaml`); ValueError for another suffix, OSError if writing fails.
+    `trinary` writes the classes that planners use, as map_saver does: 254 for free, 0 for occupied (`OCCUPIED_FROM`
+    percent or more), 205 for unknown. `scale` keeps the percentages; unknown cells are transparent, which takes a PNG.
+
+    `path`, which is returned: `NAME.yaml` or `NAME` (image in `NAME.pgm`, or for `scale` in `NAME.png`), `NAME.pgm` or
+    `NAME.png` (YAML in `NAME.yaml`).
+
+    Raises:
+        ValueError: another suffix or mode, or a PGM for `scale`.
+        OSError: writing fails.
     """
     image_path, yaml_path = map_paths(Path(path))
-    pixels = np.full(grid.data.shape, 205, dtype=np.uint8)
-    pixels[(grid.data >= 0) & (grid.data < 100 * FREE_THRESH)] = 254
-    pixels[grid.data >= 100 * OCCUPIED_THRESH] = 0
+    if mode == "scale" and Path(path).suffix not in (".pgm", ".png"):
+        image_path = image_path.with_suffix(".png")
+    if mode not in ("trinary", "scale") or (mode == "scale" and image_path.suffix == ".pgm"):
+        raise ValueError(f"maps are saved in mode trinary, or scale as .png, got {mode!r} for {image_path}")
+    data = grid.data[::-1]
+    if mode == "trinary":
+        pixels = np.full(data.shape, SAVED_UNKNOWN, dtype=np.uint8)
+        pixels[data >= 0] = 254
+        pixels[data >= OCCUPIED_FROM] = 0
+    else:
+        greys = np.rint(2.55 * (100.0 - np.arange(101))).astype(np.uint8)
+        pixels = np.stack([greys[data.clip(0)], np.where(data < 0, np.uint8(0), np.uint8(255))], axis=2)
     image = io.BytesIO()
     content = {
         "image": image_path.name,
         "resolution": float(grid.resolution),
         "origin": [*map(float, grid.origin), 0.0],
         "negate": 0,
-        "occupied_thresh": OCCUPIED_THRESH,
-        "free_thresh": FREE_THRESH,
-        "mode": "trinary",
+        "occupied_thresh": OCCUPIED_THRESH if mode == "trinary" else 1.0,
+        "free_thresh": FREE_THRESH if mode == "trinary" else 0.0,
+        "mode": mode,
     }
     file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
-    Image.fromarray(np.ascontiguousarray(pixels[::-1])).save(image, format=file_format)
+    Image.fromarray(np.ascontiguousarray(pixels)).save(image, format=file_format)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     for target, written in ((image_path, image.getvalue()), (yaml_path, text)):
         try:
@@ -85,8 +103,11 @@ def save_map(grid: OccupancyGrid, path: str | Path) -> Path:
 def load_map(path: str | Path) -> OccupancyGrid:
     """Read a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    Colours are averaged, transparent pixels are unknown in `scale`. In `raw`, pixel values up to 100 are percentages
-    and all others unknown.
+    As in map_server, colours are averaged, in `trinary` together with the opacity of an image that is transparent
+    somewhere; transparent pixels are unknown in `scale`. In `raw`, pixel values up to 100 are percentages and all
+    others unknown. One case differs from map_server: a `free_thresh` that takes the grey 205 for free, such as the 0.25
+    of older Nav2 map_savers. If an image holds the greys of map_savers alone (0, 205, 254, and 255), 205 is unknown,
+    and the logger warns.
 
     Raises:
         ValueError: if the YAML or the image is damaged, or the map is rotated; names the file and the key.
@@ -122,14 +143,30 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
     except Exception as error:  # Pillow raises many kinds for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
+    is_transparent = None if alpha is None or alpha.min(initial=255) == 255 else alpha < 255
     if array.ndim == 3:
-        data = _interpret(np.arange(766) / 3, file)[array.sum(axis=2, dtype=np.uint16)]
+        index, grey = array.sum(axis=2, dtype=np.uint16), np.arange(766) / 3
     elif is_deep:
-        data = _interpret(np.arange(65536) / 257, file)[array.clip(0, 65535)]
+        index, grey = array.clip(0, 65535), np.arange(65536) / 257
     else:
-        data = _interpret(np.arange(256.0), file)[array]
-    if alpha is not None and file.mode == "scale":
-        data[alpha < 255] = UNKNOWN
+        index, grey = array, np.arange(256.0)
+    data = _interpret(grey, file)[index]
+    if is_transparent is not None and file.mode == "trinary":
+        if array.ndim == 2:
+            index, grey = np.rint(3 * grey)[index].astype(np.uint16), np.arange(766) / 3
+        data = _interpret(np.arange(1021) / 4, file)[index + alpha]
+    elif is_transparent is not None and file.mode == "scale":
+        data[is_transparent] = UNKNOWN
+    if file.mode == "trinary" and not file.negate and _interpret(np.array([SAVED_UNKNOWN]), file)[0] == FREE:
+        counts = np.bincount(
+            index[~is_transparent] if is_transparent is not None else index.ravel(), minlength=len(grey)
+        )
+        is_saved = np.abs(grey[:, None] - SAVED_VALUES).min(axis=1) <= SAVED_TOLERANCE
+        is_unknown = np.abs(grey - SAVED_UNKNOWN) <= SAVED_TOLERANCE
+        if counts[is_unknown].any() and counts[is_saved].sum() >= SAVED_SHARE * counts.sum():
+            data[is_unknown[index]] = UNKNOWN
+            text = "%s: free_thresh %g takes the grey 205 for free; it is read as unknown, as map_savers mean it"
+            logging.getLogger(__name__).warning(text, source, file.free_thresh)
     return data
 
 
@@ -145,55 +182,3 @@ def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
     data[occupancy > file.occupied_thresh] = OCCUPIED
     data[occupancy < file.free_thresh] = FREE
     return data
-
-
-def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
-    """Turn a map into a world: the outline of one connected area of free cells.
-
-    Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map
-    leaves open. Cells from 20 to 64 percent count as unseen, as they do where maps are saved. A progress bar shows up
-    if it takes longer than two seconds. The spawn is by default in the largest free area, as far from anything solid as
-    it gets.
-
-    Raises:
-        ValueError: if the map has no free cell, or the spawn does not lie on one.
-    """
-    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
-        area = _free_area(grid, name, spawn)
-        bar.update()
-        if spawn is None:
-            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
-            spawn = Pose2D(float(x), float(y), 0.0)
-        bar.update()
-        height, width = grid.data.shape
-        xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
-        ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
-        segments = outline(~area[1:-1, 1:-1], xs, ys)
-        bar.update()
-        sides = segments[:, ::2], segments[:, 1::2]
-        world = World(
-            name=name,
-            segments=segments,
-            circles=np.empty((0, 3)),
-            spawns=(spawn,),
-            bounds=(*(float(side.min()) for side in sides), *(float(side.max()) for side in sides)),  # type: ignore[arg-type]
-            source=source,
-            notes="Outline of the free cells of a map; unknown cells count as solid.",
-        )
-        return check_world(world)
-
-
-def _free_area(grid: OccupancyGrid, name: str, spawn: Pose2D | None) -> np.ndarray:
-    """Return the free area of a spawn, by default the largest one, with a margin of a cell; see `world_from_map`."""
-    free = (grid.data >= 0) & (grid.data < 100 * FREE_THRESH)
-    labels, count = ndimage.label(free)
-    if count == 0:
-        raise ValueError(f"map {name!r} has no free cell")
-    if spawn is None:
-        label = 1 + int(np.argmax(np.bincount(labels.ravel())[1:]))
-    else:
-        cell = grid.cells(np.array([spawn.x, spawn.y]))
-        label = labels[tuple(cell)] if grid.contains(cell) else 0
-        if label == 0:
-            raise ValueError(f"spawn {tuple(spawn)} does not lie on a free cell of map {name!r}")
-    return np.pad(labels == label, 1)

@@ -8,7 +8,7 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
 Result = TypeVar("Result")
 MAX_COORDINATE = 1e7
@@ -55,6 +55,8 @@ class World:
     """Licence of the source, as its authors state it."""
     notes: str = ""
     """What was chosen, closed or left out when the source became this world."""
+    map: OccupancyGrid | None = None
+    """Map that the world was made of; None for others."""
 
     def scaled(self, factor: float) -> "World":
         """Return the world enlarged by a factor in the plane, with people that take as long for a round."""
@@ -67,6 +69,7 @@ class World:
             optimal_length=None if self.optimal_length is None else factor * self.optimal_length,
             bounds=tuple(factor * side for side in self.bounds),  # type: ignore[arg-type]
             people=tuple(FixedRoute(factor * p.radius, factor * p.waypoints, factor * p.speed) for p in self.people),
+            map=None,
         )
 
     @property

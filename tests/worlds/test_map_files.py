@@ -10,7 +10,7 @@ import yaml
 from PIL import Image
 from scipy import ndimage
 
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import deepest_cell
 from lidarnaut.envs.worlds import free_area, load_map, load_world, rasterize, save_map, world_from_map, world_sampler
 
@@ -33,9 +33,9 @@ def test_maps_survive_saving_and_loading(tmp_path, name):
 
 def test_saved_files_are_those_of_map_saver(tmp_path):
     # Top row of the image is the highest y.
-    path = save_map(grid_of([[0, 19, 20], [64, 65, -1]]), tmp_path / "map")
+    path = save_map(grid_of([[0, 19, 49], [50, 65, -1]]), tmp_path / "map")
     assert (tmp_path / "map.pgm").read_bytes().startswith(b"P5")
-    assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[205, 0, 205], [254, 254, 205]]
+    assert np.asarray(Image.open(tmp_path / "map.pgm")).tolist() == [[0, 0, 205], [254, 254, 254]]
     assert yaml.safe_load(path.read_text()) == {
         "image": "map.pgm",
         "resolution": 0.1,
@@ -45,6 +45,16 @@ def test_saved_files_are_those_of_map_saver(tmp_path):
         "free_thresh": 0.196,
         "mode": "trinary",
     }
+
+
+def test_saved_maps_have_the_classes_of_planners(tmp_path):
+    grid = grid_of(np.arange(-1, 101).reshape(6, 17))
+    data = load_map(save_map(grid, tmp_path / "map")).data
+    np.testing.assert_array_equal(data, np.where(grid.data < 0, -1, np.where(grid.data >= OCCUPIED_FROM, 100, 0)))
+    np.testing.assert_array_equal(load_map(save_map(grid, tmp_path / "scale", "scale")).data, grid.data)
+    assert yaml.safe_load((tmp_path / "scale.yaml").read_text())["image"] == "scale.png"
+    with pytest.raises(ValueError, match=r"scale as \.png, got 'scale' for .*map\.pgm"):
+        save_map(grid, tmp_path / "map.pgm", "scale")
 
 
 def write_map(tmp_path, pixels, **changes):
@@ -69,7 +79,13 @@ COLOURS = [[[255, 255, 255, 255], [255, 255, 255, 0], [30, 0, 60, 255]]]
         (GREYS, {"mode": "scale"}, [100, 100, 67, 0, 0]),
         (GREYS, {"mode": "raw"}, [0, 40, -1, -1, -1]),
         (GREYS, {"free_thresh": 0.25}, [100, 100, -1, 0, 0]),
-        (COLOURS, {}, [0, 0, 100]),
+        ([[0, 205, 254, 255]], {"free_thresh": 0.25}, [100, -1, 0, 0]),
+        ([[0, 205, 254, 255]], {"free_thresh": 0.25, "negate": 1}, [0, 100, 100, 100]),
+        ([[0, 205, 254, 255]], {"free_thresh": 0.25, "mode": "scale"}, [100, 0, 0, 0]),
+        # Mean of colours and opacity, as in map_server: (3 * 255 + 0) / 4 = 191 is unknown.
+        (COLOURS, {}, [0, -1, 100]),
+        (COLOURS, {"negate": 1}, [100, 100, -1]),
+        ([[[205, 205, 205, 255], [254, 254, 254, 255], [0, 0, 0, 255]]], {}, [-1, 0, 100]),
         (COLOURS, {"mode": "scale"}, [0, -1, 100]),
     ],
 )
@@ -172,7 +188,7 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
     x, y, _ = world.spawns[0]
     assert 1.0 < x < 1.4
     assert 0.8 < y < 1.4
-    with pytest.raises(ValueError, match="does not lie on a free cell"):
+    with pytest.raises(ValueError, match=r"spawn .* of map .half. lies in unknown space of the map"):
         world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half", spawn=Pose2D(2.5, 1.0, 0.0))
     with pytest.raises(ValueError, match="no free cell"):
         world_from_map(OccupancyGrid(np.full((3, 3), -1, dtype=np.int8), 0.1, (0.0, 0.0)), "void")

@@ -1,0 +1,162 @@
+"""Maps used as worlds: one connected area of free cells, and all else solid."""
+
+import logging
+import math
+
+import numpy as np
+from scipy import ndimage
+
+from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry.distance_transform import deepest_cell
+from lidarnaut.envs.progress import Progress
+
+from .raster import check_world, outline
+from .world import World, kept_with_world
+
+WALL_WIDTH = 0.25
+"""An area ends at a wall where there is an occupied cell this near [m]: cells beside it may be undecided."""
+ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
+"""Obstacles enclose an area where walls are at least the first share of its border, and the edge of the map at most the
+second one."""
+MIN_AREA = 1.0
+"""Smaller areas are no worlds, if there is a larger one [m2]."""
+FREE_SPACE = "in free space of the map"
+"""`class_at` of a pose that nothing blocks."""
+_DELAY = 2.0
+"""Time after which there is a progress bar [s]."""
+
+
+def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
+    """Turn a map into a world: the outline of one connected area of free cells.
+
+    Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map leaves open.
+    The area is that of the spawn. Without a spawn it is the largest one that obstacles enclose, or else the largest
+    one, and the spawn lies as far from anything solid as it gets. The logger says which area was taken, and how much is
+    left out. A progress bar shows up if it takes longer than two seconds.
+
+    Raises:
+        ValueError: if the map has no free cell, or the spawn does not lie on one; says what is there.
+    """
+    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
+        labels, count = ndimage.label(_is_free(grid))
+        if count == 0:
+            raise ValueError(f"map {name!r} has no free cell")
+        sizes = np.bincount(labels.ravel())[1:] * grid.resolution**2
+        label = _choose_area(grid, labels, sizes) if spawn is None else _value_at(labels, grid, spawn)
+        if spawn is not None and label <= 0:
+            raise ValueError(f"spawn {tuple(spawn)} of map {name!r} lies {class_at(grid, spawn)}")
+        area = np.pad(labels == label, 1)
+        bar.update()
+        if spawn is None:
+            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
+            spawn = Pose2D(float(x), float(y), 0.0)
+        bar.update()
+        height, width = grid.data.shape
+        xs = grid.origin[0] + grid.resolution * np.arange(width + 1)
+        ys = grid.origin[1] + grid.resolution * np.arange(height + 1)
+        segments = outline(~area[1:-1, 1:-1], xs, ys)
+        bar.update()
+        sides = segments[:, ::2], segments[:, 1::2]
+        text = f"{sizes[label - 1]:.1f} m2 around the spawn ({spawn.x:.2f}, {spawn.y:.2f})"
+        if count > 1:
+            rest = sizes.sum() - sizes[label - 1]
+            text += f"; {rest:.1f} m2 of free cells in {count - 1} other areas are left out, unless a start lies there"
+        world = World(
+            name=name,
+            segments=segments,
+            circles=np.empty((0, 3)),
+            spawns=(spawn,),
+            bounds=(*(float(side.min()) for side in sides), *(float(side.max()) for side in sides)),  # type: ignore[arg-type]
+            source=source,
+            notes=text,
+            map=grid,
+        )
+        checked = check_world(world)
+    level = logging.INFO if sizes[label - 1] == sizes.max() else logging.WARNING
+    logging.getLogger(__name__).log(level, "world of map %s: %s", name, text)
+    return checked
+
+
+def _is_free(grid: OccupancyGrid) -> np.ndarray:
+    """Return the free cells of a map, its shape, bool."""
+    is_free: np.ndarray = (grid.data >= 0) & (grid.data < OCCUPIED_FROM)
+    return is_free
+
+
+def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
+    """Return the value in the cell of a pose, -2 beyond the map."""
+    cell = grid.cells(np.array(pose[:2]))
+    return int(values[tuple(cell)]) if grid.contains(cell) else -2
+
+
+def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
+    """Say where in a map a pose lies."""
+    value = _value_at(grid.data, grid, pose)
+    if value < 0:
+        return "in unknown space of the map" if value == UNKNOWN else f"outside of the map, which covers {grid.bounds}"
+    return "in an obstacle of the map" if value >= OCCUPIED_FROM else FREE_SPACE
+
+
+def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray) -> int:
+    """Return the label of the largest area that obstacles enclose, or else of the largest; see `ENCLOSED_SHARE`."""
+    if len(sizes) == 1:
+        return 1
+    reach = math.ceil(WALL_WIDTH / grid.resolution)
+    is_wall = ndimage.minimum_filter(np.where(grid.data >= OCCUPIED_FROM, 0, 1), 2 * reach + 1, mode="nearest") == 0
+    closed, edge, border = np.zeros((3, len(sizes) + 1))
+    padded, walls = np.pad(labels, 1), np.pad(is_wall, 1)
+    within = np.pad(np.ones(labels.shape, dtype=bool), 1)
+    for rows, cols in ((slice(2, None), slice(1, -1)), (slice(None, -2), slice(1, -1))):
+        for beside in ((rows, cols), (cols, rows)):
+            is_border = (labels > 0) & (padded[beside] == 0)
+            for counts, mask in (
+                (border, is_border),
+                (closed, is_border & walls[beside]),
+                (edge, is_border & ~within[beside]),
+            ):
+                counts += np.bincount(labels[mask], minlength=len(counts))
+    is_enclosed = (closed >= ENCLOSED_SHARE * border) & (edge <= EDGE_SHARE * border)
+    is_enclosed = is_enclosed[1:] & (sizes >= min(MIN_AREA, sizes.max()))
+    return 1 + int(np.argmax(np.where(is_enclosed, sizes, 0.0) if is_enclosed.any() else sizes))
+
+
+@kept_with_world
+def _areas(world: World) -> np.ndarray:
+    """Return the labels of the connected free areas of the map of a world, its shape, from 1; 0 for other cells."""
+    assert world.map is not None
+    labels: np.ndarray = ndimage.label(_is_free(world.map))[0]
+    return labels
+
+
+def area_around(world: World, pose: Pose2D) -> World:
+    """Return the world of another area of the same map if a pose lies in one, else the world as it is.
+
+    The same object each time.
+    """
+    if world.map is None:
+        return world
+    labels = _areas(world)
+    label = _value_at(labels, world.map, pose)
+    return world if label <= 0 or label == _value_at(labels, world.map, world.spawns[0]) else _other_area(world, label)
+
+
+@kept_with_world
+def _other_area(world: World, label: int) -> World:
+    """Return the world of the area with a label; its spawn lies as far from anything solid as it gets."""
+    assert world.map is not None
+    cell = np.array(deepest_cell(np.pad(_areas(world) == label, 1))) - 1
+    x, y = world.map.centers(cell).tolist()
+    return world_from_map(world.map, world.name, Pose2D(x, y, 0.0), world.source)
+
+
+@kept_with_world
+def left_out(world: World) -> OccupancyGrid:
+    """Return the free cells that the map of a world leaves out: 100 there, 0 elsewhere in the known part of the map."""
+    assert world.map is not None
+    labels, known = _areas(world), np.argwhere(world.map.data >= 0)
+    (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()
+    is_out = (labels > 0) & (labels != _value_at(labels, world.map, world.spawns[0]))
+    x, y = world.map.origin
+    origin = x + col * world.map.resolution, y + row * world.map.resolution
+    data = np.where(is_out, np.int8(OCCUPIED), np.int8(FREE))[row : last_row + 1, col : last_col + 1]
+    return OccupancyGrid(np.ascontiguousarray(data), world.map.resolution, origin)

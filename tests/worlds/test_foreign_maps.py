@@ -1,0 +1,209 @@
+"""Maps in the styles of other programs, used as worlds: the robot starts in the house, and the house is the world."""
+
+import logging
+
+import numpy as np
+import pytest
+import yaml
+from PIL import Image, ImageFilter
+
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.tasks.explore import Explore
+from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.worlds import free_area, load_map, load_world
+from lidarnaut.envs.worlds.map_worlds import class_at, left_out
+
+UNKNOWN, FREE, WALL = 0, 1, 2
+HOUSE = (2.0, 1.5, 8.0, 6.5)
+"""x_min, y_min, x_max, y_max of the inside [m]; the map begins at (0, 0)."""
+
+
+def house(beyond=UNKNOWN, yard=0.0):
+    """Classes of a map of 11 m x 9 m in cells of 0.05 m, top row first: two rooms and a door between them.
+
+    `beyond`: class around the house; `yard`: width of free space that was seen through a window above it [m].
+    """
+    cells = np.full((180, 220), beyond)
+    cells[28:132, 38:162] = WALL
+    cells[30:130, 40:160] = FREE
+    cells[30:130, 108:110] = WALL
+    cells[60:80, 108:110] = FREE
+    cells[90:96, 60:70] = WALL
+    if yard:
+        cells[132 : 132 + round(yard / 0.05), 2:218] = FREE
+    return cells[::-1]
+
+
+def save(folder, image, name="map.pgm", **content):
+    image = image if isinstance(image, Image.Image) else Image.fromarray(image)
+    image.save(folder / name)
+    content = {"image": name, "resolution": 0.05, "origin": [0.0, 0.0, 0.0], "negate": 0} | content
+    content = {"occupied_thresh": 0.65, "free_thresh": 0.196} | content
+    (folder / "map.yaml").write_text(yaml.safe_dump(content))
+
+
+def greys(cells, unknown=205, free=254, wall=0):
+    return np.array([unknown, free, wall], dtype=np.uint8)[cells]
+
+
+def map_saver_of_ros1(folder):
+    save(folder, greys(house()))
+    content = (folder / "map.pgm").read_bytes()
+    (folder / "map.pgm").write_bytes(content.replace(b"P5\n", b"P5\n# CREATOR: map_saver.cpp 0.050 m/pix\n", 1))
+
+
+def map_saver_of_nav2(folder):
+    save(folder, greys(house()), mode="trinary", free_thresh=0.25)
+
+
+def map_saver_of_nav2_retouched(folder):
+    pixels = greys(house())
+    pixels[80:90, 70:80] = 255  # a chair is painted over, a line is drawn with a soft brush
+    pixels[140, 60:70] = (60, 120, 200, 230, 251) * 2
+    save(folder, pixels, "map.png", mode="trinary", free_thresh=0.25)
+
+
+def slam_toolbox_with_a_yard(folder):
+    save(folder, greys(house(yard=2.0)), free_thresh=0.25)
+
+
+def cartographer(folder):
+    rng = np.random.default_rng(0)
+    cells = house()
+    pixels = greys(cells, 128, 240, 20).astype(np.int64)
+    pixels[cells == FREE] += rng.integers(-25, 15, np.count_nonzero(cells == FREE))
+    pixels[cells == WALL] += rng.integers(-20, 60, np.count_nonzero(cells == WALL))
+    save(folder, pixels.clip(0, 255).astype(np.uint8))
+
+
+def floor_plan_by_hand(folder):
+    image = Image.fromarray(greys(house(beyond=FREE), free=255)).resize((880, 720), Image.Resampling.NEAREST)
+    save(folder, image.filter(ImageFilter.GaussianBlur(1.0)).resize((220, 180), Image.Resampling.BILINEAR), "plan.png")
+
+
+def floor_plan_as_photograph(folder):
+    save(folder, greys(house(beyond=FREE), free=250, wall=8), "plan.jpg", free_thresh=0.25)
+
+
+def floor_plan_white_on_black(folder):
+    save(folder, 255 - greys(house(beyond=FREE), free=255), "plan.bmp", negate=1)
+
+
+def gimp_with_an_erased_outside(folder):
+    cells = house()
+    grey = greys(cells, unknown=255)
+    alpha = np.where(cells == UNKNOWN, 0, 255).astype(np.uint8)
+    save(folder, Image.fromarray(np.dstack([grey, grey, grey, alpha]), "RGBA"), "map.png")
+
+
+def gimp_with_an_alpha_channel(folder):
+    save(folder, Image.fromarray(greys(house())).convert("RGBA"), "map.png", free_thresh=0.25)
+
+
+def gimp_indexed(folder):
+    save(folder, Image.fromarray(greys(house())).convert("RGB").quantize(4), "map.png", free_thresh=0.25)
+
+
+def gimp_with_an_eraser_inside_a_saved_map(folder):
+    grey = greys(house())
+    alpha = np.full_like(grey, 255)
+    alpha[5:10, 5:10] = 0
+    save(folder, Image.fromarray(np.dstack([grey, grey, grey, alpha]), "RGBA"), "map.png", free_thresh=0.25)
+
+
+def sixteen_bits(folder):
+    save(folder, 257 * greys(house()).astype(np.uint16), "map.png", free_thresh=0.25)
+
+
+def scale_of_nav2(folder):
+    cells = house()
+    alpha = np.where(cells == UNKNOWN, 0, 255).astype(np.uint8)
+    save(
+        folder,
+        Image.fromarray(np.dstack([greys(cells, 0, 255, 0), alpha]), "LA"),
+        "m.png",
+        mode="scale",
+        free_thresh=0.25,
+    )
+
+
+STYLES = [each for each in list(globals().values()) if callable(each) and getattr(each, "__code__", None)]
+STYLES = [each for each in STYLES if each.__code__.co_varnames[:1] == ("folder",) and each is not save]
+
+
+@pytest.mark.parametrize("style", STYLES, ids=lambda style: style.__name__)
+def test_the_house_is_the_world(tmp_path, style):
+    style(tmp_path)
+    world = load_world(tmp_path / "map.yaml")
+    x, y, _ = world.spawns[0]
+    assert HOUSE[0] < x < HOUSE[2]
+    assert HOUSE[1] < y < HOUSE[3]
+    assert world.bounds == pytest.approx(HOUSE, abs=0.11)
+    assert free_area(world) == pytest.approx(6.0 * 5.0 - 0.65, rel=0.06)
+
+
+def test_the_log_names_area_spawn_and_the_rest(tmp_path, caplog):
+    caplog.set_level(logging.INFO)
+    slam_toolbox_with_a_yard(tmp_path)
+    world = load_world(tmp_path / "map.yaml")
+    assert "free_thresh 0.25 takes the grey 205 for free; it is read as unknown" in caplog.text
+    assert "world of map map: 29.5 m2 around the spawn" in caplog.text
+    assert "21.6 m2 of free cells in 1 other areas are left out" in caplog.text
+    assert (left_out(world).data == 100).sum() * 0.05**2 == pytest.approx(21.6)
+    floor_plan_by_hand(tmp_path)
+    caplog.clear()
+    load_world(tmp_path / "map.yaml")
+    warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
+    assert any("m2 of free cells in 1 other areas are left out" in text for text in warned)  # more than the house
+
+
+def test_a_start_chooses_the_area(tmp_path):
+    floor_plan_by_hand(tmp_path)
+    path, outside = str(tmp_path / "map.yaml"), (0.6, 4.0, 0.0)
+    for options in ({"start": outside}, {}):
+        env = LidarEnv(
+            Explore, world=path, physics="kinematic", slam="truth", **({} if options else {"start": outside})
+        )
+        env.reset(seed=0, options=options)
+        assert tuple(env.simulator.states[0].pose) == pytest.approx(outside)
+        assert env.task.area.area == pytest.approx(11.0 * 9.0 - 6.2 * 5.2, rel=0.1)
+        again = env.world
+        env.reset(seed=1, options=options)
+        assert env.world is again
+    env = LidarEnv(
+        Navigate, world=path, physics="kinematic", localizer="truth", start=(3.0, 3.0, 0.0), goal=(7.0, 3.0, 0.0)
+    )
+    env.reset(seed=0)
+    assert env.world is load_world(path)
+
+
+@pytest.mark.parametrize(
+    ("start", "where"),
+    [
+        ((5.45, 2.5, 0.0), "in an obstacle of the map"),
+        ((1.0, 1.0, 0.0), "in unknown space of the map"),
+        ((20.0, 3.0, 0.0), r"outside of the map, which covers \(0.0, 0.0, 11.0, 9.0\)"),
+        ((2.05, 3.0, 0.0), "in an obstacle, or only 0.05 m from one"),
+    ],
+)
+def test_starts_that_are_not_free_say_what_is_there(tmp_path, start, where):
+    map_saver_of_nav2(tmp_path)
+    env = LidarEnv(Explore, world=str(tmp_path / "map.yaml"), physics="kinematic", start=start)
+    with pytest.raises(ValueError, match=f"not collision-free .*: it lies {where}; spawns are"):
+        env.reset(seed=0)
+    grid = load_map(tmp_path / "map.yaml")
+    assert class_at(grid, Pose2D(3.0, 3.0, 0.0)) == "in free space of the map"
+
+
+def test_an_edited_image_is_another_world_and_an_image_is_no_world(tmp_path):
+    map_saver_of_nav2(tmp_path)
+    path = tmp_path / "map.yaml"
+    before = load_world(path)
+    assert load_world(path) is before
+    with pytest.raises(ValueError, match=r"map\.pgm' is an image; name the YAML file of the map, such as .*map\.yaml"):
+        load_world(str(tmp_path / "map.pgm"))
+    pixels = greys(house())
+    pixels[120:124, 50:54] = 0
+    Image.fromarray(pixels).save(tmp_path / "map.pgm")
+    assert len(load_world(path).segments) == len(before.segments) + 4
