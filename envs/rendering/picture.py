@@ -91,6 +91,9 @@ class Picture:
             draw(self._panel, scene, view)
             pygame.transform.smoothscale(self._panel, box.size, self._frame.subsurface(box))
             pygame.draw.rect(self._frame, style.RULE, box.inflate(2, 2), 1)
+        if scene.world.map is not None:
+            beside = pygame.Rect(self._boxes[0].left + 366, 0, 0, self._boxes[0].bottom)
+            self._text.legend(self._frame, beside, (("left out", style.LEFT_OUT, "box"),))
         if scene.pose_graph is not None:
             box = self._boxes[1]
             above = pygame.Rect(box.right - 170, 0, 0, box.top - 16 - FOOTER // 2)

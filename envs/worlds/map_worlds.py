@@ -18,6 +18,8 @@ WALL_WIDTH = 0.25
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
 """Obstacles enclose an area where walls are at least the first share of its border, and the edge of the map at most the
 second one."""
+DOOR_WIDTH = 1.2
+"""Widest gap that parts a room from what lies beyond it [m]."""
 MIN_AREA = 1.0
 """Smaller areas are no worlds, if there is a larger one [m2]."""
 FREE_SPACE = "in free space of the map"
@@ -42,13 +44,17 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         if count == 0:
             raise ValueError(f"map {name!r} has no free cell")
         sizes = np.bincount(labels.ravel())[1:] * grid.resolution**2
-        label = _choose_area(grid, labels, sizes) if spawn is None else _value_at(labels, grid, spawn)
-        if spawn is not None and label <= 0:
-            raise ValueError(f"spawn {tuple(spawn)} of map {name!r} lies {class_at(grid, spawn)}")
+        if spawn is not None:
+            label = _value_at(labels, grid, spawn)
+            if label <= 0:
+                raise ValueError(f"spawn {tuple(spawn)} of map {name!r} lies {class_at(grid, spawn)}")
+        else:
+            label, is_enclosed = _choose_area(grid, labels, sizes)
         area = np.pad(labels == label, 1)
         bar.update()
         if spawn is None:
-            x, y = grid.centers(np.array(deepest_cell(area)) - 1)
+            inside = area if is_enclosed else _largest_room(grid, area)
+            x, y = grid.centers(np.array(deepest_cell(inside)) - 1)
             spawn = Pose2D(float(x), float(y), 0.0)
         bar.update()
         height, width = grid.data.shape
@@ -60,7 +66,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         text = f"{sizes[label - 1]:.1f} m2 around the spawn ({spawn.x:.2f}, {spawn.y:.2f})"
         if count > 1:
             rest = sizes.sum() - sizes[label - 1]
-            text += f"; {rest:.1f} m2 of free cells in {count - 1} other areas are left out, unless a start lies there"
+            text += f"; left out: {rest:.1f} m2 in {count - 1} other areas"
         world = World(
             name=name,
             segments=segments,
@@ -97,27 +103,42 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
     return "in an obstacle of the map" if value >= OCCUPIED_FROM else FREE_SPACE
 
 
-def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray) -> int:
-    """Return the label of the largest area that obstacles enclose, or else of the largest; see `ENCLOSED_SHARE`."""
-    if len(sizes) == 1:
-        return 1
-    reach = math.ceil(WALL_WIDTH / grid.resolution)
-    is_wall = ndimage.minimum_filter(np.where(grid.data >= OCCUPIED_FROM, 0, 1), 2 * reach + 1, mode="nearest") == 0
+def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
+    """Return the label of the largest area that obstacles enclose, or else of the largest, and whether they do.
+
+    `labels`: shape of the map, from 1, of areas that end `margin` [m] before walls and edges; `sizes`: of the areas
+    [m2]. See `ENCLOSED_SHARE`.
+    """
+    size = max(labels.shape)
+    reach, rim = (math.ceil(min(gap / grid.resolution, size)) for gap in (margin + WALL_WIDTH, margin))
+    is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
+    walls, within = np.pad(is_open == 0, 1), np.zeros(labels.shape, dtype=bool)
+    within[rim : labels.shape[0] - rim, rim : labels.shape[1] - rim] = True
+    padded, within = np.pad(labels, 1), np.pad(within, 1)
     closed, edge, border = np.zeros((3, len(sizes) + 1))
-    padded, walls = np.pad(labels, 1), np.pad(is_wall, 1)
-    within = np.pad(np.ones(labels.shape, dtype=bool), 1)
     for rows, cols in ((slice(2, None), slice(1, -1)), (slice(None, -2), slice(1, -1))):
         for beside in ((rows, cols), (cols, rows)):
             is_border = (labels > 0) & (padded[beside] == 0)
-            for counts, mask in (
-                (border, is_border),
-                (closed, is_border & walls[beside]),
-                (edge, is_border & ~within[beside]),
-            ):
-                counts += np.bincount(labels[mask], minlength=len(counts))
+            border += np.bincount(labels[is_border], minlength=len(border))
+            closed += np.bincount(labels[is_border & walls[beside]], minlength=len(border))
+            edge += np.bincount(labels[is_border & ~within[beside]], minlength=len(border))
     is_enclosed = (closed >= ENCLOSED_SHARE * border) & (edge <= EDGE_SHARE * border)
     is_enclosed = is_enclosed[1:] & (sizes >= min(MIN_AREA, sizes.max()))
-    return 1 + int(np.argmax(np.where(is_enclosed, sizes, 0.0) if is_enclosed.any() else sizes))
+    best = int(np.argmax(np.where(is_enclosed, sizes, 0.0) if is_enclosed.any() else sizes))
+    return 1 + best, bool(is_enclosed[best])
+
+
+def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
+    """Return the largest part of an area, padded by a cell, that obstacles enclose except for doors, or else all of it.
+
+    A plan with an open door is one area with the space around the building.
+    """
+    rooms, count = ndimage.label(ndimage.distance_transform_edt(area) * grid.resolution > 0.5 * DOOR_WIDTH)
+    if count < 2:
+        return area
+    sizes = np.bincount(rooms.ravel())[1:] * grid.resolution**2
+    room, is_enclosed = _choose_area(grid, rooms[1:-1, 1:-1], sizes, 0.5 * DOOR_WIDTH)
+    return rooms == room if is_enclosed else area
 
 
 @kept_with_world

@@ -82,6 +82,15 @@ def floor_plan_by_hand(folder):
     save(folder, image.filter(ImageFilter.GaussianBlur(1.0)).resize((220, 180), Image.Resampling.BILINEAR), "plan.png")
 
 
+def test_robots_start_indoors_where_a_door_is_open(tmp_path):
+    cells = house(beyond=FREE)
+    cells[90:110, 36:42] = FREE
+    save(tmp_path, greys(cells, free=255), "plan.png")
+    x, y, _ = load_world(tmp_path / "map.yaml").spawns[0]
+    assert HOUSE[0] < x < HOUSE[2]
+    assert HOUSE[1] < y < HOUSE[3]
+
+
 def floor_plan_as_photograph(folder):
     save(folder, greys(house(beyond=FREE), free=250, wall=8), "plan.jpg", free_thresh=0.25)
 
@@ -149,13 +158,13 @@ def test_the_log_names_area_spawn_and_the_rest(tmp_path, caplog):
     world = load_world(tmp_path / "map.yaml")
     assert "free_thresh 0.25 takes the grey 205 for free; it is read as unknown" in caplog.text
     assert "world of map map: 29.5 m2 around the spawn" in caplog.text
-    assert "21.6 m2 of free cells in 1 other areas are left out" in caplog.text
+    assert "left out: 21.6 m2 in 1 other areas" in caplog.text
     assert (left_out(world).data == 100).sum() * 0.05**2 == pytest.approx(21.6)
     floor_plan_by_hand(tmp_path)
     caplog.clear()
     load_world(tmp_path / "map.yaml")
     warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
-    assert any("m2 of free cells in 1 other areas are left out" in text for text in warned)  # more than the house
+    assert any("m2 in 1 other areas" in text for text in warned)  # more than the house
 
 
 def test_a_start_chooses_the_area(tmp_path):
