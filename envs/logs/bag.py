@@ -10,7 +10,7 @@ from lidarnaut.envs.files import MAX_BYTES
 from .bag_reader import BagReader, open_bag
 from .scans import Recording, Scan
 from .trajectory import compose_poses, find_jump_back
-from .transforms import MIN_UPRIGHT, FrameTree, frame_name, heading, seconds, yaws
+from .transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -45,38 +45,40 @@ def read_bag(
     Raises:
         BagError: the bag is damaged, a topic or frame is missing or ambiguous, or messages make no sense.
     """
+    base_frame, odom_frame, laser_frame = (name and frame_name(name) for name in (base_frame, odom_frame, laser_frame))
     notes: list[str] = []
     with open_bag(path) as bag:
         scan_topic = bag.choose([SCAN], scan_topic, "scan_topic")
         scans, frame = _read_scans(bag, scan_topic, laser_frame)
-        tree = _read_transforms(bag, odom_topic if odom_topic in bag.topics(TRANSFORMS) else scan_topic)
-        if laser_frame is not None and frame != (wanted := frame_name(laser_frame)):
-            if wanted not in tree.frames:
-                raise bag.error(f"laser_frame {wanted} is unknown; scans have {frame}, transforms {tree.frames}")
-            frame = wanted
-        wanted_base = None if base_frame is None else frame_name(base_frame)
-        times, poses, base, note = _read_odometry(bag, tree, frame, odom_topic, odom_frame, wanted_base)
-        notes += [note] if note else []
-        if wanted_base not in (None, base):
-            shift = tree.find(base, wanted_base or "", times)
-            if shift is not None and np.isfinite(shift).all():
-                offset = np.stack([shift[:, 0, 3], shift[:, 1, 3], yaws(shift)], axis=1)
-                poses, base = compose_poses(poses, offset), wanted_base or ""
-            elif wanted_base in tree.frames:
-                base = wanted_base or ""  # the same frame by another name
-            else:
-                raise bag.error(f"base_frame {wanted_base} is unknown; odometry has {base}, transforms {tree.frames}")
-        scan_times = np.array([scan.time for scan in scans])
-        mounts = _find_mounts(tree, base, frame, scan_times)
+        if odom_topic or bag.topics([ODOMETRY]) or not bag.topics(TRANSFORMS):
+            odom_topic = bag.choose([ODOMETRY, *TRANSFORMS] if odom_topic else [ODOMETRY], odom_topic, "odom_topic")
+        tree = odometry = FrameTree()
+        is_tf = odom_topic is None or bag.types[odom_topic] != ODOMETRY
+        static, moving = _transform_topics(bag, odom_topic if is_tf and odom_topic else scan_topic)
+        tree.read(bag, static, static=True)
+        if is_tf:
+            tree.read(bag, moving)
+            moving = []
+        else:
+            odometry = FrameTree()
+            odometry.read(bag, [odom_topic or ""])
+        times, poses, base = _read_odometry(bag, odometry, base_frame or laser_frame or frame, odom_frame, is_tf)
+        scan_times, start = np.array([scan.time for scan in scans]), base_frame or base
+        # Static transforms alone lead to the lidar in most bags, and those of /tf are many.
+        if (mounts := _find_mounts(tree, start, laser_frame or frame, scan_times)) is None or base_frame:
+            tree.read(bag, moving)
+            mounts = _find_mounts(tree, start, laser_frame or frame, scan_times)
+        for option, name in (("base_frame", base_frame), ("laser_frame", laser_frame)):
+            if name and name not in (base, frame, *tree.frames):
+                raise bag.error(f"{option} {name} is unknown; scans have {frame}, transforms {', '.join(tree.frames)}")
+        if base_frame and (shift := tree.find(base, base_frame, times)) is not None and np.isfinite(shift).all():
+            poses = compose_poses(poses, planar(shift))
         if mounts is None:
-            names = f"no transforms from {base!r} to {frame!r} (--base-frame and --laser-frame choose others)"
+            names = f"no transforms from {start!r} to {laser_frame or frame!r} (--base-frame, --laser-frame)"
             notes.append(f"{names}; the lidar is taken to sit on the base, facing ahead")
             mounts = np.tile(np.eye(4), (len(scans), 1, 1))
-        notes += [
-            f"{n} transforms of {name!r} are ignored: not finite, or no rotation"
-            for name, n in tree.ignored.items()
-            if n
-        ]
+        for name, number in sorted((tree.ignored | odometry.ignored).items()):
+            notes.append(f"{number} transforms or poses of {name!r} are left out: not finite, or no rotation")
         return Recording(times, poses, _place(bag, scan_topic, scans, mounts, notes), notes, reaches_limit=True)
 
 
@@ -103,85 +105,48 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     return [found[k] for k in order], frame
 
 
-def _read_transforms(bag: BagReader, scan_topic: str) -> FrameTree:
-    """Return the transforms of the innermost namespace of the scans that has any, or of the only one that there is."""
-    topics: dict[str, list[str]] = {}
-    for topic in bag.topics(TRANSFORMS):
-        topics.setdefault(topic.rpartition("/")[0].strip("/"), []).append(topic)
-    tree, inner = FrameTree(), f"{scan_topic.strip('/')}/"
-    enclosing = [name for name in topics if not name or inner.startswith(f"{name}/")]
-    for name in sorted(enclosing or (topics if len(topics) == 1 else ()), key=len)[-1:]:
-        for topic in topics[name]:
-            for message in bag.messages(topic):
-                tree.add(message.transforms, static=topic.endswith("static"))
-    return tree
+def _transform_topics(bag: BagReader, topic: str) -> tuple[list[str], list[str]]:
+    """Return the topics of static and of moving transforms for a topic.
+
+    Those of the innermost namespace around it that has any, or of the only one that there is.
+    """
+    found: dict[str, list[str]] = {}
+    for each in bag.topics(TRANSFORMS):
+        found.setdefault(each.rpartition("/")[0].strip("/"), []).append(each)
+    around = [name for name in found if not name or f"{topic.strip('/')}/".startswith(f"{name}/")]
+    inner = max(around or (found if len(found) == 1 else [""]), key=len)
+    static = [each for each in found.get(inner, ()) if each.endswith("static")]
+    return static, [each for each in found.get(inner, ()) if each not in static]
 
 
 def _read_odometry(
-    bag: BagReader, tree: FrameTree, laser: str, topic: str | None, odom_frame: str | None, base: str | None
-) -> tuple[np.ndarray, np.ndarray, str, str]:
-    """Return times, ascending, shape (n,) [s], poses, shape (n, 3) [m, m, rad], the base's frame, and a note or ""."""
-    if topic is None and not bag.topics([ODOMETRY]):
-        return *_odometry_of(bag, tree, laser, odom_frame, base), ""
-    topic = bag.choose([ODOMETRY] if topic is None else [ODOMETRY, *TRANSFORMS], topic, "odom_topic")
-    if bag.types[topic] != ODOMETRY:
-        return *_odometry_of(bag, tree, laser, odom_frame, base), ""
-    rows: dict[tuple[str, str], list[tuple[float, ...]]] = {}
-    for message in bag.messages(topic):
-        frames, pose = (frame_name(message.header.frame_id), frame_name(message.child_frame_id)), message.pose.pose
-        row = seconds(message.header.stamp), pose.position.x, pose.position.y, heading(pose.orientation)
-        rows.setdefault(frames, []).append(row)
-    for k, wanted, option in ((0, odom_frame, "odom_frame"), (1, base, "base_frame")):
-        if len(names := sorted({frames[k] for frames in rows})) > 1:
-            if wanted is None or frame_name(wanted) not in names:
-                choice = f"choose one by {option} (--{option.replace('_', '-')})"
-                raise bag.error(f"{topic} holds odometry of several frames: {', '.join(names)}; {choice}")
-            rows = {frames: each for frames, each in rows.items() if frames[k] == frame_name(wanted)}
-    ((_, child), found), *_ = rows.items()
-    order = _time_order(bag, topic, [row[0] for row in found])
-    table = np.array(found)[order]
-    is_valid = np.isfinite(table).all(axis=1)
-    if not is_valid.any():
-        raise bag.error(f"{topic}: no pose is finite with an orientation")
-    number = int((~is_valid).sum())
-    note = f"{number} of {len(table)} poses of {topic} are left out: not finite, or no orientation" if number else ""
-    return table[is_valid, 0], table[is_valid, 1:], child, note
-
-
-def _odometry_of(
-    bag: BagReader, tree: FrameTree, laser: str, odom_frame: str | None, base: str | None
+    bag: BagReader, tree: FrameTree, start: str, odom_frame: str | None, is_tf: bool
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return times, poses and the base's frame by transforms; see `_read_odometry`.
+    """Return times, ascending, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base's frame, perhaps empty.
 
-    Without a name, the base is the frame right below that of odometry, on the way down to the laser.
+    The base is the frame right below that of odometry, on the way down to `start`, or the only one.
     """
-    wanted = frame_name(odom_frame or ODOM_FRAME)
 
     def is_odom(name: str | None) -> bool:
-        return name is not None and (name if odom_frame else name.rpartition("/")[2]) == wanted
+        if name is None or odom_frame:
+            return name is not None and name == odom_frame
+        return not is_tf or name.rpartition("/")[2] == ODOM_FRAME
 
-    chain = tree.above(base or laser)
-    children = [low for low, high in itertools.pairwise(chain) if is_odom(high)]
-    if not children and base is None:
-        children = [name for name in tree.frames if is_odom(tree.parent(name))]
+    children = [low for low, high in itertools.pairwise(tree.above(start)) if is_odom(high)]
+    children = children or [name for name in tree.frames if is_odom(tree.parent(name))]
     if len(children) > 1:
         choice = "choose one by base_frame (--base-frame)"
-        raise bag.error(f"transforms from {wanted} lead to several frames: {', '.join(children)}; {choice}")
+        raise bag.error(f"odometry is of several frames: {', '.join(children)}; {choice}")
     if not children:
-        advice = "odom_frame (--odom-frame) and base_frame (--base-frame) name others"
-        to = "" if base is None else f" to {base}"
-        raise bag.error(f"holds no transform from {wanted}{to}; frames are {', '.join(tree.frames)}; {advice}")
-    times = tree.stamps(children[0])
-    poses = tree.find(tree.parent(children[0]) or "", base or children[0], times)
-    assert poses is not None
-    known = np.isfinite(poses[:, 0, 0])
-    if not known.any():
-        raise bag.error(f"no transform from {wanted} to {base or children[0]} is valid")
-    return (
-        times[known],
-        np.stack([poses[known, 0, 3], poses[known, 1, 3], yaws(poses[known])], axis=1),
-        base or children[0],
-    )
+        advice = "odom_frame (--odom-frame) names another"
+        raise bag.error(f"no odometry from {odom_frame or ODOM_FRAME}; frames are {', '.join(tree.frames)}; {advice}")
+    if (jump := find_jump_back(stamps := tree.stamps(children[0]))) is not None:
+        clock = f"from {stamps[:jump].max():.3f} to {stamps[jump]:.3f} s"
+        raise bag.error(f"odometry of {children[0]}: the clock runs back {clock} at message {jump}")
+    times, poses = tree.poses(children[0])
+    if not len(times):
+        raise bag.error(f"odometry of {children[0]}: no pose is finite, with a rotation")
+    return times, poses, children[0]
 
 
 def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
@@ -206,7 +171,7 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
             raise bag.error(f"{topic}: {why}")
         if is_out.any():
             notes.append(f"{is_out.sum()} of {len(scans)} scans are left out: {why}")
-    signs, turns = np.sign(upright), yaws(mounts)
+    signs, turns = np.sign(upright), planar(mounts)[:, 2]
     return [
         scan._replace(first=turn + sign * scan.first, step=sign * scan.step, position=tuple(mount[:3, 3].tolist()))
         for scan, mount, sign, turn, out in zip(

@@ -1,12 +1,13 @@
 """Frames and transforms of ROS, looked up by the rules of tf2 (REP 105)."""
 
 from array import array
-from collections import Counter
 from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 from scipy.spatial.transform import Rotation, Slerp
+
+from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
 """Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
@@ -23,35 +24,40 @@ class FrameTree:
     """
 
     def __init__(self) -> None:
-        self._static: dict[str, tuple[str, list[float]]] = {}
-        self._moving: dict[str, dict[str, array[float]]] = {}
-        self.ignored: Counter[str] = Counter()
+        self._rows: dict[str, dict[str, array[float]]] = {}
+        self._static: set[str] = set()
+        self.ignored: dict[str, int] = {}
         """Number of transforms that lookups ignored, by frame."""
 
-    def add(self, transforms: Iterable[Any], *, static: bool) -> None:
-        """Add `geometry_msgs/TransformStamped` messages."""
-        for one in transforms:
-            child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
+    def read(self, bag: BagReader, topics: Iterable[str], *, static: bool = False) -> None:
+        """Read the TFMessage or Odometry messages of topics."""
+        for topic in topics:
+            for message in bag.messages(topic):
+                for one in getattr(message, "transforms", (message,)):
+                    self._add(one, static)
+
+    def _add(self, one: Any, static: bool) -> None:
+        """Add a `TransformStamped`, or the pose of an `Odometry`."""
+        child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
+        if hasattr(one, "transform"):
             t, q = one.transform.translation, one.transform.rotation
-            row = [seconds(one.header.stamp), t.x, t.y, t.z, q.x, q.y, q.z, q.w]
-            if child == parent:
-                continue
-            if not static:
-                self._moving.setdefault(child, {}).setdefault(parent, array("d")).extend(row)
-            elif _is_transform(np.array(row)):
-                self._static[child] = parent, row
+        else:
+            t, q = one.pose.pose.position, one.pose.pose.orientation
+        row = [seconds(one.header.stamp), t.x, t.y, t.z, q.x, q.y, q.z, q.w]
+        if static and _is_transform(np.array(row)):
+            self._static.add(child)
+            self._rows[child] = {parent: array("d", row)}
+        elif not static and child != parent and child not in self._static:
+            self._rows.setdefault(child, {}).setdefault(parent, array("d")).extend(row)
 
     @property
     def frames(self) -> list[str]:
         """Names of all frames."""
-        parents = [parent for parent, _ in self._static.values()] + [p for each in self._moving.values() for p in each]
-        return sorted({*self._static, *self._moving, *parents})
+        return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parent(self, frame: str) -> str | None:
-        """Return the parent of a frame, of several moving ones that with the most transforms; None for a root."""
-        if frame in self._static:
-            return self._static[frame][0]
-        parents = self._moving.get(frame, {})
+        """Return the parent of a frame, of several the one with the most transforms; None for a root."""
+        parents = self._rows.get(frame, {})
         return max(parents, key=lambda parent: len(parents[parent]), default=None)
 
     def above(self, frame: str) -> list[str]:
@@ -62,8 +68,17 @@ class FrameTree:
         return names
 
     def stamps(self, frame: str) -> np.ndarray:
-        """Return the times of the valid transforms from a frame to its parent, ascending, shape (n,) [s]."""
-        return self._rows(frame)[:, 0]
+        """Return the stamps of the transforms from a frame to its parent, as they came, shape (n,) [s]."""
+        return np.array(self._rows[frame][self.parent(frame) or ""]).reshape(-1, 8)[:, 0]
+
+    def poses(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the valid poses of a frame in its parent by time: stamps, shape (n,) [s], and `planar` poses."""
+        rows = self._valid(frame)
+        matrices = np.tile(np.eye(4), (len(rows), 1, 1))
+        if len(rows):
+            matrices[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()
+        matrices[:, :3, 3] = rows[:, 1:4]
+        return rows[:, 0], planar(matrices)
 
     def find(self, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
         """Return the poses of a frame in the base's frame at times, shape (n,) [s]: shape (n, 4, 4).
@@ -88,19 +103,18 @@ class FrameTree:
             pose = self._at(frame, times) @ pose
         return pose
 
-    def _rows(self, frame: str) -> np.ndarray:
+    def _valid(self, frame: str) -> np.ndarray:
         """Return the valid transforms from a frame to its parent by time, shape (n, 8): stamp, position, quaternion."""
-        if frame in self._static:
-            return np.array([self._static[frame][1]])
-        rows = np.array(self._moving[frame][self.parent(frame) or ""]).reshape(-1, 8)
+        rows = np.array(self._rows[frame][self.parent(frame) or ""]).reshape(-1, 8)
         is_valid = _is_transform(rows)
-        self.ignored[frame] = int((~is_valid).sum())
+        if not is_valid.all():
+            self.ignored[frame] = int((~is_valid).sum())
         _, first = np.unique(rows[is_valid, 0], return_index=True)
         return rows[is_valid][first]
 
     def _at(self, frame: str, times: np.ndarray) -> np.ndarray:
         """Return the transforms from a frame to its parent at times, shape (n, 4, 4)."""
-        rows, result = self._rows(frame), np.tile(np.eye(4), (len(times), 1, 1))
+        rows, result = self._valid(frame), np.tile(np.eye(4), (len(times), 1, 1))
         if not len(rows):
             return np.full_like(result, np.nan)
         rotations = Rotation.from_quat(rows[:, 4:])
@@ -125,15 +139,10 @@ def seconds(stamp: Any) -> float:
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
-def heading(quaternion: Any) -> float:
-    """Return a quaternion's rotation about z after those about y and x [rad]; NaN if it is no rotation."""
-    values = np.array([quaternion.x, quaternion.y, quaternion.z, quaternion.w], dtype=np.float64)
-    return float(yaws(Rotation.from_quat(values).as_matrix())) if 0.0 < np.linalg.norm(values) < np.inf else np.nan
-
-
-def yaws(matrices: np.ndarray) -> np.ndarray:
-    """Return the rotations about z of rotations or poses, shape (..., 3 or 4, 3 or 4): shape (...) [rad]."""
-    return np.asarray(np.arctan2(matrices[..., 1, 0], matrices[..., 0, 0]))
+def planar(matrices: np.ndarray) -> np.ndarray:
+    """Return poses, shape (n, 4, 4), as x, y, and the rotation about z after those about y and x, shape (n, 3)."""
+    yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
+    return np.stack([matrices[:, 0, 3], matrices[:, 1, 3], yaw], axis=1)
 
 
 def _is_transform(rows: np.ndarray) -> np.ndarray:

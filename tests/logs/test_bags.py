@@ -112,7 +112,7 @@ def test_topics_are_chosen_or_listed(tmp_path, caplog):
     [
         ("scan", (102.0, [1.0, 2.0], "other"), "/scan holds scans of several frames: laser, other; .*--laser-frame"),
         ("scan", (50.0, [1.0, 2.0]), "/scan: the clock runs back from 101.000 to 50.000 s at message 2"),
-        ("odometry", (50.0, 0.0, 0.0, 0.0), "/odom: the clock runs back from 101.000 to 50.000 s"),
+        ("odometry", (50.0, 0.0, 0.0, 0.0), "odometry of base_link: the clock runs back from 101.000 to 50.000 s"),
         (
             "odometry",
             (102.0, 0.0, 0.0, 0.0, "other"),
@@ -291,7 +291,7 @@ def test_one_bad_transform_and_frames_that_nobody_needs_do_no_harm(tmp_path):
     ]
     log = load_log(driving(tmp_path, [((15.0, [1.0, 2.0, 3.0, 2.0, 1.0]), {})], edges))
     assert (log.lidar.mount.x, log.lidar.mount.yaw) == pytest.approx((0.2, 0.1), abs=1e-6)
-    assert log.notes == ("1 transforms of 'laser' are ignored: not finite, or no rotation",)
+    assert log.notes == ("1 transforms or poses of 'laser' are left out: not finite, or no rotation",)
 
 
 def test_trees_of_other_namespaces_stay_apart(tmp_path):
@@ -329,11 +329,11 @@ def test_frames_of_other_names(tmp_path):
             yield "/scan", m.scan(10.0 + k, [1.0, 2.0], "laser")
 
     path = write_bag(tmp_path / "drive", messages)
-    with pytest.raises(ValueError, match=r"no transform from odom; frames are .*odom_combined.*--odom-frame"):
+    with pytest.raises(ValueError, match=r"no odometry from odom; frames are .*odom_combined.*--odom-frame"):
         load_log(path)
     with pytest.raises(ValueError, match=r"laser_frame sick is unknown; scans have laser, transforms .*hokuyo"):
         load_log(path, odom_frame="odom_combined", laser_frame="sick")
-    with pytest.raises(ValueError, match=r"no transform from odom_combined to nowhere; frames are .*--base-frame"):
+    with pytest.raises(ValueError, match=r"base_frame nowhere is unknown; scans have laser, transforms .*torso"):
         load_log(path, odom_frame="odom_combined", laser_frame="hokuyo", base_frame="nowhere")
     log = load_log(path, odom_frame="odom_combined", laser_frame="hokuyo")
     assert (log.lidar.mount.x, log.lidar.mount.y) == pytest.approx((-0.1, 0.0), abs=1e-6)
@@ -349,4 +349,4 @@ def test_scans_and_poses_that_are_left_out_are_counted(tmp_path):
     log = load_log(driving(tmp_path, scans, odometry=bad))
     assert len(log.ranges) == 11
     assert "9 of 20 scans are left out: outside the time of the odometry, 10.000 to 20.700 s" in log.notes
-    assert "2 of 14 poses of /odom are left out: not finite, or no orientation" in log.notes
+    assert "2 transforms or poses of 'base_link' are left out: not finite, or no rotation" in log.notes
