@@ -36,7 +36,7 @@ class Log:
     lidar: LidarParams
     """Geometry of the scans."""
     notes: tuple[str, ...] = ()
-    """Scans that the reader left out, motions that it bridged, and what it assumed."""
+    """Scans that the reader left out, motions that it bridged, and its assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
         """Yield for each scan the pose of the base by odometry, seen from the base at the scan before."""
@@ -106,7 +106,7 @@ def load_log(
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
     Each scan is read by its own header. Scans that cannot be used are left out, and motions that the robot cannot make
-    are bridged; `Log.notes` and a warning of the logger say what was done.
+    are bridged; `Log.notes` and warnings of the logger report both.
 
     Args:
         path: the file, or the folder of a ROS 2 bag. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of

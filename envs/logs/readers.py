@@ -36,7 +36,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
     FLASER lines hold no angles. As in CARMEN, 180 or 181 beams are 1 degree apart, 360 or 361 beams 0.5 and 400 or 401
     beams 0.25 degrees; any other number is spread over 180 degrees. A `field_of_view` [rad] replaces that. The laser
     lies `robot_frontlaser_offset` ahead of the base. ROBOTLASER1 lines hold angles, limit, and the poses of laser and
-    robot, of which the mount follows.
+    robot, which give the mount.
 
     Raises:
         ValueError: a line is damaged, the file is cut off, there are no scans, or the lines are those of several

@@ -29,7 +29,7 @@ class Scan(NamedTuple):
     first: float
     """Angle of the first beam."""
     step: float
-    """Angle from one beam to the next; negative where they turn clockwise."""
+    """Angle from one beam to the next; negative for lasers that turn clockwise."""
     range_min: float
     """Nearest return [m]."""
     range_max: float
@@ -37,7 +37,7 @@ class Scan(NamedTuple):
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Position of the lidar in the base frame [m]."""
     row: int | None = None
-    """Row of the odometry at which it was taken; None: the odometry is interpolated at `time`."""
+    """Row of the odometry of the same time; None: the odometry is interpolated at `time`."""
     time: float = math.nan
     """When it was taken [s]."""
 
@@ -70,7 +70,7 @@ class Limits(NamedTuple):
 
 
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], Counter[str]]:
-    """Return the scans that can be used, and how many cannot, by the reason.
+    """Return the usable scans, and the number of others by the reason.
 
     Beams of the returned scans turn counter-clockwise, and none repeats another. A limit in a header that makes no
     sense is replaced by that of the user.
@@ -126,10 +126,10 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
     """Return the ranges of scans on a common set of beams, shape (m, num_beams), float32 [m].
 
     And the first beam's angle, that from beam to beam [rad], and the lidar's position, base frame [m]. Scans with the
-    same beams are returned as they are. Otherwise beams cover what all scans cover together, in steps as fine as those
-    of the finest tenth; each reads the nearer of the two beams beside it, or what lies between them where they see one
-    surface, and NaN beyond the scan's own field of view. Scans of a lidar that moves on the robot are seen from its
-    median position.
+    same beams are returned as they are. Otherwise the beams cover the fields of view of all scans, in steps as fine as
+    those of the finest tenth. Each is interpolated between the two recorded beams beside it if these see one surface,
+    else it takes the nearer one; it is NaN beyond the scan's own field of view. Scans of a lidar that moves on the
+    robot are converted to its median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])

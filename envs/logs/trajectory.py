@@ -13,7 +13,7 @@ MAX_SPEEDS = (5.0, 10.0)
 CLOCK_JITTER = 0.02
 """Error of the time between two poses, beside that of stamps nearer to each other than usual [s]."""
 MAX_GLITCH = 2.0
-"""Longest time for which odometry may be off and still be bridged [s]."""
+"""Longest excursion of the odometry that is bridged [s]."""
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
@@ -65,9 +65,8 @@ def bridge_glitches(
 ) -> tuple[np.ndarray, list[str]]:
     """Replace poses that a robot cannot have had by interpolation between the poses before and after.
 
-    An excursion begins and ends with a motion that is not possible, lasts for at most `MAX_GLITCH`, and leads back to
-    where the robot can have moved meanwhile. One at either end of the odometry gets the pose beside it. Other jumps
-    stay.
+    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH`, and leads back within reach
+    of the pose before it. An excursion at either end of the odometry gets the pose beside it. Other jumps stay.
 
     Args:
         times: shape (n,), ascending except for jitter [s].

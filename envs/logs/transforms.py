@@ -83,7 +83,7 @@ class FrameTree:
     def find(self, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
         """Return the poses of a frame in the base's frame at times, shape (n,) [s]: shape (n, 4, 4).
 
-        NaN where they are unknown; None if the frames are not connected.
+        NaN at times without a transform; None if the frames are not connected.
         """
         up, down = self.above(base), self.above(frame)
         common = next((name for name in down if name in up), None)

@@ -23,9 +23,9 @@ OCCUPIED_THRESH = 0.65
 FREE_THRESH = 0.196
 """Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
 SAVED_UNKNOWN = 205
-"""Grey by which map_savers write unknown cells."""
+"""Grey of unknown cells as map_savers write them."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
-"""Greys that map_savers write, and pure white, by which people paint free space."""
+"""Greys that map_savers write, and pure white, a usual colour of painted free space."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
 """Difference of greys that are the same, and share of the pixels with such greys in an image of a map_saver, which may
 have been retouched."""

@@ -14,12 +14,12 @@ from .raster import check_world, outline
 from .world import World, kept_with_world
 
 WALL_WIDTH = 0.25
-"""An area ends at a wall where there is an occupied cell this near [m]: cells beside it may be undecided."""
+"""Distance from the border of an area to occupied cells that bound it [m]: cells between may be undecided."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
 """Obstacles enclose an area where walls are at least the first share of its border, and the edge of the map at most the
 second one."""
 DOOR_WIDTH = 1.2
-"""Widest gap that parts a room from what lies beyond it [m]."""
+"""Widest opening that counts as a door [m]."""
 MIN_AREA = 1.0
 """Smaller areas are no worlds, if there is a larger one [m2]."""
 FREE_SPACE = "in free space of the map"
@@ -31,13 +31,13 @@ _DELAY = 2.0
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
     """Turn a map into a world: the outline of one connected area of free cells.
 
-    Everything else is solid: occupied cells and unknown ones, so that the world is closed whatever the map leaves open.
+    Everything else is solid: occupied cells and unknown ones, so that the world is closed even if the map is not.
     The area is that of the spawn. Without a spawn it is the largest one that obstacles enclose, or else the largest
-    one, and the spawn lies as far from anything solid as it gets. The logger says which area was taken, and how much is
-    left out. A progress bar shows up if it takes longer than two seconds.
+    one, and the spawn lies as far from anything solid as it gets. The logger names the area and the size of the
+    rest. A progress bar shows up if it takes longer than two seconds.
 
     Raises:
-        ValueError: if the map has no free cell, or the spawn does not lie on one; says what is there.
+        ValueError: if the map has no free cell, or the spawn does not lie on one; names the class of its cell.
     """
     with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
         labels, count = ndimage.label(_is_free(grid))
