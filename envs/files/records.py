@@ -78,7 +78,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         content = yaml.load(text, _Loader)
         _count_values(content, {})
     except Exception as error:  # PyYAML raises many kinds for values that do not fit their tags
-        raise ValueError(f"{path}: not readable as YAML: {error}") from error
+        raise ValueError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from error
     return _checked_mapping(content, str(path))
 
 

@@ -1,6 +1,5 @@
 """Logs as ROS 1 and ROS 2 bags, read without ROS by the library rosbags."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,7 @@ from lidarnaut.envs.files import MAX_BYTES
 from .bag_reader import BagReader, open_bag
 from .scans import Recording, Scan
 from .trajectory import compose_poses, find_jump_back
-from .transforms import MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
+from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
 SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
@@ -54,8 +53,9 @@ def read_bag(
             odom_topic = bag.choose([ODOMETRY, *TRANSFORMS] if odom_topic else [ODOMETRY], odom_topic, "odom_topic")
         tree = odometry = FrameTree()
         is_tf = odom_topic is None or bag.types[odom_topic] != ODOMETRY
-        static, moving = _transform_topics(bag, odom_topic if is_tf and odom_topic else scan_topic)
-        tree.read(bag, static, static=True)
+        near = odom_topic if is_tf and odom_topic else scan_topic
+        tree.read(bag, _transform_topics(bag, near, static=True), static=True)
+        moving = [near] if near == odom_topic else _transform_topics(bag, near, static=False)
         if is_tf:
             tree.read(bag, moving)
             moving = []
@@ -71,8 +71,9 @@ def read_bag(
         for option, name in (("base_frame", base_frame), ("laser_frame", laser_frame)):
             if name and name not in (base, frame, *tree.frames):
                 raise bag.error(f"{option} {name} is unknown; scans have {frame}, transforms {', '.join(tree.frames)}")
-        if base_frame and (shift := tree.find(base, base_frame, times)) is not None and np.isfinite(shift).all():
-            poses = compose_poses(poses, planar(shift))
+        if base_frame and (shift := tree.find(base, base_frame, times)) is not None:
+            known = np.isfinite(shift[:, 0, 0])
+            times, poses = times[known], compose_poses(poses[known], planar(shift[known]))
         if mounts is None:
             names = f"no transforms from {start!r} to {laser_frame or frame!r} (--base-frame, --laser-frame)"
             notes.append(f"{names}; the lidar is taken to sit on the base, facing ahead")
@@ -105,18 +106,19 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
     return [found[k] for k in order], frame
 
 
-def _transform_topics(bag: BagReader, topic: str) -> tuple[list[str], list[str]]:
-    """Return the topics of static and of moving transforms for a topic.
+def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
+    """Return the topics of static or of moving transforms in the innermost namespace around a topic that has any.
 
-    Those of the innermost namespace around it that has any, or of the only one that there is.
+    Topics named `tf` and `tf_static` come before others.
     """
-    found: dict[str, list[str]] = {}
+    name, around = "tf_static" if static else "tf", f"{topic.strip('/')}/"
+    found: dict[str, list[str]] = {"": []}
     for each in bag.topics(TRANSFORMS):
-        found.setdefault(each.rpartition("/")[0].strip("/"), []).append(each)
-    around = [name for name in found if not name or f"{topic.strip('/')}/".startswith(f"{name}/")]
-    inner = max(around or (found if len(found) == 1 else [""]), key=len)
-    static = [each for each in found.get(inner, ()) if each.endswith("static")]
-    return static, [each for each in found.get(inner, ()) if each not in static]
+        space = each.rpartition("/")[0].strip("/")
+        if each.endswith("static") == static and (not space or around.startswith(f"{space}/")):
+            found.setdefault(space, []).append(each)
+    inner = found[max((space for space in found if found[space]), key=len, default="")]
+    return [each for each in inner if each.rpartition("/")[2] == name] or inner
 
 
 def _read_odometry(
@@ -127,26 +129,28 @@ def _read_odometry(
     The base is the frame right below that of odometry, on the way down to `start`, or the only one.
     """
 
-    def is_odom(name: str | None) -> bool:
-        if name is None or odom_frame:
-            return name is not None and name == odom_frame
+    def is_odom(name: str) -> bool:
+        if odom_frame:
+            return name == odom_frame
         return not is_tf or name.rpartition("/")[2] == ODOM_FRAME
 
-    children = [low for low, high in itertools.pairwise(tree.above(start)) if is_odom(high)]
-    children = children or [name for name in tree.frames if is_odom(tree.parent(name))]
-    if len(children) > 1:
-        choice = "choose one by base_frame (--base-frame)"
-        raise bag.error(f"odometry is of several frames: {', '.join(children)}; {choice}")
-    if not children:
+    edges = [(child, parent) for child in tree.frames for parent in tree.parents(child) if is_odom(parent)]
+    if len({child for child, _ in edges}) > 1:
+        edges = [edge for edge in edges if edge[0] in tree.above(start)] or edges
+    if len(edges) > 1:
+        names = ", ".join(f"{child} in {parent}" for child, parent in edges)
+        choice = "choose one by base_frame (--base-frame) and odom_frame (--odom-frame)"
+        raise bag.error(f"odometry is of several frames: {names}; {choice}")
+    if not edges:
         advice = "odom_frame (--odom-frame) names another"
         raise bag.error(f"no odometry from {odom_frame or ODOM_FRAME}; frames are {', '.join(tree.frames)}; {advice}")
-    if (jump := find_jump_back(stamps := tree.stamps(children[0]))) is not None:
+    if (jump := find_jump_back(stamps := tree.stamps(*edges[0]))) is not None:
         clock = f"from {stamps[:jump].max():.3f} to {stamps[jump]:.3f} s"
-        raise bag.error(f"odometry of {children[0]}: the clock runs back {clock} at message {jump}")
-    times, poses = tree.poses(children[0])
+        raise bag.error(f"odometry of {edges[0][0]}: the clock runs back {clock} at message {jump}")
+    times, poses = tree.poses(*edges[0])
     if not len(times):
-        raise bag.error(f"odometry of {children[0]}: no pose is finite, with a rotation")
-    return times, poses, children[0]
+        raise bag.error(f"odometry of {edges[0][0]}: no pose is finite, with a rotation")
+    return times, poses, edges[0][0]
 
 
 def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
@@ -171,6 +175,8 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
             raise bag.error(f"{topic}: {why}")
         if is_out.any():
             notes.append(f"{is_out.sum()} of {len(scans)} scans are left out: {why}")
+    if (leaning := np.abs(upright[~(unknown | tilted)]).min(initial=1.0)) < MIN_LEVEL:
+        notes.append(f"the lidar is tilted by up to {np.degrees(np.arccos(leaning)):.0f} degrees, and read as level")
     signs, turns = np.sign(upright), planar(mounts)[:, 2]
     return [
         scan._replace(first=turn + sign * scan.first, step=sign * scan.step, position=tuple(mount[:3, 3].tolist()))

@@ -39,6 +39,15 @@ storage_mcap.DECOMPRESSORS.update(lz4=_lz4, zstd=_zstd)
 rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=_zstd)  # type: ignore[assignment]
 
 
+class _Folder(type(Path())):  # type: ignore[misc]
+    """Path of a bag of ROS 2, also of one whose name ends in `.bag`, by which the library knows those of ROS 1."""
+
+    @property
+    def suffix(self) -> str:
+        suffix: str = super().suffix
+        return "" if suffix == ".bag" else suffix
+
+
 class BagError(ValueError):
     """A bag cannot be read as a log; the message names the file and the culprit."""
 
@@ -102,7 +111,8 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     """
     try:
         # Storage in SQLite has no message definitions before ROS 2 Iron; the types that are read have never changed.
-        with AnyReader([path], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
+        where = _Folder(path) if path.is_dir() else path
+        with AnyReader([where], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield BagReader(path, reader)
     except (BagError, PermissionError):
         raise

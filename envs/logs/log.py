@@ -15,10 +15,12 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, Recording, Scan, common_beams, usable_scans
-from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back
+from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, pose_errors
 
 MAX_STEP = 100.0
 """Odometry that moves farther from one scan to the next is damaged [m]."""
+MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
+"""Odometry is not interpolated across longer gaps [s] in which the robot moves farther [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,22 +171,10 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
     limits.check()
     scans, faults = usable_scans(recording.scans, limits)
     of_all = f"of {len(recording.scans)} scans are left out"
-    notes = [*recording.notes, *(f"{number} {of_all}: {fault}" for fault, number in faults.items())]
+    notes = [*recording.notes, *(f"{len(each)} {of_all}: {each[0]}" for each in faults.values())]
     times, (odometry, glitches) = recording.times, bridge_glitches(recording.times, recording.odometry, max_speeds)
     if scans[0].row is None:
-        scan_times = np.array([scan.time for scan in scans])
-        inside = (scan_times >= times[0]) & (scan_times <= times[-1])
-        if not inside.all():
-            spans = [f"{each.min():.3f} to {each.max():.3f} s" for each in (scan_times, times)]
-            if not inside.any():
-                raise ValueError(f"scans from {spans[0]} and odometry from {spans[1]} do not overlap")
-            notes.append(f"{(~inside).sum()} {of_all}: outside the time of the odometry, {spans[1]}")
-        scans = [scan for scan, is_inside in zip(scans, inside.tolist()) if is_inside]
-        odom_times, times = times, np.union1d(times, scan_times[inside])
-        x, y, theta = odometry.T
-        columns = [np.interp(times, odom_times, column) for column in (x, y, np.unwrap(theta))]
-        odometry = np.stack([columns[0], columns[1], wrap_angle(columns[2])], axis=1)
-        rows = np.searchsorted(times, scan_times[inside])
+        scans, times, odometry, rows = _interpolated(scans, times, odometry, of_all, notes)
     else:
         rows = np.array([scan.row for scan in scans])
     readings = [_read(scan, recording.reaches_limit and limits.max_range is None) for scan in scans]
@@ -193,7 +183,37 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
     fov = step * (ranges.shape[1] - 1)
     # LidarParams centres the field of view on the sensor's x axis.
     lidar = LidarParams(ranges.shape[1], high, low, fov, mount=Mount(x, y, z, yaw=first + fov / 2))
+    if not np.isfinite(ranges).any():
+        notes.append("no beam of any scan has a return")
     return Log(times, odometry, rows.astype(np.int64), ranges, lidar, tuple(notes + glitches))
+
+
+def _interpolated(
+    scans: list[Scan], times: np.ndarray, odometry: np.ndarray, of_all: str, notes: list[str]
+) -> tuple[list[Scan], np.ndarray, np.ndarray, np.ndarray]:
+    """Return scans with odometry around them, times and odometry with that of the scans, and their rows."""
+    scan_times = np.array([scan.time for scan in scans])
+    after = np.searchsorted(times, scan_times)
+    outside = (scan_times < times[0]) | (scan_times > times[-1])
+    before, after = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
+    motion = np.maximum(*pose_errors(odometry[after], odometry[before]))
+    in_gap = (
+        ~outside & (scan_times < times[after]) & (times[after] - times[before] > MAX_GAP) & (motion > MAX_GAP_MOTION)
+    )
+    spans = [f"{each.min():.3f} to {each.max():.3f} s" for each in (scan_times, times)]
+    if (outside | in_gap).all():
+        raise ValueError(f"scans from {spans[0]} and odometry from {spans[1]} do not overlap")
+    reasons = (
+        (outside, f"outside the time of the odometry, {spans[1]}"),
+        (in_gap, "the robot moves in gaps of the odometry"),
+    )
+    notes += [f"{is_out.sum()} {of_all}: {why}" for is_out, why in reasons if is_out.any()]
+    inside = ~(outside | in_gap)
+    every = np.union1d(times, scan_times[inside])
+    x, y, theta = (np.interp(every, times, column) for column in (*odometry.T[:2], np.unwrap(odometry[:, 2])))
+    kept = [scan for scan, is_inside in zip(scans, inside.tolist()) if is_inside]
+    rows = np.searchsorted(every, scan_times[inside])
+    return kept, every, np.stack([x, y, wrap_angle(theta)], axis=1), rows
 
 
 def _read(scan: Scan, reaches_limit: bool) -> Scan:
@@ -201,5 +221,5 @@ def _read(scan: Scan, reaches_limit: bool) -> Scan:
     ranges = scan.ranges
     is_return = ranges <= scan.range_max if reaches_limit else ranges < scan.range_max
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))
-    ranges[(ranges < scan.range_min) & (ranges >= 0.0)] = np.nan
+    ranges[((ranges < scan.range_min) & (ranges >= 0.0)) | (ranges == 0.0)] = np.nan
     return scan._replace(ranges=ranges)

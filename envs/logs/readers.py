@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.envs.files import open_archive
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
 from .scans import FULL_TURN, Recording, Scan
 
@@ -42,16 +42,19 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
         ValueError: a line is damaged, the file is cut off, there are no scans, or the lines are those of several
             lasers.
     """
-    times, odometry, scans, notes, num_empty = [], [], list[Scan](), list[str](), 0
-    offset, mount = 0.0, None
+    times, odometry, notes, num_empty, offset = [], [], list[str](), 0, 0.0
+    scans: dict[str, list[Scan]] = {"FLASER": [], "ROBOTLASER1": []}
+    mounts: list[tuple[int, Pose2D]] = []
     for number, line in enumerate(_lines(path), start=1):
         kind, *fields = line.split() or [""]
         try:
             if kind == "PARAM" and fields[0] == "robot_frontlaser_offset":
-                (offset,) = _numbers(fields[1:2])
-            if kind not in ("ODOM", "FLASER", "ROBOTLASER1"):
+                if offset != (values := _numbers(fields[1:2]))[0] and scans["FLASER"]:
+                    raise ValueError(f"{fields[0]} is {values[0]:g}, earlier {offset:g}; split the log there")
+                (offset,) = values
+            if kind != "ODOM" and kind not in scans:
                 continue
-            first, step, limit, position = 0.0, 0.0, SICK_MAX_RANGE, None
+            first, step, limit, count = 0.0, 0.0, SICK_MAX_RANGE, 0
             if kind == "ODOM":
                 pose, num_fields, readings = fields[0:3], 9, fields[:0]
             elif kind == "FLASER":
@@ -64,9 +67,9 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
                 count = int(fields[7])
                 readings, after = fields[8 : 8 + count], 9 + count + int(fields[8 + count])
                 laser, pose, num_fields = fields[after : after + 3], fields[after + 3 : after + 6], after + 14
-                position = Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))
-            if len(fields) < num_fields:
-                raise ValueError(f"cut off, {len(fields)} of {num_fields} fields")
+                mounts.append((number, Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))))
+            if len(fields) != num_fields:
+                raise ValueError(f"{len(fields)} fields where {num_fields} are needed: cut off, or with a wrong count")
             times += _numbers([fields[-3]])
             odometry.append(_numbers(pose))
             if kind == "ODOM" or count == 0:
@@ -75,28 +78,49 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
             scan = Scan(np.array(readings, dtype=np.float32), first, step, 0.0, limit, row=len(times) - 1)
             if np.isnan(scan.ranges).any():
                 raise ValueError(f"beam {int(np.isnan(scan.ranges).argmax())} is NaN")
-            if position is not None:
-                mount = mount or position
-                away = mount.between(position)
-                if math.hypot(away.x, away.y) > SAME_MOUNT or abs(away.theta) > SAME_MOUNT:
-                    poses = " and ".join("({:.3f}, {:.3f}, {:.3f})".format(*pose) for pose in (mount, position))
-                    raise ValueError(f"poses of laser and robot do not agree: mounts {poses} in two lines")
-                scan = scan._replace(first=first + mount.theta, position=(mount.x, mount.y, 0.0))
-            if scans:
-                _compare(scans[0], scan)
-            scans.append(scan)
+            if scans[kind]:
+                _compare(scans[kind][0], scan)
+            scans[kind].append(scan)
         except (ValueError, IndexError) as error:
             raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
-    if not scans:
-        raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines")
+    if not any(scans.values()):
+        raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines with beams")
     if num_empty:
-        notes.append(f"{num_empty} of {num_empty + len(scans)} scans are left out: they have no beams")
-    if mount is None:
-        scans = [scan._replace(position=(offset, 0.0, 0.0)) for scan in scans]
-        if (count := len(scans[0].ranges)) not in SICK_STEPS and field_of_view is None:
+        notes.append(
+            f"{num_empty} of {num_empty + sum(map(len, scans.values()))} scans are left out: they have no beams"
+        )
+    if scans["ROBOTLASER1"]:
+        if field_of_view is not None:
+            raise ValueError(
+                f"{path}: field_of_view (--field-of-view) is for FLASER lines; ROBOTLASER1 lines have angles"
+            )
+        if scans["FLASER"]:
+            notes.append(f"{len(scans['FLASER'])} FLASER lines beside ROBOTLASER1 lines are left out")
+        mount = _find_mount(path, mounts)
+        placed = [
+            scan._replace(first=scan.first + mount.theta, position=(mount.x, mount.y, 0.0))
+            for scan in scans["ROBOTLASER1"]
+        ]
+    else:
+        placed = [scan._replace(position=(offset, 0.0, 0.0)) for scan in scans["FLASER"]]
+        if (count := len(placed[0].ranges)) not in SICK_STEPS and field_of_view is None:
             spread = "spread over 180 degrees, as in CARMEN; field_of_view (--field-of-view) sets another"
             notes.append(f"FLASER lines do not hold the angles of their {count} beams: {spread}")
-    return Recording(np.array(times), np.array(odometry), scans, notes)
+    return Recording(np.array(times), np.array(odometry), placed, notes)
+
+
+def _find_mount(path: Path, mounts: list[tuple[int, Pose2D]]) -> Pose2D:
+    """Return the median pose of the laser on the robot; ValueError if that of a line, given by its number, differs."""
+    poses = np.array([mount for _, mount in mounts])
+    turns = wrap_angle(poses[:, 2] - poses[len(poses) // 2, 2])
+    x, y, turn = np.median(np.column_stack([poses[:, :2], turns]), axis=0).tolist()
+    median = Pose2D(x, y, float(wrap_angle(poses[len(poses) // 2, 2] + turn)))
+    for number, mount in mounts:
+        away = median.between(mount)
+        if max(math.hypot(away.x, away.y), abs(away.theta)) > SAME_MOUNT:
+            text = ", in other lines ".join("({:.3f}, {:.3f}, {:.3f})".format(*pose) for pose in (mount, median))
+            raise ValueError(f"{path}, line {number}: poses of laser and robot do not agree: the mount is {text}")
+    return median
 
 
 def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float]:
@@ -115,7 +139,7 @@ def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float
 def _compare(first: Scan, scan: Scan) -> None:
     """Raise a ValueError if the beams of two lines differ."""
     if len(scan.ranges) != len(first.ranges):
-        raise ValueError(f"{len(scan.ranges)} beams where earlier scans have {len(first.ranges)}")
+        raise ValueError(f"{len(scan.ranges)} beams where earlier scans have {len(first.ranges)}; split the log there")
     for name in ("first", "step", "range_max"):
         value, before = getattr(scan, name), getattr(first, name)
         if not abs(value - before) <= 1e-3 * max(abs(before), abs(first.step)):
@@ -125,7 +149,7 @@ def _compare(first: Scan, scan: Scan) -> None:
 def _lines(path: Path) -> Iterator[str]:
     opener = gzip.open if path.suffix == ".gz" else open
     try:
-        with opener(path, "rt", encoding="ascii", errors="replace") as file:
+        with opener(path, "rt", encoding="utf-8-sig", errors="replace") as file:
             length = 0
             while line := file.readline(MAX_LINE):
                 length += len(line)
@@ -175,6 +199,8 @@ def read_archive(path: Path) -> Recording:
     lengths = {name: len(arrays[name]) for name in ("t", "odo", "idx", "ranges")}
     if lengths["t"] != lengths["odo"] or lengths["idx"] != lengths["ranges"]:
         raise ValueError(f"{path}: numbers of times, poses and scans do not agree: {lengths}")
+    if (arrays["idx"] != np.rint(arrays["idx"])).any():
+        raise ValueError(f"{path}, array idx: must hold whole numbers")
     if (rows := arrays["idx"].astype(np.int64)).size and not 0 <= rows.min() <= rows.max() < lengths["t"]:
         raise ValueError(f"{path}, array idx: scans refer to rows of odometry that do not exist")
     beams = float(arrays["ang0"]), float(arrays["dang"]), 0.0, float(arrays["maxr"])

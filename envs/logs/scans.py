@@ -1,7 +1,7 @@
 """Scans of one lidar, each read by its own header, on a common set of beams."""
 
 import math
-from collections import Counter
+import re
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -17,8 +17,9 @@ SAME_POSITION = 1e-3
 """Lidars that are no farther apart are at the same position [m]."""
 SAME_SURFACE = 0.1
 """Ranges of neighbouring beams that differ by less than this share are of one surface, and interpolated."""
-FULL_TURN = 2.0 * math.pi - 1e-6
-"""A scan that covers this much is a full turn [rad]."""
+FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
+"""A scan that covers the first angle is a full turn, whose beams from there on repeat others; no scan covers the second
+one [rad]."""
 
 
 class Scan(NamedTuple):
@@ -69,8 +70,8 @@ class Limits(NamedTuple):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
 
 
-def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], Counter[str]]:
-    """Return the usable scans, and the number of others by the reason.
+def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
+    """Return the usable scans, and the faults of the others by kind.
 
     Beams of the returned scans turn counter-clockwise, and none repeats another. A limit in a header that makes no
     sense is replaced by that of the user.
@@ -78,16 +79,16 @@ def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], Cou
     Raises:
         ValueError: no scan can be used; says why, and what to do.
     """
-    kept, faults = [], Counter[str]()
+    kept: list[Scan] = []
+    faults: dict[str, list[str]] = {}
     for scan in scans:
         scan, fault = _checked(scan, limits)
         if fault:
-            faults[fault] += 1
+            faults.setdefault(re.sub(r"-?\d[^ ;]*|inf|nan", "", fault), []).append(fault)
         else:
             kept.append(scan)
     if not kept:
-        said = "; ".join(fault for fault, _ in faults.most_common(3)) or "there are none"
-        raise ValueError(f"no scan can be used: {said}")
+        raise ValueError(f"no scan can be used: {'; '.join(each[0] for each in faults.values()) or 'there are none'}")
     return kept, faults
 
 
@@ -110,11 +111,12 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
     if not np.abs(scan.position).max() <= MAX_LENGTH:
         return scan, f"lidar at {scan.position} m in the base frame; at most {MAX_LENGTH:g} m is allowed"
     ranges, first, step = scan.ranges, scan.first, scan.step
-    if abs(step) * (count - 1) > FULL_TURN:
-        ranges, count = ranges[:-1], count - 1  # the last beam of a full turn repeats the first
+    if FULL_TURN < abs(step) * (count - 1) < MAX_TURN:
+        count = math.ceil(FULL_TURN / abs(step))  # further beams repeat the first ones
+        ranges = ranges[:count]
     if not 2 <= count <= MAX_BEAMS:
         return scan, f"{count} beams; from 2 to {MAX_BEAMS:,} are allowed"
-    if abs(step) * (count - 1) > FULL_TURN:
+    if abs(step) * (count - 1) >= MAX_TURN:
         hint = "; are the angles in degrees?" if abs(step) * (count - 1) > 4.0 * math.pi else ""
         return scan, f"{len(scan.ranges)} beams in steps of {step:g} rad cover more than a turn{hint}"
     if step < 0.0:
@@ -178,6 +180,7 @@ def _resampled(scan: Scan, position: tuple[float, float], low: float, step: floa
     with np.errstate(invalid="ignore"):
         one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
         between = (1.0 - share) * ranges[left] + share * ranges[right]
-    result = np.where(one & (gap < 1.5 * scan.step) & np.isfinite(between), between, result)
-    result[np.abs(wanted - angles[nearest]) > 0.51 * max(scan.step, step)] = np.nan
+    reach = min(max(scan.step, step), 2.0 * step)  # the beams of a coarse scan do not spread
+    result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
+    result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
     return result.astype(np.float32)

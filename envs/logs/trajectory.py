@@ -1,6 +1,8 @@
 """Trajectories: arrays of poses, shape (n, 3), x, y, heading [m, rad]."""
 
+import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +13,11 @@ MAX_CLOCK_JUMP = 1.0
 MAX_SPEEDS = (5.0, 10.0)
 """Forward speed [m/s] and yaw rate [rad/s] that no robot of an unknown kind exceeds."""
 CLOCK_JITTER = 0.02
-"""Error of the time between two poses, beside that of stamps nearer to each other than usual [s]."""
+"""Error of the time between two poses, beside that of stamps that come in bursts [s]."""
+BURST = 5
+"""Number of poses before and after, whose mean period is the least time between two."""
+MAX_IMPOSSIBLE = 0.05
+"""Share of impossible motions from which on stamps or units are wrong."""
 MAX_GLITCH = 2.0
 """Longest excursion of the odometry that is bridged [s]."""
 
@@ -66,7 +72,8 @@ def bridge_glitches(
     """Replace poses that a robot cannot have had by interpolation between the poses before and after.
 
     An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH`, and leads back within reach
-    of the pose before it. An excursion at either end of the odometry gets the pose beside it. Other jumps stay.
+    of the pose before it. Other jumps stay, and so does everything if more than `MAX_IMPOSSIBLE` of all motions are
+    impossible.
 
     Args:
         times: shape (n,), ascending except for jitter [s].
@@ -76,44 +83,50 @@ def bridge_glitches(
     Returns:
         The poses, and a sentence on each kind of finding.
     """
-    period = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-
-    def is_possible(first: np.ndarray, last: np.ndarray) -> np.ndarray:
-        duration = np.maximum(times[last] - times[first], period) + CLOCK_JITTER
-        length, turn = pose_errors(poses[last], poses[first])
-        result: np.ndarray = (length <= max_speeds[0] * duration) & (turn <= max_speeds[1] * duration)
-        return result
-
-    if not np.isfinite(times).all():
+    count, rows = len(times), np.arange(len(times) - 1)
+    if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:
         return poses, []
-    count, rows = len(times), np.arange(len(times))
-    jumps = rows[:-1][~is_possible(rows[:-1], rows[1:])]
+    low, high = np.maximum(rows - BURST, 0), np.minimum(rows + 1 + BURST, count - 1)
+    clock = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(times)))])
+    usual = (clock[high] - clock[low]) / (high - low)
+    lengths, turns = pose_errors(poses[1:], poses[:-1])
+
+    def is_possible(length: Any, turn: Any, duration: Any) -> Any:
+        reach = duration + CLOCK_JITTER
+        return (length <= max_speeds[0] * reach) & (turn <= max_speeds[1] * reach)
+
+    jumps = rows[~is_possible(lengths, turns, np.maximum(np.diff(times), usual))].tolist()
     fixed, bridged, stay, done = poses.copy(), list[int](), list[int](), -1
-    for jump in jumps.tolist():
+    is_wrong = len(jumps) > max(MAX_IMPOSSIBLE * len(rows), 4)
+    for k, jump in enumerate(jumps if not is_wrong else ()):
         if jump < done:
             continue
-        ends = 1 + jumps[(jumps > jump) & (times[np.minimum(jumps + 1, count - 1)] - times[jump] <= MAX_GLITCH)]
-        ends = ends[is_possible(np.full_like(ends, jump), ends)]
-        before, after = jump, int(ends[0]) if len(ends) else count
-        if not len(ends) and done < 0 and times[jump] - times[0] <= min(MAX_GLITCH, times[-1] - times[jump + 1]):
-            before, after = -1, jump + 1
-        elif not len(ends) and times[-1] - times[jump + 1] > MAX_GLITCH:
+        for end in jumps[k + 1 :]:
+            after, duration = end + 1, times[end + 1] - times[jump]
+            length, turn = (each.item() for each in pose_errors(poses[[after]], poses[[jump]]))
+            if duration > MAX_GLITCH or is_possible(length, turn, max(duration, usual[jump])):
+                break
+        else:
+            duration = math.inf
+        if duration > MAX_GLITCH:
             stay.append(jump)
             continue
-        first, last = before if before >= 0 else after, after if after < count else before
-        duration = max(times[last] - times[first], 1e-9)
-        share = np.clip((times[before + 1 : after] - times[first]) / duration, 0.0, 1.0)[:, None]
-        start, motion = fixed[[first]], between_poses(fixed[[first]], poses[[last]])
-        fixed[before + 1 : after] = compose_poses(np.repeat(start, len(share), axis=0), share * motion)
+        share = np.clip((times[jump + 1 : after] - times[jump]) / max(duration, 1e-9), 0.0, 1.0)[:, None]
+        motion = between_poses(poses[[jump]], poses[[after]])
+        fixed[jump + 1 : after] = compose_poses(np.repeat(poses[[jump]], len(share), axis=0), share * motion)
         bridged += [jump] * len(share)
         done = after
-    said = []
-    for found, fate in ((bridged, "poses are interpolated"), (stay, "jumps stay, do not trust a map beyond the first")):
+    said, limits = [], f"{max_speeds[0]:g} m/s or {max_speeds[1]:g} rad/s"
+    for found, fate in (
+        (bridged, "poses are interpolated"),
+        (stay, "jumps stay, do not trust a map beyond the first"),
+        (jumps if is_wrong else [], f"of {len(rows)} motions are impossible; check stamps, units and limits (--robot)"),
+    ):
         if found:
             k = found[0]
-            length, turn = (each.item() for each in pose_errors(poses[[k + 1]], poses[[k]]))
-            step = f"{length:.2f} m and {turn:.2f} rad in {times[k + 1] - times[k]:.3f} s at {times[k + 1]:.3f} s"
-            limits = f"{max_speeds[0]:g} m/s or {max_speeds[1]:g} rad/s"
+            step = (
+                f"{lengths[k]:.2f} m and {turns[k]:.2f} rad in {times[k + 1] - times[k]:.3f} s at {times[k + 1]:.3f} s"
+            )
             said.append(f"odometry moves by {step}, beyond {limits}: {len(found)} {fate}")
     return fixed, said
 

@@ -1,5 +1,6 @@
 """Frames and transforms of ROS, looked up by the rules of tf2 (REP 105)."""
 
+import math
 from array import array
 from collections.abc import Iterable
 from typing import Any
@@ -11,6 +12,10 @@ from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
 """Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
+MIN_LEVEL = 0.996
+"""The same of a lidar that counts as level: a tilt of 5 degrees."""
+UNIT_TOLERANCE = 0.01
+"""Largest error of the squared norm of the quaternion of a transform, as in tf2."""
 SAME_TRANSFORM = 1e-6
 """A transform whose numbers change by less than this does not move [m, or parts of a quaternion]."""
 
@@ -19,13 +24,13 @@ class FrameTree:
     """Frames by the transforms between them.
 
     The last static transform of a frame holds at all times. Moving ones are interpolated between their stamps, and
-    unknown beyond them. Transforms that are not finite, or no rotation, are ignored, and frames that a lookup does not
-    need are not looked at.
+    unknown beyond them. As in tf2, transforms that are not finite, not normalised, or lead from a frame to itself are
+    ignored. Frames that a lookup does not need are not looked at.
     """
 
     def __init__(self) -> None:
         self._rows: dict[str, dict[str, array[float]]] = {}
-        self._static: set[str] = set()
+        self._static: set[tuple[str, str]] = set()
         self.ignored: dict[str, int] = {}
         """Number of transforms that lookups ignored, by frame."""
 
@@ -40,14 +45,17 @@ class FrameTree:
         """Add a `TransformStamped`, or the pose of an `Odometry`."""
         child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
         if hasattr(one, "transform"):
-            t, q = one.transform.translation, one.transform.rotation
+            t, q, tolerance = one.transform.translation, one.transform.rotation, UNIT_TOLERANCE
         else:
-            t, q = one.pose.pose.position, one.pose.pose.orientation
+            t, q, tolerance = one.pose.pose.position, one.pose.pose.orientation, math.inf
+        norm = q.x * q.x + q.y * q.y + q.z * q.z + q.w * q.w
         row = [seconds(one.header.stamp), t.x, t.y, t.z, q.x, q.y, q.z, q.w]
-        if static and _is_transform(np.array(row)):
-            self._static.add(child)
-            self._rows[child] = {parent: array("d", row)}
-        elif not static and child != parent and child not in self._static:
+        is_valid = all(map(math.isfinite, row)) and 0.0 < norm < math.inf and abs(norm - 1.0) <= tolerance
+        if not is_valid or child == parent or (static and not parent):
+            row = [row[0], *[math.nan] * 7]
+        if static and is_valid and child != parent:
+            self._static.add((child, parent))
+        if (child, parent) not in self._static or static:
             self._rows.setdefault(child, {}).setdefault(parent, array("d")).extend(row)
 
     @property
@@ -55,25 +63,25 @@ class FrameTree:
         """Names of all frames."""
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
-    def parent(self, frame: str) -> str | None:
-        """Return the parent of a frame, of several the one with the most transforms; None for a root."""
-        parents = self._rows.get(frame, {})
-        return max(parents, key=lambda parent: len(parents[parent]), default=None)
+    def parents(self, frame: str) -> list[str]:
+        """Return the parents of a frame: the last static one first, then by the number of transforms."""
+        rows = self._rows.get(frame, {})
+        return sorted(rows, key=lambda parent: ((frame, parent) not in self._static, -len(rows[parent])))
 
     def above(self, frame: str) -> list[str]:
         """Return a frame and the frames above it, up to the root."""
         names = [frame]
-        while (parent := self.parent(names[-1])) is not None and parent not in names:  # circles end
-            names.append(parent)
+        while (parents := self.parents(names[-1])) and parents[0] not in names:  # circles end
+            names.append(parents[0])
         return names
 
-    def stamps(self, frame: str) -> np.ndarray:
-        """Return the stamps of the transforms from a frame to its parent, as they came, shape (n,) [s]."""
-        return np.array(self._rows[frame][self.parent(frame) or ""]).reshape(-1, 8)[:, 0]
+    def stamps(self, frame: str, parent: str) -> np.ndarray:
+        """Return the stamps of the transforms from a frame to a parent, as they came, shape (n,) [s]."""
+        return np.array(self._rows[frame][parent]).reshape(-1, 8)[:, 0]
 
-    def poses(self, frame: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the valid poses of a frame in its parent by time: stamps, shape (n,) [s], and `planar` poses."""
-        rows = self._valid(frame)
+    def poses(self, frame: str, parent: str) -> tuple[np.ndarray, np.ndarray]:
+        """Return the valid poses of a frame in a parent by time: stamps, shape (n,) [s], and `planar` poses."""
+        rows = self._valid(frame, parent)
         matrices = np.tile(np.eye(4), (len(rows), 1, 1))
         if len(rows):
             matrices[:, :3, :3] = Rotation.from_quat(rows[:, 4:]).as_matrix()
@@ -103,18 +111,22 @@ class FrameTree:
             pose = self._at(frame, times) @ pose
         return pose
 
-    def _valid(self, frame: str) -> np.ndarray:
-        """Return the valid transforms from a frame to its parent by time, shape (n, 8): stamp, position, quaternion."""
-        rows = np.array(self._rows[frame][self.parent(frame) or ""]).reshape(-1, 8)
-        is_valid = _is_transform(rows)
+    def _valid(self, frame: str, parent: str) -> np.ndarray:
+        """Return the valid transforms from a frame to a parent by time, shape (n, 8): stamp, position, quaternion."""
+        rows = np.array(self._rows[frame][parent]).reshape(-1, 8)
+        is_valid = np.isfinite(rows).all(axis=1)
         if not is_valid.all():
             self.ignored[frame] = int((~is_valid).sum())
-        _, first = np.unique(rows[is_valid, 0], return_index=True)
-        return rows[is_valid][first]
+        rows = rows[is_valid]
+        if (frame, parent) in self._static:
+            return rows[-1:]
+        rows[:, 4:] *= np.where(rows[:, 4:] @ rows[0, 4:] < 0.0, -1.0, 1.0)[:, None] if len(rows) else 1.0
+        _, first = np.unique(rows[:, 0], return_index=True)
+        return rows[first]
 
     def _at(self, frame: str, times: np.ndarray) -> np.ndarray:
         """Return the transforms from a frame to its parent at times, shape (n, 4, 4)."""
-        rows, result = self._valid(frame), np.tile(np.eye(4), (len(times), 1, 1))
+        rows, result = self._valid(frame, self.parents(frame)[0]), np.tile(np.eye(4), (len(times), 1, 1))
         if not len(rows):
             return np.full_like(result, np.nan)
         rotations = Rotation.from_quat(rows[:, 4:])
@@ -143,10 +155,3 @@ def planar(matrices: np.ndarray) -> np.ndarray:
     """Return poses, shape (n, 4, 4), as x, y, and the rotation about z after those about y and x, shape (n, 3)."""
     yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
     return np.stack([matrices[:, 0, 3], matrices[:, 1, 3], yaw], axis=1)
-
-
-def _is_transform(rows: np.ndarray) -> np.ndarray:
-    """Return which rows (..., 8) of stamp, position and quaternion are finite, and rotate."""
-    norms = np.linalg.norm(rows[..., 4:], axis=-1)
-    is_valid: np.ndarray = np.isfinite(rows).all(axis=-1) & (norms > 0.0) & (norms < np.inf)
-    return is_valid

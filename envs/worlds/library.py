@@ -1,6 +1,7 @@
 """Finding a world by what users call it."""
 
 import contextlib
+import os
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
 from numbers import Integral
@@ -12,7 +13,7 @@ import numpy as np
 from lidarnaut.envs.files import SHORT, parse_record, read_mapping, resolve
 
 from .barn import barn_world
-from .map_files import load_map
+from .map_files import check_no_image, load_map
 from .map_worlds import world_from_map
 from .procedural import FAMILIES
 from .raster import check_world
@@ -23,9 +24,6 @@ LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library"
 """World files that come with the project, by name."""
 WORLD_NAMES = tuple(LIBRARY)
 """Names of the worlds in the library."""
-
-IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
-"""Of images of maps."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
@@ -53,7 +51,7 @@ def load_world(world: str | Path | World) -> World:
         raise TypeError(f"world must be a name, a path, module:attribute or a World, got {type(found).__name__}")
     if not found.is_file():
         raise FileNotFoundError(f"there is no world file {found}")
-    image = _image_of(path := found.resolve(), _version(path))
+    image = _image_of(path := Path(os.path.abspath(found)), _version(path))
     return _read(path, _version(path), image and _version(image))
 
 
@@ -61,10 +59,8 @@ def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
     """Return what a name stands for, see `resolve`; those that begin with `barn:` are no modules."""
     if isinstance(world, str) and world.startswith("barn:"):
         return barn_world(world)
-    if isinstance(world, str) and (path := Path(world)).suffix in IMAGE_SUFFIXES and path.is_file():
-        beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
-        advice = f"such as {beside[0]}" if beside else "there is none beside it"
-        raise ValueError(f"world {world!r} is an image; name the YAML file of the map, {advice}")
+    if isinstance(world, str) and world not in table:
+        check_no_image(Path(world))
     return resolve(world, table, "world", files=True)
 
 

@@ -2,6 +2,7 @@
 
 import io
 import logging
+import math
 import os
 import warnings
 from pathlib import Path
@@ -29,6 +30,10 @@ SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
 """Difference of greys that are the same, and share of the pixels with such greys in an image of a map_saver, which may
 have been retouched."""
+MAX_YAW = 1e-6
+"""Maps that are turned by less are not rotated [rad]."""
+IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
+"""Of images of maps."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
 """Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
 
@@ -43,6 +48,14 @@ class MapFile(BaseModel):
     occupied_thresh: float = Field(ge=0, le=1)
     free_thresh: float = Field(ge=0, le=1)
     mode: Literal["trinary", "scale", "raw"] = "trinary"
+
+
+def check_no_image(path: Path) -> None:
+    """Raise a ValueError if a path is that of the image of a map; names the YAML file beside it."""
+    if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
+        beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
+        advice = f"such as {beside[0]}" if beside else "there is none beside it"
+        raise ValueError(f"{path} is an image; name the YAML file of the map, {advice}")
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
@@ -114,8 +127,9 @@ def load_map(path: str | Path) -> OccupancyGrid:
         FileNotFoundError: if one of the files is missing.
     """
     path = Path(path)
+    check_no_image(path)
     file = read_record(path, MapFile)
-    if file.origin[2] != 0:
+    if abs(math.remainder(file.origin[2], 2.0 * math.pi)) > MAX_YAW:
         raise ValueError(f"{path}: origin has a yaw of {file.origin[2]} rad; only 0 is allowed, rotate the image")
     if not file.free_thresh < file.occupied_thresh:
         raise ValueError(f"{path}: free_thresh {file.free_thresh} must lie below {file.occupied_thresh}")
@@ -163,10 +177,13 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
         )
         is_saved = np.abs(grey[:, None] - SAVED_VALUES).min(axis=1) <= SAVED_TOLERANCE
         is_unknown = np.abs(grey - SAVED_UNKNOWN) <= SAVED_TOLERANCE
-        if counts[is_unknown].any() and counts[is_saved].sum() >= SAVED_SHARE * counts.sum():
-            data[is_unknown[index]] = UNKNOWN
-            text = "%s: free_thresh %g takes the grey 205 for free; it is read as unknown, as map_savers mean it"
-            logging.getLogger(__name__).warning(text, source, file.free_thresh)
+        if counts[is_unknown].sum() > 0.01 * counts.sum():
+            fate = "free; write free_thresh: 0.196 if it means unknown"
+            if counts[is_saved].sum() >= SAVED_SHARE * counts.sum():
+                data[is_unknown[index]] = UNKNOWN
+                fate = "unknown, as map_savers mean it"
+            text = "%s: free_thresh %g takes the grey 205 for free; it is read as %s"
+            logging.getLogger(__name__).warning(text, source, file.free_thresh, fate)
     return data
 
 

@@ -109,21 +109,19 @@ def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, mar
     `labels`: shape of the map, from 1, of areas that end `margin` [m] before walls and edges; `sizes`: of the areas
     [m2]. See `ENCLOSED_SHARE`.
     """
-    size = max(labels.shape)
-    reach, rim = (math.ceil(min(gap / grid.resolution, size)) for gap in (margin + WALL_WIDTH, margin))
+    reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
-    walls, within = np.pad(is_open == 0, 1), np.zeros(labels.shape, dtype=bool)
-    within[rim : labels.shape[0] - rim, rim : labels.shape[1] - rim] = True
-    padded, within = np.pad(labels, 1), np.pad(within, 1)
-    closed, edge, border = np.zeros((3, len(sizes) + 1))
+    kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # beside an area: 0 open, 1 walls, 2 the edge
+    inner = slice(rim + 1, -rim - 1), slice(rim + 1, -rim - 1)
+    kinds[inner] = np.pad(is_open == 0, 1)[inner]
+    padded, counts = np.pad(labels, 1), np.zeros((len(sizes) + 1) * 3)
     for rows, cols in ((slice(2, None), slice(1, -1)), (slice(None, -2), slice(1, -1))):
         for beside in ((rows, cols), (cols, rows)):
             is_border = (labels > 0) & (padded[beside] == 0)
-            border += np.bincount(labels[is_border], minlength=len(border))
-            closed += np.bincount(labels[is_border & walls[beside]], minlength=len(border))
-            edge += np.bincount(labels[is_border & ~within[beside]], minlength=len(border))
-    is_enclosed = (closed >= ENCLOSED_SHARE * border) & (edge <= EDGE_SHARE * border)
-    is_enclosed = is_enclosed[1:] & (sizes >= min(MIN_AREA, sizes.max()))
+            counts += np.bincount(3 * labels[is_border] + kinds[beside][is_border], minlength=len(counts))
+    shares = counts.reshape(-1, 3)[1:] / np.maximum(counts.reshape(-1, 3)[1:].sum(axis=1, keepdims=True), 1.0)
+    is_enclosed = (shares[:, 1] >= ENCLOSED_SHARE) & (shares[:, 2] <= EDGE_SHARE)
+    is_enclosed &= sizes >= min(MIN_AREA, sizes.max())
     best = int(np.argmax(np.where(is_enclosed, sizes, 0.0) if is_enclosed.any() else sizes))
     return 1 + best, bool(is_enclosed[best])
 

@@ -116,7 +116,7 @@ def test_topics_are_chosen_or_listed(tmp_path, caplog):
         (
             "odometry",
             (102.0, 0.0, 0.0, 0.0, "other"),
-            "several frames: base_link, other; .*--base-frame",
+            "several frames: base_link in odom, other in odom; .*--base-frame",
         ),
     ],
 )

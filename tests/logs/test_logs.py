@@ -54,7 +54,7 @@ def test_robotlaser_log(tmp_path):
         ("drive.txt", "", "unknown kind of log"),
         ("none.log", "", "holds no FLASER or ROBOTLASER1"),
         ("cut.log", CARMEN[:-30], "line 6: bad FLASER line"),
-        ("end.log", CARMEN[:-6], "line 6: bad FLASER line: cut off, 12 of 13 fields"),
+        ("end.log", CARMEN[:-6], "line 6: bad FLASER line: 12 fields where 13 are needed: cut off"),
         ("word.log", CARMEN.replace("2.5", "two"), "line 6: bad FLASER line.*two"),
         ("beams.log", CARMEN.replace("3 1.5 2.5", "2 2.5"), "line 6: .*2 beams where earlier scans have 3"),
         ("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5"), "line 5: bad ODOM line: nan"),
@@ -182,7 +182,7 @@ def test_lasers_that_turn_clockwise(tmp_path):
 @pytest.mark.parametrize(
     ("lines", "complaint"),
     [
-        (robotlaser((0, 0, 0), poses=[(0, 0, 0)] * 3), "line 2: .*poses of laser and robot do not agree"),
+        (robotlaser((0, 0, 0), poses=[(0, 0, 0)] * 3), "line 1: .*poses of laser and robot do not agree"),
         (
             [robotlaser((0, 0, 0))[0], robotlaser((0, 0, 0), step=0.5)[1]],
             "line 2: .*.step. is 0.5, earlier 1",
@@ -242,10 +242,12 @@ def test_odometry_is_bridged_where_both_neighbours_fit():
         assert f"at {times[rows.start]:.3f} s" in said
         assert f"{rows.stop - rows.start} poses are interpolated" in said
     # Beside the first pose, and the last one, there is one neighbour alone.
-    for rows, neighbour in ((slice(0, 1), 1), (slice(59, 60), 58)):
+    for row in (0, 59):
         poses = right.copy()
-        poses[rows] += (5.0, 5.0, 0.0)
-        np.testing.assert_allclose(bridge_glitches(times, poses)[0][rows], right[[neighbour]])
+        poses[row, :2] += 5.0
+        fixed, (said,) = bridge_glitches(times, poses)
+        np.testing.assert_array_equal(fixed, poses)
+        assert "1 jumps stay" in said
 
 
 def test_a_jump_that_stays_is_named_and_not_bridged():
@@ -258,10 +260,18 @@ def test_a_jump_that_stays_is_named_and_not_bridged():
     assert "odometry moves by 7.0" in said
     assert "at 5.000 s, beyond 5 m/s or 10 rad/s: 1 jumps stay" in said
     assert bridge_glitches(times, np.zeros((100, 3)))[1] == []
-    # What one robot can do, another cannot.
+    # What one robot can do, another cannot: limits, stamps or units are wrong, and nothing is changed.
     poses = np.column_stack([4.0 * times, np.zeros(100), np.zeros(100)])
     assert bridge_glitches(times, poses)[1] == []
-    assert "beyond 0.33 m/s or 3 rad/s: 99 jumps stay" not in bridge_glitches(times, poses, (0.33, 3.0))[1][0]
+    fixed, (said,) = bridge_glitches(times, poses, (0.33, 3.0))
+    np.testing.assert_array_equal(fixed, poses)
+    assert "beyond 0.33 m/s or 3 rad/s: 99 of 99 motions are impossible; check stamps, units and limits" in said
+
+
+@pytest.mark.parametrize("stamps", [np.zeros(100), np.floor(0.2 * np.arange(100)), 0.2 * (np.arange(100) // 4 * 4)])
+def test_coarse_stamps_are_no_glitches(stamps):
+    poses = np.column_stack([0.16 * np.arange(100), np.zeros(100), np.zeros(100)])
+    assert bridge_glitches(stamps, poses)[1] == []
 
 
 def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):

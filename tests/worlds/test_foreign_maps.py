@@ -210,7 +210,7 @@ def test_an_edited_image_is_another_world_and_an_image_is_no_world(tmp_path):
     path = tmp_path / "map.yaml"
     before = load_world(path)
     assert load_world(path) is before
-    with pytest.raises(ValueError, match=r"map\.pgm' is an image; name the YAML file of the map, such as .*map\.yaml"):
+    with pytest.raises(ValueError, match=r"map\.pgm is an image; name the YAML file of the map, such as .*map\.yaml"):
         load_world(str(tmp_path / "map.pgm"))
     pixels = greys(house())
     pixels[120:124, 50:54] = 0
