@@ -19,7 +19,7 @@ from lidarnaut.envs.navigation.navigator_kernels import FAILED
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.paths import is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.navigation.planning_map import PlanningMap
-from lidarnaut.envs.navigation.pursuit import FAST, PathFollower
+from lidarnaut.envs.navigation.pursuit import FAST, PathFollower, turn_rate
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -111,9 +111,9 @@ class GoalParams:
     """Distance at which a goal counts as reached [m]."""
     search_radius: float = 0.0
     """Distance from the goal up to which the robot drives on around it, where a task does not end with its arrival [m]:
-    its pose estimate is off. With a heading, and at 0, it stops there."""
+    its pose estimate is off. At 0 it stops there."""
     heading_tolerance: float = 0.15
-    """Turn at which a goal's heading counts as reached [rad]."""
+    """Turn at which a goal's heading counts as reached [rad]. See also `GoalNavigator.set_tolerances`."""
     update_period: float = 0.3
     """Time between two scans that are integrated into the costmap [s]."""
     check_period: float = 0.3
@@ -178,7 +178,8 @@ class GoalNavigator:
         self._allow_unknown, self._margin = bool(self.params.allow_unknown), MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
-        self._was_localized = False
+        self._was_localized = self._takes_headings = False
+        self._tolerance, self._heading_tolerance = self.params.goal_tolerance, self.params.heading_tolerance
         self._forget_goal()
 
     def _forget_goal(self) -> None:
@@ -187,7 +188,7 @@ class GoalNavigator:
         self.num_recoveries = 0
         """Number of recovery behaviors since this goal was set."""
         self._heading: float | None = None
-        self._has_path = self._has_planned = False
+        self._has_path = self._has_planned = self._is_turning = False
         self._num_counted = int(self._navigator.record["recoveries"])
         self._num_searches = self._level = 0
 
@@ -201,20 +202,33 @@ class GoalNavigator:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._planner.remaining if self.is_driving and self._has_path else None
 
+    def set_tolerances(self, distance: float, heading: float) -> None:
+        """Take a task's tolerances [m, rad]: goals (x, y, theta) that are set from now on are reached with their headings.
+
+        The robot comes to within half of each, because its pose estimate is off. A heading tolerance of pi asks for no
+        heading, and changes nothing.
+        """
+        if heading < math.pi:
+            self._takes_headings = True
+            self._tolerance = min(self.params.goal_tolerance, 0.5 * distance)
+            self._heading_tolerance = min(self.params.heading_tolerance, 0.5 * heading)
+
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
         """Drive to another goal (x, y, ...), map frame [m], from now on, and take a heading [rad] there; None for any.
 
         Raises:
             ValueError: if one is not finite.
         """
+        if heading is None and self._takes_headings:
+            heading = goal[2]
         if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
             raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
         self._forget_goal()
         self.goal = self.target = float(goal[0]), float(goal[1])
         self._heading = heading
-        farthest = self.params.search_radius + 1e-9 if heading is None else 0.0
-        for r in np.arange(SEARCH_STEP, farthest, SEARCH_STEP):
-            angles = np.arange(0.0, 2.0 * math.pi, SEARCH_STEP / r)
+        step = SEARCH_STEP if heading is None else min(SEARCH_STEP, 2.0 * self._tolerance)
+        for r in np.arange(step, self.params.search_radius + 1e-9, step):
+            angles = np.arange(0.0, 2.0 * math.pi, step / r)
             points = np.column_stack([self.goal[0] + r * np.cos(angles), self.goal[1] + r * np.sin(angles)])
             self._around += map(tuple, points.tolist())
         if self.map is not None and self._allow_unknown:
@@ -274,7 +288,11 @@ class GoalNavigator:
             return STOP
         if self._is_due(self.params.update_period):
             planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
-        if self._is_at_goal(pose) and not self._drive_on_around(pose, planning):
+        is_at_goal = self._is_at_goal(pose)
+        if is_at_goal and (turn := self._turn_to_heading(pose)):
+            navigator.record["stuck_steps"] = -1  # it turns on the spot, and a turn that stalls still counts
+            return Twist(0.0, turn_rate(turn, navigator.numbers))
+        if is_at_goal and not self._drive_on_around(pose, planning):
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
@@ -323,10 +341,16 @@ class GoalNavigator:
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
         assert self.goal is not None
-        if self._heading is not None and abs(wrap_angle(self._heading - pose.theta)) > self.params.heading_tolerance:
-            return False
-        # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
-        return math.dist(pose[:2], self.target or self.goal) <= self.params.goal_tolerance
+        # A path may end beside a goal that is not collision-free, and planners stop a little off its end. While the
+        # robot turns there, its pose estimate may move.
+        near = self._tolerance * (1.5 if self._is_turning else 1.0)
+        self._is_turning = math.dist(pose[:2], self.target or self.goal) <= near and self._heading is not None
+        return math.dist(pose[:2], self.target or self.goal) <= near
+
+    def _turn_to_heading(self, pose: Pose2D) -> float:
+        """Return the turn from here to the goal's heading [rad]; 0 within the tolerance, and for any heading."""
+        turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
+        return turn if abs(turn) > self._heading_tolerance else 0.0
 
     def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Set out for the next point around the goal to which there is a short path; false if none is left."""
@@ -346,7 +370,7 @@ class GoalNavigator:
         """
         assert self.goal is not None
         assert self.target is not None
-        tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
+        tolerance, allow_unknown = self._tolerance, self._allow_unknown
         levels = range(planning.max_level + 1)
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
@@ -360,8 +384,10 @@ class GoalNavigator:
             costmap = planning.costmap(self._level, pose)
             path = plan_path(costmap, pose[:2], self.target, tolerance=tolerance, allow_unknown=allow_unknown)
             if path is not None:
+                if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
+                    path[-1] = self.target  # not only the middle of its cell
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
-                self._planner.set_path(path, self._heading)
+                self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
                 if not self._has_planned:
                     self._num_counted = 0
