@@ -48,6 +48,9 @@ NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
 DETOUR_TIME = 10.0
 """Time for which people block paths once the robot has got nowhere among them [s]."""
+APPROACH = 0.3
+"""Distance from a goal with a heading from which on pure pursuit drives, whatever the local planner [m]: DWB stops short
+of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Distance between points around a goal, and greatest length of the path from one to the next [m]."""
 HOME = (0.0, 0.0)
@@ -302,6 +305,9 @@ class GoalNavigator:
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
+        if self._heading is not None and math.dist(pose[:2], self.target or self.goal) <= APPROACH:
+            navigator.follow(self._planner.remaining)
+            return navigator.command(pose)
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
