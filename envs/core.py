@@ -438,8 +438,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
 
-    def set_goal(self, goal: tuple[float, float, float]) -> None:
+    def set_goal(self, goal: Sequence[float]) -> None:
         """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
+
+        Where no heading is asked for, (x, y) will do.
 
         Raises:
             ValueError: if the goal is not finite, or no pose that the robot can reach.
