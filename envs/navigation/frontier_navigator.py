@@ -20,7 +20,7 @@ from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.paths import nearest_cell, search_goal, write_path
+from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, write_path
 from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -28,6 +28,8 @@ from lidarnaut.envs.simulation import Reading, Twist
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2
 """Speed from which people are taken to walk on [m/s]."""
+EXIT_REACH, MAX_EXITS = 0.5, 3
+"""How far a robot drives out of an obstacle of the map in which its pose estimate lies [m], and how often it tries."""
 MET_CELL = 0.3
 """Side of the cells of which each keeps one place where people were [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
@@ -81,7 +83,7 @@ class FrontierNavigator:
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
         self._met: dict[tuple[int, int], tuple[float, float]] = {}
-        self._is_approaching, self._num_looks = False, 0
+        self._is_approaching, self._num_looks, self._num_exits = False, 0, 0
         self._outcome: str | None = None
         self.integrate(belief)
         self._find(belief.pose)
@@ -144,7 +146,7 @@ class FrontierNavigator:
             self._outcome = outcome
             self.navigator.spin()
             return None
-        if len(self.candidates) == 0 and self._look_again(goes_on):
+        if len(self.candidates) == 0 and (self._drive_out(belief.pose) or self._look_again(goes_on)):
             return None
         if outcome == LOOKED_AROUND and self._outcome is not None:
             outcome, self._outcome = self._outcome, None
@@ -164,6 +166,17 @@ class FrontierNavigator:
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
+
+    def _drive_out(self, pose: Pose2D) -> bool:
+        """Drive out of an obstacle of the map, if the robot is in one and the scan shows a free way out."""
+        self._num_exits = 0 if self._has_start else self._num_exits + 1
+        if self._has_start or self._num_exits > MAX_EXITS:
+            return False
+        found = exits(self.map.costmap(self.map.max_level, pose), pose, self.navigator.obstacles, EXIT_REACH)
+        if found:
+            self.navigator.drive_to(found[0])
+            self._is_approaching = True
+        return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
         """Wait for people, if any may be in the way: drive to where the robot gets nearest to them, and look around.

@@ -1,5 +1,6 @@
 """Drives to goals, on a known map or on one that grows: costmap, A*, smoothing, a local planner, recovery behaviors."""
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,18 +13,20 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, Costmap
 from lidarnaut.envs.navigation.dwb import DwbPlanner
 from lidarnaut.envs.navigation.mppi import MppiPlanner
 from lidarnaut.envs.navigation.navigator import Navigator
 from lidarnaut.envs.navigation.navigator_kernels import FAILED
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.paths import is_path_valid, plan_path, smooth_path
+from lidarnaut.envs.navigation.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.navigation.planning_map import PlanningMap
 from lidarnaut.envs.navigation.pursuit import FAST, PathFollower, turn_rate
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
+LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 """Zero velocity."""
 CLEARED_RADIUS = 1.5
@@ -46,6 +49,14 @@ EAGER = TrackerParams(
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
+EXIT_REACH = 1.5
+"""A robot that starts in an obstacle of the map drives out of it where the scan shows a free way of this length [m]."""
+BLOCKED = {
+    COST_LETHAL: "in an obstacle of the map",
+    COST_INSCRIBED: "too near to an obstacle of the map",
+    COST_UNKNOWN: "in unknown space",
+}
+"""Why there is no path from a cell or to it, by its cost."""
 DETOUR_TIME = 10.0
 """Time for which people block paths once the robot has got nowhere among them [s]."""
 APPROACH = 0.3
@@ -372,11 +383,12 @@ class GoalNavigator:
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans.
 
-        In the end, on a map that grows, also through gaps that the robot does not fit through.
+        Then also out of an obstacle of the map, if the scan shows that there is none. In the end, on a map that grows,
+        also through gaps that the robot does not fit through.
         """
         assert self.goal is not None
         assert self.target is not None
-        tolerance, allow_unknown = self._tolerance, self._allow_unknown
+        allow_unknown = self._allow_unknown
         levels = range(planning.max_level + 1)
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
@@ -388,10 +400,8 @@ class GoalNavigator:
             if forget and self._level == 0:
                 planning.clear_marks()
             costmap = planning.costmap(self._level, pose)
-            path = plan_path(costmap, pose[:2], self.target, tolerance=tolerance, allow_unknown=allow_unknown)
+            path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
-                if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
-                    path[-1] = self.target  # not only the middle of its cell
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
                 self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
@@ -399,6 +409,8 @@ class GoalNavigator:
                     self._num_counted = 0
                 self._has_path = self._has_planned = True
                 return True
+        if not self._num_searches and not allow_unknown:
+            LOGGER.warning("no path to the goal: %s", self._blocked(pose, costmap))
         self._num_searches += 1
         if self._num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
@@ -406,6 +418,29 @@ class GoalNavigator:
             self._navigator.spin()  # another look may show that what blocks the path has moved
             self._num_counted = 0
         return False
+
+    def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
+        """Return a path; also one out of an obstacle of the map, if asked to, where the scan shows that there is none."""
+        assert self.target is not None
+        ends = {"goal": self.target, "tolerance": self._tolerance, "allow_unknown": self._allow_unknown}
+        path = plan_path(costmap, pose[:2], **ends)
+        for out in exits(costmap, pose, self._navigator.obstacles, EXIT_REACH) if path is None and drive_out else ():
+            path = plan_path(costmap, tuple(out[-1]), **ends)
+            if path is not None:
+                path = np.vstack([out, path])
+                break
+        if path is not None and self._heading is not None and math.dist(path[-1], self.target) < costmap.grid.resolution:
+            path[-1] = self.target  # and not the middle of its cell
+        return path
+
+    def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:
+        """Return what is wrong with start and goal, or with all that lies between."""
+        texts = []
+        for name, point in (("start", pose[:2]), ("goal", self.target)):
+            cell = costmap.grid.cells(np.array(point))
+            where = BLOCKED.get(costmap.costs[tuple(cell)]) if costmap.grid.contains(cell) else "off the map"
+            texts += [f"{name} ({point[0]:.2f}, {point[1]:.2f}) is {where}"] if where else []
+        return ", and ".join(texts) or "no gap between obstacles of the map is wide enough"
 
     def _count_recovery(self, reading: Reading, pose: Pose2D, planning: PlanningMap) -> None:
         """Clear the marks around a robot that recovers, and plan anew afterwards; too many times, and it is stuck."""

@@ -388,3 +388,12 @@ def test_people_who_walk_are_not_planned_around():
         navigator.look(reading_at(2 * PERIOD)._replace(ranges=ranges), belief)
         cell = navigator.map.cell(3.0 + BURGER.lidar.mount.x, 2.5)
         assert navigator.candidates.costmap.costs[cell] == cost
+
+
+def test_a_robot_in_an_obstacle_of_its_map_drives_out():
+    data = room(doors=((2.8, 3.6),))
+    data[15:25, 15:25] = 100
+    robot = Robot(data=data)
+    assert len(robot.navigator.candidates) == 0
+    robot.decide()
+    assert len(robot.navigator.candidates) == 1
