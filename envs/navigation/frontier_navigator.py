@@ -79,6 +79,7 @@ class FrontierNavigator:
         # Whether the map may have changed since the last look for the frontier of the drive.
         self._has_changed = True
         self._has_start = True
+        self._is_looking = False  # around at a viewpoint
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
@@ -106,7 +107,7 @@ class FrontierNavigator:
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
         """Begin a drive to a candidate; for `keep_clocks` see `Navigator.drive_to`."""
-        self._has_changed = True
+        self._has_changed, self._is_looking = True, False
         path, candidate = self.path_to(index), self.candidates.table[index]
         self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
@@ -118,7 +119,7 @@ class FrontierNavigator:
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
-        self._outcome = None
+        self._outcome, self._is_looking = None, False
         self.navigator.spin()
 
     def command(self, belief: Belief) -> Twist:
@@ -270,6 +271,11 @@ class FrontierNavigator:
             if not self._is_frontier_left():
                 self._last_failed = False
                 return FRONTIER_GONE
+        if self._is_looking:
+            if progress != SPUN and self._is_frontier_left():
+                return None
+            navigator.stop()
+            progress = REACHED
         if progress == REPLAN:
             progress = DRIVING if self._replan(pose) else FAILED
         if progress == DRIVING:
@@ -277,6 +283,12 @@ class FrontierNavigator:
         if progress == FAILED and not self._is_approaching:
             self._fail()
         elif progress == REACHED and not self._is_approaching:
+            sees_around, half_fov = (float(navigator.numbers[name]) for name in ("sees_around", "half_fov"))
+            if not sees_around and not self._is_looking and self._is_frontier_left():
+                self._is_looking = True
+                navigator.spin(2.0 * (math.pi - half_fov))
+                return None
+            self._is_looking = False
             self._ignore_in_sight(pose)
         if progress != SPUN:
             self._last_failed = progress == FAILED
@@ -368,7 +380,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> None:
-        """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
+        """Ignore what was not observed though the robot has looked around at the viewpoint chosen for it."""
         if not self._is_frontier_left():
             return
         assert self.target is not None
@@ -376,8 +388,7 @@ class FrontierNavigator:
         planning.refresh()
         reach = math.ceil((math.dist(self.target, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
-        view = pose.theta + numbers["mount"][2], math.pi if numbers["sees_around"] else numbers["half_fov"]
-        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
+        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, (0.0, math.pi), reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
