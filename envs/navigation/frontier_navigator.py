@@ -20,7 +20,7 @@ from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, write_path
+from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -98,7 +98,14 @@ class FrontierNavigator:
     def end_reason(self) -> str:
         """Why there are no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
-        return "stuck" if not self._has_start or is_still else "no_reachable_frontier"
+        return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
+
+    def _is_enclosed(self) -> bool:
+        """Tell whether the robot can get nowhere: no cell that is farther away can be reached."""
+        field = travel_field(self.candidates.costmap, self._still[:2])
+        reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
+        gaps = self.map.grid.centers(reached) - self._still[:2]
+        return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
         """Write what policies see of the candidates; see `fill_features`."""

@@ -233,6 +233,15 @@ def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reac
     assert robot.navigator.end_reason == "stuck"
 
 
+def test_an_enclosed_robot_is_stuck():
+    data = room(doors=((2.8, 3.6),))
+    data[12:29, [12, 28]] = data[[12, 28], 12:29] = 100
+    robot = Robot(data=data)
+    assert robot.decide() == "looked_around"
+    assert robot.time < NavigatorParams().still_time
+    assert robot.navigator.end_reason == "stuck"
+
+
 def test_a_robot_without_a_traversable_cell_is_stuck():
     data = room(doors=((2.8, 3.6),))
     data[10:30, 10:30] = 100

@@ -208,6 +208,19 @@ def test_a_bump_is_left_and_remembered_also_when_the_map_grows():
     np.testing.assert_allclose(found, marked, atol=1e-6)
 
 
+@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+def test_a_robot_that_was_turned_in_contact_drives_on_once_it_is_free(planner):
+    navigator, pose, twist = navigator_to((2.0, 0.0), local_planner=planner), HERE, (0.0, 0.0)
+    for k in range(400):
+        is_held = k < 80  # and turned, with the bumper pressed in eight headings
+        moved = (0.0, 0.1) if is_held else (0.1 * twist[0], 0.1 * twist[1])
+        pose = pose.compose(Pose2D(moved[0], 0.0, moved[1]))
+        twist = navigator.act(reading_of(time=0.1 * k, bumper=is_held and k % 10 < 5), Belief(pose, hall()))
+        if navigator.end_reason:
+            break
+    assert navigator.end_reason == "arrived"
+
+
 def test_what_scans_find_is_driven_around():
     grid = hall()
     navigator = navigator_to((2.0, 0.0))
