@@ -180,7 +180,8 @@ class FrontierNavigator:
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
-        found = exits(self.map.costmap(self.map.max_level, pose), pose, self.navigator.obstacles, EXIT_REACH)
+        costmap, least = self.map.costmap(self.map.max_level, pose), float(self.navigator.numbers["goal_tolerance"])
+        found = exits(costmap, pose, self.navigator.obstacles, EXIT_REACH, least + self.map.side)
         if found:
             self.navigator.drive_to(found[0])
             self._is_approaching = True

@@ -257,12 +257,14 @@ def plan_path(
     return None if field is None else field.path(*cell)
 
 
-def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float) -> list[np.ndarray]:
+def exits(
+    costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0
+) -> list[np.ndarray]:
     """Return straight paths to where the robot may be, from where the map says that it cannot; the shortest first.
 
     Furniture was moved, or the map is a little off: `obstacles`, shape (k, 2), base frame [m], tell which directions are
-    free in reality. None where the robot touches nothing on the map, or gets out nowhere within `reach` [m]. Each: shape
-    (n, 2), float64, points at most a cell apart, map frame [m].
+    free in reality. None where the robot touches nothing on the map, or gets out nowhere within `reach` [m]. Each is at
+    least `least` long [m]: shape (n, 2), float64, points at most a cell apart, map frame [m].
     """
     grid, found = costmap.grid, []
     for angle in np.linspace(0.0, 2.0 * math.pi, NUM_EXITS, endpoint=False):
@@ -270,10 +272,11 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float) -
         free = free_distance(ahead.inverse().transform(obstacles), 0.0, costmap.params.robot_radius, reach)
         along = np.arange(0.0, free + 1e-9, grid.resolution)
         path = pose.compose(ahead).transform(np.column_stack([along, np.zeros_like(along)]))
-        path = path[grid.contains(grid.cells(path))]
+        path, along = path[inside := grid.contains(grid.cells(path))], along[inside]
         is_open = costmap.costs[tuple(grid.cells(path).T)] <= COST_MAX_FREE
-        if is_open.any() and not is_open[0]:
-            found.append(path[: is_open.argmax() + 1])
+        ends = np.flatnonzero(is_open & (along >= least))
+        if len(ends) and not is_open[0]:
+            found.append(path[: ends[0] + 1])
     return sorted(found, key=len)
 
 
