@@ -17,7 +17,7 @@ from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
 from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
@@ -291,13 +291,11 @@ class FrontierNavigator:
         if progress == FAILED and not self._is_approaching:
             self._fail()
         elif progress == REACHED and not self._is_approaching:
-            sees_around, half_fov = (float(navigator.numbers[name]) for name in ("sees_around", "half_fov"))
-            if not sees_around and not self._is_looking and self._is_frontier_left():
+            if not self._ignore_in_sight(pose):
                 self._is_looking = True
-                navigator.spin(2.0 * (math.pi - half_fov))
+                navigator.spin(2.0 * (math.pi - float(navigator.numbers["half_fov"])))
                 return None
             self._is_looking = False
-            self._ignore_in_sight(pose)
         if progress != SPUN:
             self._last_failed = progress == FAILED
         return OUTCOMES[progress]
@@ -387,22 +385,33 @@ class FrontierNavigator:
             self._given_up = np.vstack([self._given_up, given_up])
             planning.ignore(given_up)
 
-    def _ignore_in_sight(self, pose: Pose2D) -> None:
-        """Ignore what was not observed though the robot has looked around at the viewpoint chosen for it."""
+    def _ignore_in_sight(self, pose: Pose2D) -> bool:
+        """Ignore what was not observed though the robot is at the viewpoint chosen for it.
+
+        Return False, and ignore nothing, if the robot is to look around first: some of it is not well in view.
+        """
         if not self._is_frontier_left():
-            return
+            return True
         assert self.target is not None
         planning, numbers = self.map, self.navigator.numbers
         planning.refresh()
         reach = math.ceil((math.dist(self.target, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
-        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, (0.0, math.pi), reach)
+        middle, half_fov = pose.theta + float(numbers["mount"][2]), float(numbers["half_fov"])
+        has_looked = self._is_looking or bool(numbers["sees_around"])
+        view = middle, math.pi if has_looked else half_fov
+        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
         beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
-        self._ignore(np.vstack([in_sight, [(row, col)], beside]))
+        cells = np.vstack([in_sight, [(row, col)], beside])
+        away = np.cos(np.arctan2(cells[:, 0] + 0.5 - at[0], cells[:, 1] + 0.5 - at[1]) - middle)
+        if not has_looked and (away < math.cos(WELL_IN_VIEW * half_fov)).any():
+            return False
+        self._ignore(cells)
+        return True
 
     def _ignore(self, cells: np.ndarray) -> None:
         """Leave frontier cells, shape (k, 2), (row, column), out from now on."""

@@ -4,6 +4,7 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Protocol
 
@@ -50,7 +51,7 @@ EAGER = TrackerParams(
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
 EXIT_REACH = 1.5
-"""A robot that starts in an obstacle of the map drives out of it where the scan shows a free way of this length [m]."""
+"""Greatest length of a straight path out of an obstacle of the map in which the robot starts [m]."""
 BLOCKED = {
     COST_LETHAL: "in an obstacle of the map",
     COST_INSCRIBED: "too near to an obstacle of the map",
@@ -60,8 +61,8 @@ BLOCKED = {
 DETOUR_TIME = 10.0
 """Time for which people block paths once the robot has got nowhere among them [s]."""
 APPROACH = 0.3
-"""Distance from a goal with a heading from which on pure pursuit drives, whatever the local planner [m]: DWB stops short
-of goals beside walls."""
+"""Distance from a goal with a heading from which on pure pursuit drives, whatever the local planner [m]: DWB stops
+short of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Distance between points around a goal, and greatest length of the path from one to the next [m]."""
 HOME = (0.0, 0.0)
@@ -94,8 +95,8 @@ class LocalPlanner(Protocol):
     def remaining(self) -> np.ndarray:
         """The rest of the path, shape (n, 2), map frame [m]."""
 
-    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Follow another path: shape (n, 2), n > 0, map frame [m]; with a heading [rad] at its end, None for any."""
+    def set_path(self, path: np.ndarray) -> None:
+        """Follow another path: shape (n, 2), n > 0, map frame [m]."""
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the next twist, by the estimated pose (map frame), the velocity now, and `Navigator.obstacles`."""
@@ -217,7 +218,7 @@ class GoalNavigator:
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
-        """Take a task's tolerances [m, rad]: goals (x, y, theta) that are set from now on are reached with their headings.
+        """Take the tolerances of a task [m, rad]; to be called before `set_goal`, whose goals are poses from then on.
 
         The robot comes to within half of each, because its pose estimate is off. A heading tolerance of pi asks for no
         heading, and changes nothing.
@@ -233,7 +234,7 @@ class GoalNavigator:
         Raises:
             ValueError: if one is not finite.
         """
-        if heading is None and self._takes_headings:
+        if heading is None and self._takes_headings and len(goal) > 2:
             heading = goal[2]
         if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
             raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
@@ -316,7 +317,7 @@ class GoalNavigator:
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
-        if self._heading is not None and math.dist(pose[:2], self.target or self.goal) <= APPROACH:
+        if self._heading is not None and self._distance(pose) <= APPROACH:
             navigator.follow(self._planner.remaining)
             return navigator.command(pose)
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
@@ -356,13 +357,17 @@ class GoalNavigator:
         """Tell whether it is time for what is done once in a period [s]."""
         return self._steps % max(1, round(period / self._period)) == 0
 
+    def _distance(self, pose: Pose2D) -> float:
+        """Return the straight distance to the target [m]."""
+        assert self.target is not None
+        return math.dist(pose[:2], self.target)
+
     def _is_at_goal(self, pose: Pose2D) -> bool:
-        assert self.goal is not None
         # A path may end beside a goal that is not collision-free, and planners stop a little off its end. While the
         # robot turns there, its pose estimate may move.
-        near = self._tolerance * (1.5 if self._is_turning else 1.0)
-        self._is_turning = math.dist(pose[:2], self.target or self.goal) <= near and self._heading is not None
-        return math.dist(pose[:2], self.target or self.goal) <= near
+        is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
+        self._is_turning = is_near and self._heading is not None
+        return is_near
 
     def _turn_to_heading(self, pose: Pose2D) -> float:
         """Return the turn from here to the goal's heading [rad]; 0 within the tolerance, and for any heading."""
@@ -420,21 +425,27 @@ class GoalNavigator:
         return False
 
     def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
-        """Return a path; also one out of an obstacle of the map, if asked to, where the scan shows that there is none."""
+        """Return a path; if asked to, also one out of an obstacle of the map that the scan does not show."""
         assert self.target is not None
-        ends = {"goal": self.target, "tolerance": self._tolerance, "allow_unknown": self._allow_unknown}
-        path = plan_path(costmap, pose[:2], **ends)
+        unknown = self._allow_unknown
+        search = partial(plan_path, costmap, goal=self.target, tolerance=self._tolerance, allow_unknown=unknown)
+        path = search(pose[:2])
         for out in exits(costmap, pose, self._navigator.obstacles, EXIT_REACH) if path is None and drive_out else ():
-            path = plan_path(costmap, tuple(out[-1]), **ends)
+            path = search((out[-1, 0], out[-1, 1]))
             if path is not None:
                 path = np.vstack([out, path])
                 break
-        if path is not None and self._heading is not None and math.dist(path[-1], self.target) < costmap.grid.resolution:
+        if (
+            path is not None
+            and self._heading is not None
+            and math.dist(path[-1], self.target) < costmap.grid.resolution
+        ):
             path[-1] = self.target  # and not the middle of its cell
         return path
 
     def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:
         """Return what is wrong with start and goal, or with all that lies between."""
+        assert self.target is not None
         texts = []
         for name, point in (("start", pose[:2]), ("goal", self.target)):
             cell = costmap.grid.cells(np.array(point))

@@ -28,6 +28,8 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: it goes on; it goes on once the path is planned anew; the robot is at its goal; the robot does
 not get there; the time for the drive is over; a turn on the spot is complete."""
 
+WELL_IN_VIEW = 0.8
+"""Share of half the lidar's field of view up to which a bearing is well in view."""
 CONTACT_MARGIN = 0.05
 """A robot that stalls after a contact forgets what it remembers within this distance of its footprint [m]."""
 NAVIGATOR = np.dtype(
@@ -116,7 +118,7 @@ def _turn_to_view(record, pose, numbers):
     if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
         return 0.0
     bearing = wrap_angle(math.atan2(dy, dx) - pose[2] - numbers.mount[2])
-    return bearing if abs(bearing) > 0.8 * numbers.half_fov else 0.0
+    return bearing if abs(bearing) > WELL_IN_VIEW * numbers.half_fov else 0.0
 
 
 @njit(cache=True, error_model="numpy")

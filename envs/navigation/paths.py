@@ -257,14 +257,12 @@ def plan_path(
     return None if field is None else field.path(*cell)
 
 
-def exits(
-    costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0
-) -> list[np.ndarray]:
-    """Return straight paths to where the robot may be, from where the map says that it cannot; the shortest first.
+def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
+    """Return straight paths out of obstacles of the map that the scan does not show, the shortest first.
 
-    Furniture was moved, or the map is a little off: `obstacles`, shape (k, 2), base frame [m], tell which directions are
-    free in reality. None where the robot touches nothing on the map, or gets out nowhere within `reach` [m]. Each is at
-    least `least` long [m]: shape (n, 2), float64, points at most a cell apart, map frame [m].
+    Furniture was moved, or the map is a little off. `obstacles`: shape (k, 2), in sight, base frame [m]; `reach` and
+    `least`: greatest and least length [m]. Paths have the shape (n, 2), float64, points at most a cell apart, map frame
+    [m]. There are none where the footprint touches nothing on the map.
     """
     grid, found = costmap.grid, []
     for angle in np.linspace(0.0, 2.0 * math.pi, NUM_EXITS, endpoint=False):

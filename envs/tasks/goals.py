@@ -36,8 +36,8 @@ class GoalTask(WorldTask):
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; (x, y) where no heading is asked for. Once
-    an episode has begun, that of the episode."""
+    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; (x, y) where no heading is asked for.
+    Once an episode has begun, that of the episode."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0
@@ -85,7 +85,7 @@ class GoalTask(WorldTask):
             return goal
         tolerance = getattr(self, "heading_tolerance", math.pi)
         if is_pose(goal, 2) and tolerance == math.pi:
-            return Pose2D(*map(float, goal), 0.0)
+            return Pose2D(float(goal[0]), float(goal[1]), 0.0)
         if not is_pose(goal):
             needed = ", theta" if tolerance < math.pi else "[, theta]"
             hint = f" (heading_tolerance={tolerance:g} asks for a heading)" if tolerance < math.pi else ""

@@ -108,7 +108,11 @@ def test_a_robot_that_starts_in_an_obstacle_of_the_map_drives_out_where_the_scan
 
 def test_what_blocks_a_path_is_logged(caplog):
     grid, wall = hall(), reading_of(ranges=0.3)
-    for goal, text in ((2.52, "goal (2.52, 0.00) is in an obstacle of the map"), (4.5, "in unknown space"), (9.0, "off")):
+    for goal, text in (
+        (2.52, "goal (2.52, 0.00) is in an obstacle of the map"),
+        (4.5, "in unknown space"),
+        (9.0, "off"),
+    ):
         caplog.clear()
         navigator_to((goal, 0.0)).act(reading_of(), Belief(HERE, grid))
         assert text in caplog.text
