@@ -407,6 +407,8 @@ class GoalNavigator:
             costmap = planning.costmap(self._level, pose)
             path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
+                if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
+                    path[-1] = self.target  # and not the middle of its cell
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
                 self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
@@ -430,17 +432,11 @@ class GoalNavigator:
         unknown = self._allow_unknown
         search = partial(plan_path, costmap, goal=self.target, tolerance=self._tolerance, allow_unknown=unknown)
         path = search(pose[:2])
-        for out in exits(costmap, pose, self._navigator.obstacles, EXIT_REACH) if path is None and drive_out else ():
-            path = search((out[-1, 0], out[-1, 1]))
-            if path is not None:
-                path = np.vstack([out, path])
-                break
-        if (
-            path is not None
-            and self._heading is not None
-            and math.dist(path[-1], self.target) < costmap.grid.resolution
-        ):
-            path[-1] = self.target  # and not the middle of its cell
+        if path is None and drive_out:
+            for out in exits(costmap, pose, self._navigator.obstacles, EXIT_REACH):
+                path = search((out[-1, 0], out[-1, 1]))
+                if path is not None:
+                    return np.vstack([out, path])
         return path
 
     def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:

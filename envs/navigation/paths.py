@@ -265,6 +265,9 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
     [m]. There are none where the footprint touches nothing on the map.
     """
     grid, found = costmap.grid, []
+    here = grid.cells(np.array(pose[:2]))
+    if grid.contains(here) and costmap.costs[tuple(here)] <= COST_MAX_FREE:
+        return []
     for angle in np.linspace(0.0, 2.0 * math.pi, NUM_EXITS, endpoint=False):
         ahead = Pose2D(0.0, 0.0, angle)
         free = free_distance(ahead.inverse().transform(obstacles), 0.0, costmap.params.robot_radius, reach)
@@ -273,7 +276,7 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
         path, along = path[inside := grid.contains(grid.cells(path))], along[inside]
         is_open = costmap.costs[tuple(grid.cells(path).T)] <= COST_MAX_FREE
         ends = np.flatnonzero(is_open & (along >= least))
-        if len(ends) and not is_open[0]:
+        if len(ends):
             found.append(path[: ends[0] + 1])
     return sorted(found, key=len)
 

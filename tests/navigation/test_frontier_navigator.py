@@ -1,5 +1,6 @@
 """Frontiers on offer, drives to them, and no choice that traps a robot."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -57,10 +58,10 @@ def empty_features(num):
 class Robot:
     """A robot in a room of 4 m x 2 m with one door; it stands as if held, or drives exactly as commanded."""
 
-    def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None):
+    def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None, robot=BURGER):
         data = room(doors=((2.8, 3.6),)) if data is None else data
         self.belief = Belief(Pose2D(1.0, 1.0, 0.0), OccupancyGrid(data, 0.05, (0.0, 0.0)))
-        self.navigator = FrontierNavigator(BURGER, PERIOD, max_candidates=5, max_time=max_time)
+        self.navigator = FrontierNavigator(robot, PERIOD, max_candidates=5, max_time=max_time)
         self.navigator.begin(reading_at(0.0), self.belief)
         self.time, self.commands = 0.0, []
         self._held, self._bumping, self._seconds = held, bumping, seconds
@@ -200,6 +201,34 @@ def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
     assert len(robot.navigator.map.ignored_points)
     assert len(robot.navigator.candidates) == 0
     assert robot.navigator.end_reason == "no_reachable_frontier"
+
+
+def test_a_narrow_lidar_looks_around_before_a_frontier_is_ignored():
+    fov = 1.0
+    narrow = dataclasses.replace(BURGER, lidar=dataclasses.replace(BURGER.lidar, fov=fov))
+    turned = []
+    for robot in (Robot(), Robot(robot=narrow)):
+        assert robot.decide() == "arrived"
+        assert len(robot.navigator.map.ignored_points)
+        looking = [k for k, twist in enumerate(robot.commands) if twist.v > 0.0][-1]
+        turned.append(PERIOD * sum(abs(twist.w) for twist in robot.commands[looking + 1 :]))
+    # Both turn once around in the end, since nothing is left.
+    assert turned[0] == pytest.approx(2.0 * math.pi, abs=0.3)
+    assert turned[1] > 4.0 * math.pi - fov - 0.3
+
+
+def test_a_look_around_ends_when_the_frontier_is_observed_and_nothing_is_ignored():
+    narrow = dataclasses.replace(BURGER, lidar=dataclasses.replace(BURGER.lidar, fov=1.0))
+    robot = Robot(robot=narrow, data=room(doors=((0.6, 1.4), (2.8, 3.6))))
+    navigator = robot.navigator
+    while not navigator.navigator.is_recovering:
+        robot._seconds = robot.time + 0.5 * PERIOD
+        robot.decide() if robot.time == 0.0 else robot.drive()
+    robot.change(slice(38, 60), slice(0, 40), 100)
+    robot._seconds = math.inf
+    assert robot.drive() == "arrived"
+    assert len(navigator.map.ignored_points) == 0
+    assert len(navigator.candidates) == 1
 
 
 def test_what_lies_behind_a_wall_is_not_ignored():
