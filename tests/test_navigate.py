@@ -40,7 +40,7 @@ def test_two_numbers_are_a_goal_unless_a_heading_is_asked_for():
     env.set_goal((-0.5, -0.5))
     assert env.step(STOP)[4]["distance_to_goal"] == pytest.approx(1.5, abs=0.01)
     asks = LidarEnv(Navigate, **TRUE, heading_tolerance=0.3)
-    with pytest.raises(ValueError, match=r"heading_tolerance=0\.3 asks for a heading"):
+    with pytest.raises(ValueError, match="heading_tolerance asks for a heading"):
         asks.reset(seed=0, options={"goal": (-0.5, -0.5)})
 
 

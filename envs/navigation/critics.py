@@ -9,18 +9,23 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.rows import write_row
 
 from .costmap import COST_INSCRIBED
 
-OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(6)
+ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
 """Columns of the scores."""
-NUM_CRITICS = 6
+NUM_CRITICS = 7
 """How many there are."""
 
 
 AHEAD = 0.1
 """Distance of the point in front of the robot that alignment looks at [m]."""
+STOPPED_SPEED = 0.25
+"""Speed up to which the robot counts as stopped at the goal, and may turn [m/s]."""
+SLOWING_FACTOR = 5.0
+"""Price of speed there."""
 
 
 class Motion(NamedTuple):
@@ -47,6 +52,17 @@ class Rasters(NamedTuple):
     `spread`."""
     resolution: float
     """Side of a cell [m]."""
+
+
+class Ending(NamedTuple):
+    """What the goal and alignment critics look at; see `RotateToGoal` and `PathAlign` of DWB."""
+
+    is_near: bool
+    """Whether the robot is within the tolerance of a goal with a heading."""
+    heading: float
+    """That heading in the base frame [rad]."""
+    aligns: bool
+    """Whether the robot is far enough from the goal to align with the path."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -122,6 +138,17 @@ def cell_of(x, y, side, resolution):
 
 
 @njit(cache=True, error_model="numpy")
+def _rotate_to_goal(v, poses, num_steps, motion, ending):
+    """Return what a trajectory costs near the goal: first stop, then turn; NaN if it does neither."""
+    if not ending.is_near:
+        return 0.0
+    error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
+    if abs(motion.v) > STOPPED_SPEED:
+        return v * v * SLOWING_FACTOR + error if abs(v) < abs(motion.v) else np.nan
+    return error if v == 0.0 else np.nan
+
+
+@njit(cache=True, error_model="numpy")
 def meets_people(poses, num_steps, people, sim_time, radius):
     """Tell whether a footprint of a radius [m] would touch people who walk on as they do.
 
@@ -171,13 +198,12 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, motion, aligns, rasters, people, radius, scores):
+def judge(twists, banned, motion, ending, rasters, people, radius, scores):
     """Score twists, shape (n, 2) [m/s, rad/s], by every critic; lower is better, NaN is out of the question.
 
     `people` are those of `meets_people`, `radius` is that of the footprint [m].
-    `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth; `aligns`: whether the robot is
-    far enough from the goal to align with the path. `scores`, shape (n, 6), is written; see `OSCILLATION` and its
-    neighbours.
+    `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth. `scores`, shape (n, 7), is
+    written; see `ROTATE_TO_GOAL` and its neighbours.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
@@ -193,9 +219,10 @@ def judge(twists, banned, motion, aligns, rasters, people, radius, scores):
             continue
         x, y, theta = poses[num_steps - 1]
         front_x, front_y = x + AHEAD * math.cos(theta), y + AHEAD * math.sin(theta)
+        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, motion, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
         scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)
-        scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if aligns else 0.0
+        scores[i, PATH_ALIGN] = _steps_at(to_path, front_x, front_y, resolution, False) if ending.aligns else 0.0
         scores[i, PATH_DIST] = _steps_at(to_path, x, y, resolution, True)
         scores[i, GOAL_DIST] = _steps_at(to_goal, x, y, resolution, True)

@@ -1,24 +1,23 @@
 """A local planner in the manner of Nav2's DWB: try twists, judge where they lead, take the best.
 
 The trajectories are those of `dwb_plugins::StandardTrajectoryGenerator`, the critics those of Nav2's bring-up file. The
-local costmap is a square that moves and turns with the robot, made of the obstacles around it. Two things differ. Nav2
+local costmap is a square that moves and turns with the robot, made of the obstacles around it. One thing differs: Nav2
 makes for the point where the path leaves the local costmap, which draws robots off a path that comes back; here they
-make for the point of the path that a trajectory reaches. And turns to a goal's heading are the navigator's, so that
-RotateToGoal is left out.
+make for the point of the path that a trajectory reaches.
 """
 
 import math
 
 import numpy as np
 
-from lidarnaut.envs.geometry import OCCUPIED, Pose2D
+from lidarnaut.envs.geometry import OCCUPIED, Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
-from .critics import AHEAD, NUM_CRITICS, Motion, Rasters, cell_of, judge, spread
+from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
 from .obstacles import without_people
 from .pursuit import NEAREST_WINDOW, nearest_index
 
@@ -31,11 +30,11 @@ SIM_TIME = 1.7
 """How far ahead trajectories are rolled out [s]."""
 LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
 """Longest step of a trajectory [m], and greatest turn in it [rad]."""
-NO_PATH = 0.25
-"""A robot that stops has no path where it could drive no farther than this along it [m]."""
+GOAL_TOLERANCE = 0.25
+"""Distance from the goal at which the robot stops to turn [m]."""
 RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
 """How far the robot must have got before it may turn back to where it came from [m, rad]."""
-OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 1.0, 0.02
+ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
 GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE = 24.0, 32.0, 32.0, 24.0
 RESOLUTION = 0.05
 """Side of a cell of the local costmap [m]."""
@@ -60,13 +59,14 @@ class DwbPlanner:
         self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
         # Scores of rasters count cells; half a cell's side per step, as Nav2 has it.
         steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
-        self._scales = np.array([OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
+        self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
         # Signs of the last forward speed and yaw rate that were not 0, and those that are banned, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
         self._path = np.empty((0, 2))
         self._index = 0
+        self._heading: float | None = None
         self._has_no_path = False
         self.tracks = np.empty((0, 5))
         """People around, see `PeopleTracker.people`; to be set before each `command`. Nav2's DWB knows none."""
@@ -78,10 +78,11 @@ class DwbPlanner:
         """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
-    def set_path(self, path: np.ndarray) -> None:
-        """Follow another path from now on; see `LocalPlanner`."""
+    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+        """Follow another path from now on, and turn to a heading [rad] at its end, if given; see `LocalPlanner`."""
         self._path = path
         self._index = 0
+        self._heading = heading
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
@@ -91,11 +92,14 @@ class DwbPlanner:
         self._allow_turning_back(pose)
         limits = self._robot.max_acc_v, self._robot.max_acc_w
         motion = Motion(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
+        is_near = self._heading is not None and to_goal <= GOAL_TOLERANCE
+        heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
+        ending = Ending(is_near, heading, to_goal > AHEAD)
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
         rasters = Rasters(costs, squared, self._rasters, RESOLUTION)
-        judge(twists, bans, motion, to_goal > AHEAD, rasters, self.tracks, self._robot.radius, scores)
+        judge(twists, bans, motion, ending, rasters, self.tracks, self._robot.radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
@@ -141,7 +145,7 @@ class DwbPlanner:
         # where an obstacle blocks the path, the robot makes for what lies behind it.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
-        self._has_no_path = end < len(points) - 1 and along[end] < NO_PATH
+        self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
         spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)

@@ -304,7 +304,8 @@ class GoalNavigator:
         if self._is_due(self.params.update_period):
             planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
         is_at_goal = self._is_at_goal(pose)
-        if is_at_goal and (turn := self._turn_to_heading(pose)):
+        turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
+        if is_at_goal and abs(turn) > self._heading_tolerance:
             navigator.record["stuck_steps"] = -1  # it turns on the spot, and a turn that stalls still counts
             return Twist(0.0, turn_rate(turn, navigator.numbers))
         if is_at_goal and not self._drive_on_around(pose, planning):
@@ -368,11 +369,6 @@ class GoalNavigator:
         is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
         self._is_turning = is_near and self._heading is not None
         return is_near
-
-    def _turn_to_heading(self, pose: Pose2D) -> float:
-        """Return the turn from here to the goal's heading [rad]; 0 within the tolerance, and for any heading."""
-        turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
-        return turn if abs(turn) > self._heading_tolerance else 0.0
 
     def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Set out for the next point around the goal to which there is a short path; false if none is left."""

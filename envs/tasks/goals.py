@@ -66,15 +66,13 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal (x, y, theta), map frame, and return how long it usually takes to get there [s].
-
-        Where no heading is asked for, (x, y) will do.
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return how long it usually takes to get there [s].
 
         Raises:
             ValueError: if the goal is not finite, or no pose that the robot can reach.
         """
         if isinstance(goal, str):
-            raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
+            raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
         self.goal = self._read_goal(goal)
         self._true_goal = self.map_pose.compose(self.goal)
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
@@ -83,13 +81,12 @@ class GoalTask(WorldTask):
         """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is none of what is allowed."""
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
-        tolerance = getattr(self, "heading_tolerance", math.pi)
-        if is_pose(goal, 2) and tolerance == math.pi:
+        needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
+        if is_pose(goal, 2) and not needs_heading:
             return Pose2D(float(goal[0]), float(goal[1]), 0.0)
         if not is_pose(goal):
-            needed = ", theta" if tolerance < math.pi else "[, theta]"
-            hint = f" (heading_tolerance={tolerance:g} asks for a heading)" if tolerance < math.pi else ""
-            raise ValueError(f"goal must be 'random', 'world' or (x, y{needed}), all finite, got {goal!r}{hint}")
+            allowed = "(x, y, theta), as heading_tolerance asks for a heading," if needs_heading else "(x, y[, theta]),"
+            raise ValueError(f"goal must be 'random', 'world' or {allowed} all finite, got {goal!r}")
         return Pose2D(*map(float, goal))
 
     @abstractmethod

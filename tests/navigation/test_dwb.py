@@ -12,10 +12,11 @@ from lidarnaut.envs.navigation import DwbPlanner
 from lidarnaut.envs.navigation.critics import (
     BASE_OBSTACLE,
     GOAL_DIST,
-    NUM_CRITICS,
     OSCILLATION,
     PATH_ALIGN,
     PATH_DIST,
+    ROTATE_TO_GOAL,
+    Ending,
     Motion,
     Rasters,
     judge,
@@ -29,6 +30,7 @@ BURGER = load_robot("turtlebot3_burger")
 NOTHING = np.empty((0, 2))
 SIDE, RESOLUTION = 41, 0.05
 MIDDLE = SIDE // 2
+AWAY = Ending(False, 0.0, True)
 NOBODY = np.empty((0, 5))
 
 
@@ -59,14 +61,14 @@ def rasters(costs=None, path_row=MIDDLE, goal=(MIDDLE, SIDE - 1)):
 
 
 def scores_of(
-    twists, *, costs=None, squared=None, banned=(False,) * 4, now=STANDING, aligns=True, people=NOBODY, **kwargs
+    twists, *, costs=None, squared=None, banned=(False,) * 4, now=STANDING, ending=AWAY, people=NOBODY, **kwargs
 ):
     costs, to_path, to_goal = rasters(costs, **kwargs)
     squared = np.full((SIDE, SIDE), 100, dtype=np.uint16) if squared is None else squared
-    scores = np.empty((len(twists), NUM_CRITICS))
+    scores = np.empty((len(twists), 7))
     twists = np.array(twists, dtype=np.float64)
     steps = np.stack([to_path, to_goal, to_goal])
-    judge(twists, banned, now, aligns, Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
+    judge(twists, banned, now, ending, Rasters(costs, squared, steps, RESOLUTION), people, 0.2, scores)
     return scores
 
 
@@ -124,6 +126,18 @@ def test_who_would_meet_somebody_is_out_of_the_question():
     assert not np.isnan(scores_of([(0.4, 0.0)], people=people * (1, 1, 0, 0, 1), now=motion(0.4))).any()
 
 
+def test_near_the_goal_the_robot_stops_and_then_turns():
+    ending = Ending(True, 1.0, True)
+    moving = scores_of([(0.5, 0.0), (0.3, 0.0), (0.0, 0.0)], now=motion(0.4, acc=1e9), ending=ending)[:, ROTATE_TO_GOAL]
+    assert math.isnan(moving[0])
+    assert moving[1] == pytest.approx(5.0 * 0.3**2 + 1.0)
+    assert moving[2] == pytest.approx(1.0)
+    standing = scores_of([(0.1, 0.0), (0.0, 0.8), (0.0, -0.8)], ending=ending)[:, ROTATE_TO_GOAL]
+    assert math.isnan(standing[0])
+    assert standing[1] == pytest.approx(0.2, abs=1e-6)
+    assert standing[2] == pytest.approx(1.8, abs=1e-6)
+
+
 def test_banned_directions_are_out_of_the_question():
     scores = scores_of([(0.1, 0.5), (0.1, -0.5)], banned=(False, False, True, False))
     assert list(np.isnan(scores[:, OSCILLATION])) == [False, True]
@@ -140,9 +154,9 @@ def test_turning_back_is_banned_until_the_robot_has_got_away():
     assert planner.command(Pose2D(0.0, 0.0, -1.5), Twist(0.0, 0.0), NOTHING).w > 0.0
 
 
-def test_the_planner_swerves_around_what_sticks_out_into_its_path():
+def test_the_planner_swerves_around_what_sticks_out_into_its_path_and_ends_in_the_heading_asked_for():
     planner = DwbPlanner(BURGER, 0.1)
-    planner.set_path(resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05))
+    planner.set_path(resample(np.array([[0.0, 0.0], [3.0, 0.0]]), 0.05), heading=-2.0)
     box = np.array([[x, y] for x in np.linspace(1.0, 1.2, 9) for y in np.linspace(0.06, 0.2, 9)])
     pose, twist, gap = Pose2D(0.0, 0.0, 0.0), Twist(0.0, 0.0), math.inf
     for _ in range(400):
@@ -150,4 +164,5 @@ def test_the_planner_swerves_around_what_sticks_out_into_its_path():
         pose = pose.compose(Pose2D(twist.v * 0.1, 0.0, twist.w * 0.1))
         gap = min(gap, np.hypot(*(box - pose[:2]).T).min())
     assert math.hypot(pose.x - 3.0, pose.y) < 0.25
+    assert abs(pose.theta + 2.0) < 0.1
     assert gap > BURGER.radius
