@@ -28,8 +28,8 @@ from lidarnaut.envs.simulation import Reading, Twist
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2
 """Speed from which people are taken to walk on [m/s]."""
-EXIT_REACH, MAX_EXITS = 0.5, 3
-"""How far a robot drives out of an obstacle of the map in which its pose estimate lies [m], and how often it tries."""
+EXIT_REACH, MAX_EXITS = 0.4, 3
+"""Longest drive out of an obstacle of the map [m], and greatest number of tries in succession."""
 MET_CELL = 0.3
 """Side of the cells of which each keeps one place where people were [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
@@ -101,7 +101,7 @@ class FrontierNavigator:
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
-        """Tell whether the robot can get nowhere: no cell that is farther away can be reached."""
+        """Return True if no cell beyond `stuck_distance` can be reached."""
         field = travel_field(self.candidates.costmap, self._still[:2])
         reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
         gaps = self.map.grid.centers(reached) - self._still[:2]
@@ -176,7 +176,7 @@ class FrontierNavigator:
         return obstacles
 
     def _drive_out(self, pose: Pose2D) -> bool:
-        """Drive out of an obstacle of the map, if the robot is in one and the scan shows a free way out."""
+        """Drive out of an obstacle of the map that the scan does not show; False if the robot is in none."""
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
@@ -388,7 +388,7 @@ class FrontierNavigator:
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
         """Ignore what was not observed though the robot is at the viewpoint chosen for it.
 
-        Return False, and ignore nothing, if the robot is to look around first: some of it is not well in view.
+        Return False, and ignore nothing, if some of it is not well in view: the robot has to look around first.
         """
         if not self._is_frontier_left():
             return True

@@ -51,18 +51,18 @@ EAGER = TrackerParams(
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
 EXIT_REACH = 1.5
-"""Greatest length of a straight path out of an obstacle of the map in which the robot starts [m]."""
+"""Longest straight path out of an obstacle of the map [m]."""
 BLOCKED = {
     COST_LETHAL: "in an obstacle of the map",
     COST_INSCRIBED: "too near to an obstacle of the map",
     COST_UNKNOWN: "in unknown space",
 }
-"""Why there is no path from a cell or to it, by its cost."""
+"""Reasons to have no path from a cell or to it, by its cost."""
 DETOUR_TIME = 10.0
 """Time for which people block paths once the robot has got nowhere among them [s]."""
 APPROACH = 0.3
-"""Distance from a goal with a heading from which on pure pursuit drives, whatever the local planner [m]: DWB stops
-short of goals beside walls."""
+"""Distance to a goal with a heading below which pure pursuit replaces the local planner [m]: DWB stops short of goals
+beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Distance between points around a goal, and greatest length of the path from one to the next [m]."""
 HOME = (0.0, 0.0)
@@ -384,8 +384,8 @@ class GoalNavigator:
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans.
 
-        Then also out of an obstacle of the map, if the scan shows that there is none. In the end, on a map that grows,
-        also through gaps that the robot does not fit through.
+        Then also out of an obstacle of the map that the scan does not show. In the end, on a map that grows, also
+        through gaps that the robot does not fit through.
         """
         assert self.goal is not None
         assert self.target is not None
@@ -436,7 +436,7 @@ class GoalNavigator:
         return path
 
     def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:
-        """Return what is wrong with start and goal, or with all that lies between."""
+        """Explain a missing path by the cells of start and goal."""
         assert self.target is not None
         texts = []
         for name, point in (("start", pose[:2]), ("goal", self.target)):

@@ -31,7 +31,7 @@ not get there; the time for the drive is over; a turn on the spot is complete.""
 WELL_IN_VIEW = 0.8
 """Share of half the lidar's field of view up to which a bearing is well in view."""
 CONTACT_MARGIN = 0.05
-"""A robot that stalls after a contact forgets what it remembers within this distance of its footprint [m]."""
+"""A stall after a contact clears remembered points up to this distance from the footprint [m]."""
 NAVIGATOR = np.dtype(
     [
         *FOLLOWER_FIELDS,
@@ -235,7 +235,7 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
         return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
         recover(navigators, around, True, constants)
-        if record.marked == 1:  # contacts all around, since the robot has moved a little, may be what keeps it here
+        if record.marked == 1:  # marks of contacts may enclose the robot, which has moved a little since
             record.marked = 0
             _forget(record, obstacles, numbers.radius + CONTACT_MARGIN)
         return DRIVING
