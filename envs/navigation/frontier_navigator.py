@@ -28,7 +28,7 @@ from lidarnaut.envs.simulation import Reading, Twist
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2
 """Speed from which people are taken to walk on [m/s]."""
-EXIT_REACH, MAX_EXITS = 0.4, 3
+EXIT_REACH, MAX_EXITS = 0.3, 3
 """Longest drive out of an obstacle of the map [m], and greatest number of tries in succession."""
 MET_CELL = 0.3
 """Side of the cells of which each keeps one place where people were [m]."""

@@ -432,7 +432,7 @@ def test_people_who_walk_are_not_planned_around():
 
 def test_a_robot_in_an_obstacle_of_its_map_drives_out():
     data = room(doors=((2.8, 3.6),))
-    data[15:25, 15:25] = 100
+    data[17:23, 17:23] = 100
     robot = Robot(data=data)
     assert len(robot.navigator.candidates) == 0
     robot.decide()
