@@ -190,6 +190,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         nonlocal goal
         if hasattr(policy, "set_goal") and goal is not inner.task.goal:
             goal = inner.task.goal
+            if hasattr(policy, "set_tolerances") and hasattr(inner.task, "heading_tolerance"):
+                policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)
             policy.set_goal(goal)
         if is_team:
             twists = policy.act([robot.reading for robot in inner.robots], [robot.belief for robot in inner.robots])

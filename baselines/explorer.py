@@ -18,7 +18,8 @@ class Policy(Protocol):
     Further attributes say more: `observations` (the parts of the observation that it needs, as environments take them),
     `control_hz` (how often it decides: where the environment steps more often, actions are repeated), `level`
     ("decision" if it chooses frontiers). A method `set_goal(goal)` is given the goal of a task that has one, a pose in
-    the map frame, at the start and whenever it changes; `set_route(route)` a task's route.
+    the map frame, at the start and whenever it changes, and before it `set_tolerances(distance, heading)` the
+    tolerances [m, rad] of a task that may ask for a heading; `set_route(route)` a task's route.
     """
 
     @property

@@ -163,10 +163,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             before = count
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield what a turn on the spot comes to, with a scan for each quarter where the lidar does not see around."""
+        """Yield what a turn on the spot comes to, with scans that see around together."""
         navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
         navigator.stop()
-        parts = 1 if self._sees_around else 4
+        parts = 1 if self._sees_around else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))
         count = math.ceil(2.0 * math.pi / float(navigator.numbers["spin_rate"]) / self.explore.control_period / parts)
         for k in range(parts):
             heading = wrap_angle(theta + 2.0 * math.pi * (k + 1) / parts)

@@ -30,10 +30,10 @@ def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotPa
     return load_robot(USUAL_ROBOTS.get(name.partition(":")[0], USUAL_ROBOT) if robot is None else robot)
 
 
-def is_pose(pose: Any) -> bool:
-    """Tell whether something is (x, y, theta), all finite."""
+def is_pose(pose: Any, size: int = 3) -> bool:
+    """Tell whether something is (x, y, theta), all finite; with `size=2` whether it is (x, y)."""
     try:
-        return len(pose) == 3 and all(math.isfinite(value) for value in pose)
+        return len(pose) == size and all(math.isfinite(value) for value in pose)
     except TypeError:
         # No sequence, or one of something else than numbers.
         return False

@@ -438,8 +438,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
 
-    def set_goal(self, goal: tuple[float, float, float]) -> None:
-        """Set a further goal (x, y, theta), map frame, from where the robot is; the next step goes on towards it.
+    def set_goal(self, goal: Sequence[float]) -> None:
+        """Set a further goal, (x, y, theta) or (x, y), map frame; the next step goes on towards it.
 
         Raises:
             ValueError: if the goal is not finite, or no pose that the robot can reach.

@@ -4,8 +4,11 @@ import numpy as np
 import pytest
 
 import lidarnaut  # noqa: F401
+from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.navigation import GoalNavigator
 from lidarnaut.envs.rendering import style
 from lidarnaut.envs.tasks.goals import DeadReckoning
 from lidarnaut.envs.tasks.navigate import Navigate
@@ -28,6 +31,40 @@ def test_a_heading_can_be_asked_for():
     settings = {**TRUE, "start": (-2.0, -0.5, 0.0), "goal": (-2.0, -0.45, 2.0)}
     assert LidarEnv(Navigate, **settings).reset(seed=0)[1]["is_success"]
     assert not LidarEnv(Navigate, **settings, heading_tolerance=0.3).reset(seed=0)[1]["is_success"]
+
+
+def test_two_numbers_are_a_goal_unless_a_heading_is_asked_for():
+    env = LidarEnv(Navigate, **TRUE, start=(-2.0, -0.5, 0.0), goal=(-0.5, -0.5))
+    assert env.reset(seed=0)[1]["distance_to_goal"] == pytest.approx(1.5)
+    assert env.reset(seed=0, options={"goal": (-2.0, 0.5)})[1]["distance_to_goal"] == pytest.approx(1.0)
+    env.set_goal((-0.5, -0.5))
+    assert env.step(STOP)[4]["distance_to_goal"] == pytest.approx(1.5, abs=0.01)
+    asks = LidarEnv(Navigate, **TRUE, heading_tolerance=0.3)
+    with pytest.raises(ValueError, match="heading_tolerance asks for a heading"):
+        asks.reset(seed=0, options={"goal": (-0.5, -0.5)})
+
+
+@pytest.mark.parametrize("policy", ["pursuit", "dwb", "mppi"])
+def test_classic_policies_take_the_heading_of_the_goal(policy):
+    settings = {"start": (-2.0, -0.5, 0.0), "goal": (-1.2, -0.5, 2.5), "goal_tolerance": 0.1, "heading_tolerance": 0.1}
+    env = LidarEnv(Navigate, **TRUE, **settings)
+    env.reset(seed=0)
+    episode = run_episode(env, policies_for(env)[policy](), 0)
+    assert (episode.end_reason, episode.collisions) == ("reached", 0)
+    assert episode.duration < 12.0
+
+
+def test_policies_that_take_no_tolerances_still_get_the_goal():
+    class Taker(GoalNavigator):
+        set_tolerances = property()  # none, as in a policy of one's own
+
+        def set_goal(self, goal):
+            self.given = goal
+            super().set_goal(goal)
+
+    env, policy = LidarEnv(Navigate, **TRUE, heading_tolerance=0.1, time_limit=1.0), Taker()
+    run_episode(env, policy, 0)
+    assert policy.given == env.task.goal
 
 
 def test_a_further_goal_needs_no_reset():
@@ -80,7 +117,7 @@ def test_a_saved_map_in_its_own_frame(tmp_path):
 @pytest.mark.parametrize(
     ("options", "culprit"),
     [
-        *(({"goal": wrong}, "goal must be") for wrong in ("kitchen", None, (0.0, 0.0))),
+        *(({"goal": wrong}, "goal must be") for wrong in ("kitchen", None, (0.0,), (0.0, math.nan))),
         ({"start": (0.0, 0.0, 0.0)}, "not collision-free"),
         ({"goal": (0.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # a pillar
         ({"goal": (9.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # outside of the walls

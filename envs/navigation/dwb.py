@@ -79,7 +79,7 @@ class DwbPlanner:
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Follow another path from now on; see `LocalPlanner`."""
+        """Follow another path from now on, and turn to a heading [rad] at its end, if given; see `LocalPlanner`."""
         self._path = path
         self._index = 0
         self._heading = heading

@@ -17,10 +17,10 @@ from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
 from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
-from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP
+from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.paths import nearest_cell, search_goal, write_path
+from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
@@ -28,6 +28,8 @@ from lidarnaut.envs.simulation import Reading, Twist
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2
 """Speed from which people are taken to walk on [m/s]."""
+EXIT_REACH, MAX_EXITS = 0.3, 3
+"""Longest drive out of an obstacle of the map [m], and greatest number of tries in succession."""
 MET_CELL = 0.3
 """Side of the cells of which each keeps one place where people were [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
@@ -77,11 +79,12 @@ class FrontierNavigator:
         # Whether the map may have changed since the last look for the frontier of the drive.
         self._has_changed = True
         self._has_start = True
+        self._is_looking = False  # around at a viewpoint
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
         self._met: dict[tuple[int, int], tuple[float, float]] = {}
-        self._is_approaching, self._num_looks = False, 0
+        self._is_approaching, self._num_looks, self._num_exits = False, 0, 0
         self._outcome: str | None = None
         self.integrate(belief)
         self._find(belief.pose)
@@ -95,7 +98,14 @@ class FrontierNavigator:
     def end_reason(self) -> str:
         """Why there are no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
-        return "stuck" if not self._has_start or is_still else "no_reachable_frontier"
+        return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
+
+    def _is_enclosed(self) -> bool:
+        """Return True if no cell beyond `stuck_distance` can be reached."""
+        field = travel_field(self.candidates.costmap, self._still[:2])
+        reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
+        gaps = self.map.grid.centers(reached) - self._still[:2]
+        return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
         """Write what policies see of the candidates; see `fill_features`."""
@@ -104,7 +114,7 @@ class FrontierNavigator:
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
         """Begin a drive to a candidate; for `keep_clocks` see `Navigator.drive_to`."""
-        self._has_changed = True
+        self._has_changed, self._is_looking = True, False
         path, candidate = self.path_to(index), self.candidates.table[index]
         self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
@@ -116,7 +126,7 @@ class FrontierNavigator:
 
     def look_around(self) -> None:
         """Turn once around on the spot, in place of a drive."""
-        self._outcome = None
+        self._outcome, self._is_looking = None, False
         self.navigator.spin()
 
     def command(self, belief: Belief) -> Twist:
@@ -144,7 +154,7 @@ class FrontierNavigator:
             self._outcome = outcome
             self.navigator.spin()
             return None
-        if len(self.candidates) == 0 and self._look_again(goes_on):
+        if len(self.candidates) == 0 and (self._drive_out(belief.pose) or self._look_again(goes_on)):
             return None
         if outcome == LOOKED_AROUND and self._outcome is not None:
             outcome, self._outcome = self._outcome, None
@@ -164,6 +174,18 @@ class FrontierNavigator:
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
+
+    def _drive_out(self, pose: Pose2D) -> bool:
+        """Drive out of an obstacle of the map that the scan does not show; False if the robot is in none."""
+        self._num_exits = 0 if self._has_start else self._num_exits + 1
+        if self._has_start or self._num_exits > MAX_EXITS:
+            return False
+        costmap, least = self.map.costmap(self.map.max_level, pose), float(self.navigator.numbers["goal_tolerance"])
+        found = exits(costmap, pose, self.navigator.obstacles, EXIT_REACH, least + self.map.side)
+        if found:
+            self.navigator.drive_to(found[0])
+            self._is_approaching = True
+        return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
         """Wait for people, if any may be in the way: drive to where the robot gets nearest to them, and look around.
@@ -257,6 +279,11 @@ class FrontierNavigator:
             if not self._is_frontier_left():
                 self._last_failed = False
                 return FRONTIER_GONE
+        if self._is_looking:
+            if progress != SPUN and self._is_frontier_left():
+                return None
+            navigator.stop()
+            progress = REACHED
         if progress == REPLAN:
             progress = DRIVING if self._replan(pose) else FAILED
         if progress == DRIVING:
@@ -264,7 +291,11 @@ class FrontierNavigator:
         if progress == FAILED and not self._is_approaching:
             self._fail()
         elif progress == REACHED and not self._is_approaching:
-            self._ignore_in_sight(pose)
+            if not self._ignore_in_sight(pose):
+                self._is_looking = True
+                navigator.spin(2.0 * (math.pi - float(navigator.numbers["half_fov"])))
+                return None
+            self._is_looking = False
         if progress != SPUN:
             self._last_failed = progress == FAILED
         return OUTCOMES[progress]
@@ -354,23 +385,33 @@ class FrontierNavigator:
             self._given_up = np.vstack([self._given_up, given_up])
             planning.ignore(given_up)
 
-    def _ignore_in_sight(self, pose: Pose2D) -> None:
-        """Ignore what was not observed though the robot is at the viewpoint chosen for it."""
+    def _ignore_in_sight(self, pose: Pose2D) -> bool:
+        """Ignore what was not observed though the robot is at the viewpoint chosen for it.
+
+        Return False, and ignore nothing, if some of it is not well in view: the robot has to look around first.
+        """
         if not self._is_frontier_left():
-            return
+            return True
         assert self.target is not None
         planning, numbers = self.map, self.navigator.numbers
         planning.refresh()
         reach = math.ceil((math.dist(self.target, pose[:2]) + self._look_radius) / planning.side - 1e-9)
         at = (pose.y - planning.origin[1]) / planning.side, (pose.x - planning.origin[0]) / planning.side
-        view = pose.theta + numbers["mount"][2], math.pi if numbers["sees_around"] else numbers["half_fov"]
+        middle, half_fov = pose.theta + float(numbers["mount"][2]), float(numbers["half_fov"])
+        has_looked = self._is_looking or bool(numbers["sees_around"])
+        view = middle, math.pi if has_looked else half_fov
         in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
         # What the visit was for goes in any case, or the robot would come back for ever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
         beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
-        self._ignore(np.vstack([in_sight, [(row, col)], beside]))
+        cells = np.vstack([in_sight, [(row, col)], beside])
+        away = np.cos(np.arctan2(cells[:, 0] + 0.5 - at[0], cells[:, 1] + 0.5 - at[1]) - middle)
+        if not has_looked and (away < math.cos(WELL_IN_VIEW * half_fov)).any():
+            return False
+        self._ignore(cells)
+        return True
 
     def _ignore(self, cells: np.ndarray) -> None:
         """Leave frontier cells, shape (k, 2), (row, column), out from now on."""

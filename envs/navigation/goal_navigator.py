@@ -1,8 +1,10 @@
 """Drives to goals, on a known map or on one that grows: costmap, A*, smoothing, a local planner, recovery behaviors."""
 
+import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import product
 from typing import Protocol
 
@@ -12,18 +14,20 @@ from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.estimation.tracking import PeopleTracker, TrackerParams
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_UNKNOWN, Costmap
 from lidarnaut.envs.navigation.dwb import DwbPlanner
 from lidarnaut.envs.navigation.mppi import MppiPlanner
 from lidarnaut.envs.navigation.navigator import Navigator
 from lidarnaut.envs.navigation.navigator_kernels import FAILED
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
-from lidarnaut.envs.navigation.paths import is_path_valid, plan_path, smooth_path
+from lidarnaut.envs.navigation.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.navigation.planning_map import PlanningMap
-from lidarnaut.envs.navigation.pursuit import FAST, PathFollower
+from lidarnaut.envs.navigation.pursuit import FAST, PathFollower, turn_rate
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
+LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 """Zero velocity."""
 CLEARED_RADIUS = 1.5
@@ -46,8 +50,19 @@ EAGER = TrackerParams(
 """Tracks for driving: somebody who is noticed late costs more than a chair that is taken for somebody."""
 NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
+EXIT_REACH = 1.5
+"""Longest straight path out of an obstacle of the map [m]."""
+BLOCKED = {
+    COST_LETHAL: "in an obstacle of the map",
+    COST_INSCRIBED: "too near to an obstacle of the map",
+    COST_UNKNOWN: "in unknown space",
+}
+"""Reasons to have no path from a cell or to it, by its cost."""
 DETOUR_TIME = 10.0
 """Time for which people block paths once the robot has got nowhere among them [s]."""
+APPROACH = 0.3
+"""Distance to a goal with a heading below which pure pursuit replaces the local planner [m]: DWB stops short of goals
+beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Distance between points around a goal, and greatest length of the path from one to the next [m]."""
 HOME = (0.0, 0.0)
@@ -80,8 +95,8 @@ class LocalPlanner(Protocol):
     def remaining(self) -> np.ndarray:
         """The rest of the path, shape (n, 2), map frame [m]."""
 
-    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Follow another path: shape (n, 2), n > 0, map frame [m]; with a heading [rad] at its end, None for any."""
+    def set_path(self, path: np.ndarray) -> None:
+        """Follow another path: shape (n, 2), n > 0, map frame [m]."""
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the next twist, by the estimated pose (map frame), the velocity now, and `Navigator.obstacles`."""
@@ -111,9 +126,9 @@ class GoalParams:
     """Distance at which a goal counts as reached [m]."""
     search_radius: float = 0.0
     """Distance from the goal up to which the robot drives on around it, where a task does not end with its arrival [m]:
-    its pose estimate is off. With a heading, and at 0, it stops there."""
+    its pose estimate is off. At 0 it stops there."""
     heading_tolerance: float = 0.15
-    """Turn at which a goal's heading counts as reached [rad]."""
+    """Turn at which a goal's heading counts as reached [rad]. See also `GoalNavigator.set_tolerances`."""
     update_period: float = 0.3
     """Time between two scans that are integrated into the costmap [s]."""
     check_period: float = 0.3
@@ -178,7 +193,8 @@ class GoalNavigator:
         self._allow_unknown, self._margin = bool(self.params.allow_unknown), MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
-        self._was_localized = False
+        self._was_localized = self._takes_headings = False
+        self._tolerance, self._heading_tolerance = self.params.goal_tolerance, self.params.heading_tolerance
         self._forget_goal()
 
     def _forget_goal(self) -> None:
@@ -187,7 +203,7 @@ class GoalNavigator:
         self.num_recoveries = 0
         """Number of recovery behaviors since this goal was set."""
         self._heading: float | None = None
-        self._has_path = self._has_planned = False
+        self._has_path = self._has_planned = self._is_turning = False
         self._num_counted = int(self._navigator.record["recoveries"])
         self._num_searches = self._level = 0
 
@@ -201,20 +217,33 @@ class GoalNavigator:
         """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._planner.remaining if self.is_driving and self._has_path else None
 
+    def set_tolerances(self, distance: float, heading: float) -> None:
+        """Take the tolerances of a task [m, rad]; to be called before `set_goal`, whose goals are poses from then on.
+
+        The robot comes to within half of each, because its pose estimate is off. A heading tolerance of pi asks for no
+        heading, and changes nothing.
+        """
+        if heading < math.pi:
+            self._takes_headings = True
+            self._tolerance = min(self.params.goal_tolerance, 0.5 * distance)
+            self._heading_tolerance = min(self.params.heading_tolerance, 0.5 * heading)
+
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
         """Drive to another goal (x, y, ...), map frame [m], from now on, and take a heading [rad] there; None for any.
 
         Raises:
             ValueError: if one is not finite.
         """
+        if heading is None and self._takes_headings and len(goal) > 2:
+            heading = goal[2]
         if not all(map(math.isfinite, (*goal[:2], heading or 0.0))):
             raise ValueError(f"goal and heading must be finite, got {tuple(goal)} and {heading}")
         self._forget_goal()
         self.goal = self.target = float(goal[0]), float(goal[1])
         self._heading = heading
-        farthest = self.params.search_radius + 1e-9 if heading is None else 0.0
-        for r in np.arange(SEARCH_STEP, farthest, SEARCH_STEP):
-            angles = np.arange(0.0, 2.0 * math.pi, SEARCH_STEP / r)
+        step = SEARCH_STEP if heading is None else min(SEARCH_STEP, 2.0 * self._tolerance)
+        for r in np.arange(step, self.params.search_radius + 1e-9, step):
+            angles = np.arange(0.0, 2.0 * math.pi, step / r)
             points = np.column_stack([self.goal[0] + r * np.cos(angles), self.goal[1] + r * np.sin(angles)])
             self._around += map(tuple, points.tolist())
         if self.map is not None and self._allow_unknown:
@@ -274,7 +303,12 @@ class GoalNavigator:
             return STOP
         if self._is_due(self.params.update_period):
             planning.integrate(pose, self._without_people(reading, belief), self._robot.lidar)
-        if self._is_at_goal(pose) and not self._drive_on_around(pose, planning):
+        is_at_goal = self._is_at_goal(pose)
+        turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
+        if is_at_goal and abs(turn) > self._heading_tolerance:
+            navigator.record["stuck_steps"] = -1  # it turns on the spot, and a turn that stalls still counts
+            return Twist(0.0, turn_rate(turn, navigator.numbers))
+        if is_at_goal and not self._drive_on_around(pose, planning):
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
@@ -284,6 +318,9 @@ class GoalNavigator:
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
+        if self._heading is not None and self._distance(pose) <= APPROACH:
+            navigator.follow(self._planner.remaining)
+            return navigator.command(pose)
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
@@ -321,12 +358,17 @@ class GoalNavigator:
         """Tell whether it is time for what is done once in a period [s]."""
         return self._steps % max(1, round(period / self._period)) == 0
 
+    def _distance(self, pose: Pose2D) -> float:
+        """Return the straight distance to the target [m]."""
+        assert self.target is not None
+        return math.dist(pose[:2], self.target)
+
     def _is_at_goal(self, pose: Pose2D) -> bool:
-        assert self.goal is not None
-        if self._heading is not None and abs(wrap_angle(self._heading - pose.theta)) > self.params.heading_tolerance:
-            return False
-        # A path may end beside a goal that is not collision-free, and planners stop a little off its end.
-        return math.dist(pose[:2], self.target or self.goal) <= self.params.goal_tolerance
+        # A path may end beside a goal that is not collision-free, and planners stop a little off its end. While the
+        # robot turns there, its pose estimate may move.
+        is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
+        self._is_turning = is_near and self._heading is not None
+        return is_near
 
     def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Set out for the next point around the goal to which there is a short path; false if none is left."""
@@ -342,11 +384,12 @@ class GoalNavigator:
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Plan; where there is no path, with less footprint, then farther around, then without the marks of scans.
 
-        In the end, on a map that grows, also through gaps that the robot does not fit through.
+        Then also out of an obstacle of the map that the scan does not show. In the end, on a map that grows, also
+        through gaps that the robot does not fit through.
         """
         assert self.goal is not None
         assert self.target is not None
-        tolerance, allow_unknown = self.params.goal_tolerance, self._allow_unknown
+        allow_unknown = self._allow_unknown
         levels = range(planning.max_level + 1)
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
@@ -358,15 +401,19 @@ class GoalNavigator:
             if forget and self._level == 0:
                 planning.clear_marks()
             costmap = planning.costmap(self._level, pose)
-            path = plan_path(costmap, pose[:2], self.target, tolerance=tolerance, allow_unknown=allow_unknown)
+            path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
+                if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
+                    path[-1] = self.target  # and not the middle of its cell
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
-                self._planner.set_path(path, self._heading)
+                self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
                 if not self._has_planned:
                     self._num_counted = 0
                 self._has_path = self._has_planned = True
                 return True
+        if not self._num_searches and not allow_unknown:
+            LOGGER.warning("no path to the goal: %s", self._blocked(pose, costmap))
         self._num_searches += 1
         if self._num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
@@ -374,6 +421,29 @@ class GoalNavigator:
             self._navigator.spin()  # another look may show that what blocks the path has moved
             self._num_counted = 0
         return False
+
+    def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
+        """Return a path; if asked to, also one out of an obstacle of the map that the scan does not show."""
+        assert self.target is not None
+        unknown = self._allow_unknown
+        search = partial(plan_path, costmap, goal=self.target, tolerance=self._tolerance, allow_unknown=unknown)
+        path = search(pose[:2])
+        if path is None and drive_out:
+            for out in exits(costmap, pose, self._navigator.obstacles, EXIT_REACH):
+                path = search((out[-1, 0], out[-1, 1]))
+                if path is not None:
+                    return np.vstack([out, path])
+        return path
+
+    def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:
+        """Explain a missing path by the cells of start and goal."""
+        assert self.target is not None
+        texts = []
+        for name, point in (("start", pose[:2]), ("goal", self.target)):
+            cell = costmap.grid.cells(np.array(point))
+            where = BLOCKED.get(costmap.costs[tuple(cell)]) if costmap.grid.contains(cell) else "off the map"
+            texts += [f"{name} ({point[0]:.2f}, {point[1]:.2f}) is {where}"] if where else []
+        return ", and ".join(texts) or "no gap between obstacles of the map is wide enough"
 
     def _count_recovery(self, reading: Reading, pose: Pose2D, planning: PlanningMap) -> None:
         """Clear the marks around a robot that recovers, and plan anew afterwards; too many times, and it is stuck."""

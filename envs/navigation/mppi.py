@@ -30,8 +30,6 @@ AHEAD = 10
 """The point of the path that a sequence should head for in the end, counted from the nearest."""
 NO_ANGLE = 0.2
 """Up to this distance from there, any angle will do [m]."""
-NO_HEADING = math.nan
-"""Any heading will do."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,8 +60,6 @@ class MppiParams:
     """Cost of a mean distance from the path of 1 m."""
     angle: float = 1.0
     """Cost of an angle of 1 rad between the last pose and the path ahead of it."""
-    heading: float = 3.0
-    """Cost of a turn of 1 rad from the goal's heading, near the goal."""
     nearness: float = 2.0
     """Cost of each second at an obstacle; falls with the square of the distance."""
     margin: float = 0.25
@@ -106,13 +102,13 @@ def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
 
 
 @njit(cache=True, error_model="numpy")
-def rate(controls, mean, now, path, along, heading, squared, tracks, p, costs):
+def rate(controls, mean, now, path, along, squared, tracks, p, costs):
     """Write what sequences of twists cost: `costs`, shape (n,), float64.
 
     `controls`: shape (n, num_steps, 2) [m/s, rad/s], `mean`: shape (num_steps, 2), around which they were drawn; `now`:
-    forward speed and yaw rate; `path`: shape (k, 2), k > 0, `along`: its length up to each point [m]; `heading`: at its
-    end, NaN for any; `squared`: squared distances from obstacles [cells2], the robot in the middle; `tracks`: see
-    `PeopleTracker.people`. Everything in the base frame.
+    forward speed and yaw rate; `path`: shape (k, 2), k > 0, `along`: its length up to each point [m]; `squared`:
+    squared distances from obstacles [cells2], the robot in the middle; `tracks`: see `PeopleTracker.people`. Everything
+    in the base frame.
     """
     side, last = squared.shape[0], path.shape[0] - 1
     half, dt = 0.5 * side, p.period
@@ -153,8 +149,6 @@ def rate(controls, mean, now, path, along, heading, squared, tracks, p, costs):
         dx, dy = path[ahead, 0] - x, path[ahead, 1] - y
         if math.hypot(dx, dy) > NO_ANGLE:
             cost += p.angle * abs(wrap_angle(math.atan2(dy, dx) - theta))
-        if not math.isnan(heading) and along[last] < p.max_v:
-            cost += p.heading * abs(wrap_angle(heading - theta))
         costs[i] = cost
 
 
@@ -193,7 +187,6 @@ class MppiPlanner:
         self._reach = min(math.ceil((robot.radius + params.margin) / params.resolution), 180)
         self._path = np.empty((0, 2))
         self._index = 0
-        self._heading = NO_HEADING
         self.tracks = np.empty((0, 5))
         """People around, see `PeopleTracker.people`; to be set before each `command`."""
         self.blocked = False
@@ -204,10 +197,9 @@ class MppiPlanner:
         """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
-    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+    def set_path(self, path: np.ndarray) -> None:
         """Follow another path from now on; see `LocalPlanner`."""
         self._path, self._index = path, 0
-        self._heading = NO_HEADING if heading is None else heading
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
@@ -216,7 +208,7 @@ class MppiPlanner:
         path = pose.inverse().transform(self.remaining)
         along = lengths_along(path)
         count = max(1, int(np.searchsorted(along, p.max_v * self._horizon + 0.5)))
-        scene = path[:count], along[:count], self._heading - pose.theta, self._look(obstacles), self.tracks, p
+        scene = path[:count], along[:count], self._look(obstacles), self.tracks, p
         self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
         controls = self._mean + self._noise
         controls[1] = 0.0  # braking

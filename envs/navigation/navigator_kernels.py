@@ -28,6 +28,10 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: it goes on; it goes on once the path is planned anew; the robot is at its goal; the robot does
 not get there; the time for the drive is over; a turn on the spot is complete."""
 
+WELL_IN_VIEW = 0.8
+"""Share of half the lidar's field of view up to which a bearing is well in view."""
+CONTACT_MARGIN = 0.05
+"""A stall after a contact clears remembered points up to this distance from the footprint [m]."""
 NAVIGATOR = np.dtype(
     [
         *FOLLOWER_FIELDS,
@@ -51,6 +55,8 @@ NAVIGATOR = np.dtype(
         ("turn_w", np.float64),
         ("turn_steps", np.int64),
         ("forward", np.int64),  # whether the last command was not backwards
+        ("pressed", np.int64),  # whether the bumper was pressed at the last reading
+        ("marked", np.int64),  # whether contacts may be remembered
         ("num_remembered", np.int64),  # obstacles, see `remember`
         ("num_seen", np.int64),  # those, and what the last scan shows
         ("num_obstacles", np.int64),  # those, and other robots
@@ -85,12 +91,18 @@ def navigator_numbers(
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry."""
+    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
+
+    A contact takes the place of the one before, or a robot that turns in contact would be enclosed by its marks.
+    """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
     kept = remember(obstacles, record.num_remembered, record.num_seen, motion, numbers)
-    if bumper:
+    if bumper and record.pressed == 0:
+        kept -= forget_inside(obstacles, kept, kept, numbers.radius)
         kept = add_bump(obstacles, kept, numbers.radius, record.forward == 1)
+        record.marked = 1
+    record.pressed = 1 if bumper else 0
     record.num_remembered = kept
     count = scan_points(ranges, directions, numbers.mount, obstacles[kept:])
     record.num_seen = kept + count
@@ -106,7 +118,7 @@ def _turn_to_view(record, pose, numbers):
     if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
         return 0.0
     bearing = wrap_angle(math.atan2(dy, dx) - pose[2] - numbers.mount[2])
-    return bearing if abs(bearing) > 0.8 * numbers.half_fov else 0.0
+    return bearing if abs(bearing) > WELL_IN_VIEW * numbers.half_fov else 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -182,12 +194,18 @@ def _count_still(record, pose, numbers):
 
 
 @njit(cache=True, error_model="numpy")
-def _fail(record, obstacles, numbers):
-    """Return `FAILED`, after dropping remembered points inside the footprint, which would block every later drive."""
-    dropped = forget_inside(obstacles, record.num_remembered, record.num_obstacles, numbers.radius)
+def _forget(record, obstacles, radius):
+    """Drop remembered points within a radius."""
+    dropped = forget_inside(obstacles, record.num_remembered, record.num_obstacles, radius)
     record.num_remembered -= dropped
     record.num_seen -= dropped
     record.num_obstacles -= dropped
+
+
+@njit(cache=True, error_model="numpy")
+def _fail(record, obstacles, numbers):
+    """Return `FAILED`, after dropping remembered points inside the footprint, which would block every later drive."""
+    _forget(record, obstacles, numbers.radius)
     return FAILED
 
 
@@ -217,6 +235,9 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
         return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
         recover(navigators, around, True, constants)
+        if record.marked == 1:  # marks of contacts may enclose the robot, which has moved a little since
+            record.marked = 0
+            _forget(record, obstacles, numbers.radius + CONTACT_MARGIN)
         return DRIVING
     if record.steps >= numbers.max_steps:
         return TIME_UP

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.navigation.astar import (
@@ -22,6 +23,7 @@ from lidarnaut.envs.navigation.astar import (
     step_weights,
 )
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN, Costmap
+from lidarnaut.envs.navigation.obstacles import free_distance
 
 SHORTCUT = 4.0
 """Longest stretch of a path that one straight line replaces [m]."""
@@ -33,6 +35,8 @@ SMOOTH_WEIGHT = 0.3
 """Pull of each point to the middle between its neighbours (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
 """Most sweeps over the path."""
+NUM_EXITS = 32
+"""Directions in which a robot looks for a way out of an obstacle of the map."""
 SETTLED = 1e-4
 """A sweep that moves no point by more than this ends the smoothing [m]."""
 
@@ -251,6 +255,30 @@ def plan_path(
         return None
     field = travel_field(costmap, start, goal=cell, allow_unknown=allow_unknown)
     return None if field is None else field.path(*cell)
+
+
+def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
+    """Return straight paths out of obstacles of the map that the scan does not show, the shortest first.
+
+    Furniture was moved, or the map is a little off. `obstacles`: shape (k, 2), in sight, base frame [m]; `reach` and
+    `least`: greatest and least length [m]. Paths have the shape (n, 2), float64, points at most a cell apart, map frame
+    [m]. There are none where the footprint touches nothing on the map.
+    """
+    grid, found = costmap.grid, []
+    here = grid.cells(np.array(pose[:2]))
+    if grid.contains(here) and costmap.costs[tuple(here)] <= COST_MAX_FREE:
+        return []
+    for angle in np.linspace(0.0, 2.0 * math.pi, NUM_EXITS, endpoint=False):
+        ahead = Pose2D(0.0, 0.0, angle)
+        free = free_distance(ahead.inverse().transform(obstacles), 0.0, costmap.params.robot_radius, reach)
+        along = np.arange(0.0, free + 1e-9, grid.resolution)
+        path = pose.compose(ahead).transform(np.column_stack([along, np.zeros_like(along)]))
+        path, along = path[inside := grid.contains(grid.cells(path))], along[inside]
+        is_open = costmap.costs[tuple(grid.cells(path).T)] <= COST_MAX_FREE
+        ends = np.flatnonzero(is_open & (along >= least))
+        if len(ends):
+            found.append(path[: ends[0] + 1])
+    return sorted(found, key=len)
 
 
 @njit(cache=True, error_model="numpy")

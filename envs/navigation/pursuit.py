@@ -13,7 +13,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import Pose2D, wrap_angle
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation.obstacles import free_distance, points_within
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
@@ -59,8 +59,6 @@ class FollowerParams:
     """Angles by which the robot steers past obstacles between it and the carrot, on either side [rad]."""
     braking: float = 0.5
     """Share of the robot's greatest deceleration that braking counts on."""
-    goal_tolerance: float = 0.15
-    """Distance from a goal with a heading at which the robot stops to turn there [m]."""
 
 
 FAST = FollowerParams(
@@ -297,12 +295,10 @@ class PathFollower:
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
         """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
-        self._goal_tolerance = params.goal_tolerance
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=FOLLOWER_FIELDS)
         self._state["side"] = 1.0
         self._path = np.empty((0, 2))
-        self._heading: float | None = None
         self.blocked = False
         """Whether the last command did not drive on because of obstacles."""
 
@@ -311,16 +307,12 @@ class PathFollower:
         """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._state["index"][0] :]
 
-    def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
+    def set_path(self, path: np.ndarray) -> None:
         """Follow another path from now on; see `LocalPlanner`."""
         self._path = np.ascontiguousarray(path)
-        self._heading = heading
         self._state["index"] = 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
         """Return the twist to command for the next period; see `LocalPlanner`."""
-        self.blocked = False
-        if self._heading is not None and math.hypot(*(self._path[-1] - pose[:2])) <= self._goal_tolerance:
-            return Twist(0.0, turn_rate(wrap_angle(self._heading - pose.theta), self._numbers))
         v, w, self.blocked = follow(self._state[0], self._path, *pose, twist.v, obstacles, self._numbers)
         return Twist(v, w)

@@ -193,7 +193,7 @@ class TeamRobot(FrontierNavigator):
         if route is None:
             return False
         self.navigator.drive_to(route)
-        self.yielding_to, self._wait_steps = other, 0
+        self.yielding_to, self._wait_steps, self._is_looking = other, 0, False
         return True
 
     def _has_passed(self, other: "TeamRobot", pose: Pose2D) -> bool:

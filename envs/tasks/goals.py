@@ -36,8 +36,8 @@ class GoalTask(WorldTask):
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; once an episode has begun, that of the
-    episode."""
+    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; (x, y) where no heading is asked for.
+    Once an episode has begun, that of the episode."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0
@@ -46,7 +46,7 @@ class GoalTask(WorldTask):
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Check the arguments; see `Task`."""
         check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
-        self._goal = read_goal(self.goal)
+        self._goal = self._read_goal(self.goal)
         super().attach(robot, control_period, physics)
 
     def reset(
@@ -54,7 +54,7 @@ class GoalTask(WorldTask):
     ) -> float:
         """Start an episode; see `Task`."""
         (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
-        goal = read_goal(options.get("goal", self._goal))
+        goal = self._read_goal(options.get("goal", self._goal))
         if goal == "random":
             goal = self.map_pose.between(draw_goal(self.area, self._true_pose, rng, self.min_distance))
         elif goal == "world":
@@ -65,17 +65,29 @@ class GoalTask(WorldTask):
             goal = self.map_pose.between(goals[nearest])
         return self.set_goal(goal)  # type: ignore[arg-type]
 
-    def set_goal(self, goal: tuple[float, float, float]) -> float:
-        """Set a goal (x, y, theta), map frame, and return how long it usually takes to get there [s].
+    def set_goal(self, goal: Sequence[float]) -> float:
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return how long it usually takes to get there [s].
 
         Raises:
             ValueError: if the goal is not finite, or no pose that the robot can reach.
         """
-        if not is_pose(goal):
-            raise ValueError(f"goal must be (x, y, theta), all finite, got {goal!r}")
-        self.goal = Pose2D(*map(float, goal))
+        if isinstance(goal, str):
+            raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
+        self.goal = self._read_goal(goal)
         self._true_goal = self.map_pose.compose(self.goal)
         return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
+
+    def _read_goal(self, goal: Any) -> str | Pose2D:
+        """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is none of what is allowed."""
+        if isinstance(goal, str) and goal in ("random", "world"):
+            return goal
+        needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
+        if is_pose(goal, 2) and not needs_heading:
+            return Pose2D(float(goal[0]), float(goal[1]), 0.0)
+        if not is_pose(goal):
+            allowed = "(x, y, theta), as heading_tolerance asks for a heading," if needs_heading else "(x, y[, theta]),"
+            raise ValueError(f"goal must be 'random', 'world' or {allowed} all finite, got {goal!r}")
+        return Pose2D(*map(float, goal))
 
     @abstractmethod
     def _measure_path(self) -> float:
@@ -84,15 +96,6 @@ class GoalTask(WorldTask):
     def _usual_time(self, length: float) -> float:
         """Return four times what a path of a length [m] takes at full speed, and half a minute [s]."""
         return 30.0 + 4.0 * length / self.robot.max_v
-
-
-def read_goal(goal: Any) -> str | Pose2D:
-    """Return the argument `goal` of environments; ValueError if it is none of what is allowed."""
-    if isinstance(goal, str) and goal in ("random", "world"):
-        return goal
-    if not is_pose(goal):
-        raise ValueError(f"goal must be 'random', 'world' or (x, y, theta), got {goal!r}")
-    return Pose2D(*map(float, goal))
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:

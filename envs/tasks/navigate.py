@@ -62,7 +62,7 @@ class Navigate(GoalTask):
     ## Starting State
     The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
     world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least `min_distance` away,
-    in the map's frame if given. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
+    in the map's frame if given; `(x, y)` is enough where `heading_tolerance` is pi. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
     degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,
     theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a further goal without a reset.
 
@@ -92,7 +92,7 @@ class Navigate(GoalTask):
     | `goal` | `"random"` | see Starting State; `"world"` takes the world's own, of the spawn nearest to the start |
     | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
-    | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default |
+    | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default. Below pi, `pursuit`, `dwb` and `mppi` turn to it |
     | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
 
     ## Version History

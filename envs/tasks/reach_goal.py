@@ -87,9 +87,9 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ## Starting State
     The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the world's
     first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is. `goal="random"` likewise, at least
-    `min_distance` away; `goal="world"` is the world's own, of the spawn nearest to the start; a tuple is in the frame of the
-    start. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a
-    further goal without a reset.
+    `min_distance` away; `goal="world"` is the world's own, of the spawn nearest to the start; a tuple (x, y) or
+    (x, y, theta) is in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` chooses for one
+    episode, `set_goal` sets a further goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` of the goal.

@@ -1,5 +1,6 @@
 """Frontiers on offer, drives to them, and no choice that traps a robot."""
 
+import dataclasses
 import math
 
 import numpy as np
@@ -57,10 +58,10 @@ def empty_features(num):
 class Robot:
     """A robot in a room of 4 m x 2 m with one door; it stands as if held, or drives exactly as commanded."""
 
-    def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None):
+    def __init__(self, *, held=False, bumping=False, seconds=math.inf, max_time=60.0, data=None, robot=BURGER):
         data = room(doors=((2.8, 3.6),)) if data is None else data
         self.belief = Belief(Pose2D(1.0, 1.0, 0.0), OccupancyGrid(data, 0.05, (0.0, 0.0)))
-        self.navigator = FrontierNavigator(BURGER, PERIOD, max_candidates=5, max_time=max_time)
+        self.navigator = FrontierNavigator(robot, PERIOD, max_candidates=5, max_time=max_time)
         self.navigator.begin(reading_at(0.0), self.belief)
         self.time, self.commands = 0.0, []
         self._held, self._bumping, self._seconds = held, bumping, seconds
@@ -202,6 +203,36 @@ def test_a_robot_arrives_and_what_it_cannot_see_there_is_ignored():
     assert robot.navigator.end_reason == "no_reachable_frontier"
 
 
+def test_a_narrow_lidar_looks_around_before_a_frontier_is_ignored():
+    fov = 1.0
+    narrow = dataclasses.replace(BURGER, lidar=dataclasses.replace(BURGER.lidar, fov=fov))
+    turned = []
+    for robot in (Robot(), Robot(robot=narrow)):
+        assert robot.decide() == "arrived"
+        assert len(robot.navigator.map.ignored_points)
+        looking = [k for k, twist in enumerate(robot.commands) if twist.v > 0.0][-1]
+        turned.append(PERIOD * sum(abs(twist.w) for twist in robot.commands[looking + 1 :]))
+    # Both turn once around in the end, since nothing is left.
+    assert turned[0] == pytest.approx(2.0 * math.pi, abs=0.3)
+    assert turned[1] > 4.0 * math.pi - fov - 0.3
+
+
+def test_a_look_around_ends_when_the_frontier_is_observed_and_nothing_is_ignored():
+    narrow = dataclasses.replace(BURGER, lidar=dataclasses.replace(BURGER.lidar, fov=1.0))
+    robot = Robot(robot=narrow, data=room(doors=((0.6, 1.4), (2.8, 3.6))))
+    navigator = robot.navigator
+    for _ in range(200):
+        robot._seconds = robot.time + 0.5 * PERIOD
+        robot.decide() if robot.time == 0.0 else robot.drive()
+        if navigator.navigator.is_recovering:
+            break
+    robot.change(slice(38, 60), slice(0, 40), 100)
+    robot._seconds = math.inf
+    assert robot.drive() == "arrived"
+    assert len(navigator.map.ignored_points) == 0
+    assert len(navigator.candidates) == 1
+
+
 def test_what_lies_behind_a_wall_is_not_ignored():
     data = room(doors=((2.8, 3.6),))
     # Right of where the robot looks out of the door, a wall, and a nook with a frontier of its own.
@@ -230,6 +261,15 @@ def test_a_robot_that_is_held_fails_backs_up_and_is_rid_of_what_it_fails_to_reac
     # The frontier is longer than what is ignored at once, but not by much.
     assert 3 <= failures < 8
     assert len(robot.navigator.candidates) == 0
+    assert robot.navigator.end_reason == "stuck"
+
+
+def test_an_enclosed_robot_is_stuck():
+    data = room(doors=((2.8, 3.6),))
+    data[12:29, [12, 28]] = data[[12, 28], 12:29] = 100
+    robot = Robot(data=data)
+    assert robot.decide() == "looked_around"
+    assert robot.time < NavigatorParams().still_time
     assert robot.navigator.end_reason == "stuck"
 
 
@@ -388,3 +428,12 @@ def test_people_who_walk_are_not_planned_around():
         navigator.look(reading_at(2 * PERIOD)._replace(ranges=ranges), belief)
         cell = navigator.map.cell(3.0 + BURGER.lidar.mount.x, 2.5)
         assert navigator.candidates.costmap.costs[cell] == cost
+
+
+def test_a_robot_in_an_obstacle_of_its_map_drives_out():
+    data = room(doors=((2.8, 3.6),))
+    data[17:23, 17:23] = 100
+    robot = Robot(data=data)
+    assert len(robot.navigator.candidates) == 0
+    robot.decide()
+    assert len(robot.navigator.candidates) == 1

@@ -21,6 +21,7 @@ from tests.navigation.costs import cost_at
 
 BURGER = load_robot("turtlebot3_burger")
 HERE = Pose2D(0.0, 0.0, 0.0)
+TRUE = {"world": "turtlebot3_world", "physics": "kinematic", "localizer": "truth"}
 
 
 def hall():
@@ -89,6 +90,38 @@ def test_goals_behind_walls_in_them_in_unknown_space_and_off_the_map_have_no_pat
     navigator = navigator_to(goal)
     assert navigator.act(reading_of(), Belief(HERE, hall())) == (0.0, 0.0)
     assert navigator.end_reason == "no_path"
+
+
+@pytest.mark.parametrize("size", [0.2, 0.5, 1.0])
+@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+def test_a_robot_that_starts_in_an_obstacle_of_the_map_drives_out_where_the_scan_is_free(size, planner):
+    x, y = -2.0, -0.5
+    first = LidarEnv(Navigate, **TRUE, start=(x, y, 0.0), goal=(-0.5, 0.5, 0.0))
+    first.reset(seed=0)
+    grid = first.belief.grid
+    centers = grid.centers(np.argwhere(np.ones_like(grid.data)))
+    grid.data[(np.abs(centers - (x, y)).max(axis=1) < 0.5 * size).reshape(grid.data.shape)] = 100
+    env = LidarEnv(Navigate, **TRUE, start=(x, y, 0.0), goal=(-0.5, 0.5, 0.0), map=grid)
+    result = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), 0)
+    assert (result.end_reason, result.collisions) == ("reached", 0)
+
+
+def test_what_blocks_a_path_is_logged(caplog):
+    grid, wall = hall(), reading_of(ranges=0.3)
+    for goal, text in (
+        (2.52, "goal (2.52, 0.00) is in an obstacle of the map"),
+        (4.5, "in unknown space"),
+        (9.0, "off"),
+    ):
+        caplog.clear()
+        navigator_to((goal, 0.0)).act(reading_of(), Belief(HERE, grid))
+        assert text in caplog.text
+    grid.data[30:50, 90:110] = 100
+    navigator = navigator_to((2.0, 0.0))
+    navigator.act(wall, Belief(HERE, grid))
+    assert navigator.end_reason == "no_path"
+    assert "start (0.00, 0.00) is in an obstacle of the map" in caplog.text
+    assert "goal" not in caplog.text.split("start")[1]
 
 
 def test_goals_that_are_not_finite_are_refused_and_the_old_one_stays():
@@ -177,6 +210,19 @@ def test_a_bump_is_left_and_remembered_also_when_the_map_grows():
     navigator.act(reading_of(), Belief(HERE, larger))
     found = navigator.map.grid.centers(np.argwhere(navigator.map.marks == 100))
     np.testing.assert_allclose(found, marked, atol=1e-6)
+
+
+@pytest.mark.parametrize("planner", ["rpp", "dwb", "mppi"])
+def test_a_robot_that_was_turned_in_contact_drives_on_once_it_is_free(planner):
+    navigator, pose, twist = navigator_to((2.0, 0.0), local_planner=planner), HERE, (0.0, 0.0)
+    for k in range(400):
+        is_held = k < 80  # and turned, with the bumper pressed in eight headings
+        moved = (0.0, 0.1) if is_held else (0.1 * twist[0], 0.1 * twist[1])
+        pose = pose.compose(Pose2D(moved[0], 0.0, moved[1]))
+        twist = navigator.act(reading_of(time=0.1 * k, bumper=is_held and k % 10 < 5), Belief(pose, hall()))
+        if navigator.end_reason:
+            break
+    assert navigator.end_reason == "arrived"
 
 
 def test_what_scans_find_is_driven_around():

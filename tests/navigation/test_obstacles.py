@@ -9,8 +9,10 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import Navigator, free_distance
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED
+from lidarnaut.envs.navigation.obstacles import BUMP_POINTS
 from lidarnaut.envs.robots import Mount, load_robot
 from lidarnaut.envs.simulation import Twist
 from tests.baselines.maps import reading_of
@@ -98,6 +100,29 @@ def test_a_bump_leaves_an_obstacle_where_the_robot_drove():
         navigator.sense(wheels.drive(0.0, 0.0, [], bumper=True))
         assert len(navigator.obstacles) > 0
         assert (sign * navigator.obstacles[:, 0] > 0.8 * robot.radius).all()
+
+
+def test_a_robot_that_has_turned_in_contact_drives_on_once_it_is_free():
+    """The bumper is pressed in eight headings, for half a second each; the robot slips a little in between."""
+    robot = robot_with(range_min=0.3)
+    navigator, wheels = begin(robot, [])
+    for k in range(80):
+        navigator.note_command(Twist(0.0, 1.0))
+        navigator.sense(wheels.drive(0.02, robot.max_w * 0.3, [], bumper=k % 10 < 5))
+    assert len(navigator.obstacles) > 0
+    navigator.drive_to(resample(np.array([[0.0, 0.0], [2.0, 0.0]]), 0.05))
+    for _ in range(150):
+        twist = navigator.command(wheels.pose)
+        navigator.update(wheels.drive(*twist, []), wheels.pose)
+    assert wheels.pose.x > 1.0
+
+
+def test_a_contact_that_lasts_is_marked_once():
+    robot = robot_with(range_min=0.3)
+    navigator, wheels = begin(robot, [])
+    for _ in range(40):
+        navigator.sense(wheels.drive(0.0, 1.0, [], bumper=True))
+    assert len(navigator.obstacles) == BUMP_POINTS
 
 
 def test_contacts_are_forgotten_when_a_drive_has_failed():

@@ -1,5 +1,7 @@
 """The search against SciPy's Dijkstra, the paths it gives, which of them are refused, and smoothing."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import dijkstra
 
-from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.lines import resample
 from lidarnaut.envs.navigation import (
     Costmap,
@@ -19,6 +21,7 @@ from lidarnaut.envs.navigation import (
     travel_field,
 )
 from lidarnaut.envs.navigation.astar import DIAGONAL, STEPS, STRAIGHT, UNREACHED, search, step_weights
+from lidarnaut.envs.navigation.paths import exits
 from tests.navigation.costs import cost_at
 
 PARAMS = CostmapParams(robot_radius=0.2, inflation_radius=0.6)
@@ -206,3 +209,17 @@ def test_smoothing_rounds_corners_and_touches_nothing():
     # A straight line stays one.
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
     np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
+
+
+def test_exits_lead_out_of_obstacles_of_the_map_where_the_scan_is_free():
+    grid = OccupancyGrid(np.zeros((60, 60), dtype=np.int8), 0.05, (-1.5, -1.5))
+    grid.data[24:36, 24:36] = 100  # 0.6 m around the robot
+    costmap, pose = make_costmap(grid, CostmapParams(0.1, 0.5)), Pose2D(0.0, 0.0, 0.5)
+    found = exits(costmap, pose, np.empty((0, 2)), 1.0)
+    assert all(costmap.costs[tuple(grid.cells(path[-1]))] <= 252 for path in found)
+    assert math.dist(found[0][0], found[0][-1]) == pytest.approx(0.45, abs=0.051)
+    ahead = exits(costmap, pose, np.array([[-0.15, y] for y in np.linspace(-0.5, 0.5, 30)]), 1.0)
+    assert 0 < len(ahead) < len(found)
+    assert all(pose.inverse().transform(path[-1:])[0, 0] > -0.1 for path in ahead)
+    assert exits(costmap, pose, np.empty((0, 2)), 0.3) == []
+    assert exits(costmap, Pose2D(1.0, 1.0, 0.0), np.empty((0, 2)), 1.0) == []
