@@ -27,7 +27,10 @@ _MIN_HITS = 5
 
 
 class _MapTables:
-    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it."""
+    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
+
+    Its frame begins at the corner of cell (0, 0), so that single precision suffices wherever the map lies.
+    """
 
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
@@ -35,11 +38,11 @@ class _MapTables:
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():
             raise ValueError("the map has no free cell, so the robot can be nowhere")
-        self.key, self.map = key, replace(occupancy, data=occupancy.data.copy())
+        self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
         self.free_cells = np.argwhere(free)
-        self.field = LikelihoodField(params, lidar, occupancy)
-        self.sensor_model = BeamModel(params, lidar, occupancy) if params.sensor == "beam" else self.field
-        self.raster = BinRaster.over(occupancy.bounds, params.bin_size, params.bin_angle)
+        self.field = LikelihoodField(params, lidar, self.map)
+        self.sensor_model = BeamModel(params, lidar, self.map) if params.sensor == "beam" else self.field
+        self.raster = BinRaster.over(self.map.bounds, params.bin_size, params.bin_angle)
         self.in_use[key] = self
 
 
@@ -75,7 +78,7 @@ class Amcl:
     @property
     def particles(self) -> np.ndarray:
         """Shape (n, 3), float64: x, y, heading of the particles in the map frame [m, rad]; a copy."""
-        return self._particles.T.astype(np.float64)
+        return self._particles.T + self._origin
 
     @property
     def num_particles(self) -> int:
@@ -141,7 +144,8 @@ class Amcl:
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
         data, params, lidar = occupancy.data, self.params, self._lidar
-        key = (params, lidar, occupancy.resolution, *occupancy.origin, data.shape, data.tobytes())
+        self._origin = np.array([*occupancy.origin, 0.0])
+        key = (params, lidar, occupancy.resolution, data.shape, data.tobytes())
         if not hasattr(self, "_tables") or key != self._tables.key:
             self._tables = _MapTables.in_use.get(key) or _MapTables(key, params, lidar, occupancy)
             self._seen = np.zeros(math.prod(self._tables.raster.shape), dtype=np.bool_)
@@ -176,7 +180,8 @@ class Amcl:
         if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
             raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
         noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
-        x, y, theta = noise + np.array(pose)[:, None]
+        # To the micrometre: rounding errors of large coordinates must not change the draws.
+        x, y, theta = noise + np.round(pose - self._origin, 6)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
     def _start(self, around: Pose2D | None, covariance: np.ndarray | None = None) -> None:
@@ -231,17 +236,18 @@ class Amcl:
         # In a cloud of at most two bins along each axis, all bins touch.
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
-        pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
+        local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
         has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
         if not has_converged:
             self._fits.clear()
         elif ranges is not None:
-            share, hits = tables.field.fit(ranges, pose)
+            share, hits = tables.field.fit(ranges, local)
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         self.cluster_weight = weight
         self.fit = fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
         self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
-        belief, self._corrected_pose = self.belief, pose
-        belief.pose, belief.covariance = pose, covariance
+        belief, x, y = self.belief, *self._origin[:2].tolist()
+        belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
+        belief.covariance = covariance
         belief.is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
