@@ -31,8 +31,8 @@ MIN_HEADING_STD = 1e-4
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return a Kalman filter whose process noise is the greatest acceleration of a robot."""
-    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w)
+    """Return a Kalman filter whose process noise is the greatest acceleration of a robot; readings have one clock."""
+    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
