@@ -21,10 +21,13 @@ from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
 from .params import AmclParams
 from .resampling import resample
+from .rivals import TOLERANCE, Rivals
 
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
 
+NO_RIVALS = np.empty((0, 4))
+_SWITCH = np.diag([0.05**2, 0.05**2, 0.02**2])
 
 class _MapTables:
     """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
@@ -40,6 +43,7 @@ class _MapTables:
             raise ValueError("the map has no free cell, so the robot can be nowhere")
         self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
         self.free_cells = np.argwhere(free)
+        self.area = len(self.free_cells) * occupancy.resolution**2
         self.field = LikelihoodField(params, lidar, self.map)
         self.sensor_model = BeamModel(params, lidar, self.map) if params.sensor == "beam" else self.field
         self.raster = BinRaster.over(self.map.bounds, params.bin_size, params.bin_angle)
@@ -65,8 +69,8 @@ class Amcl:
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
         """The map as it was given, and mean and covariance of the heaviest cluster. It is lost where the filter has not
-        converged, too few scans have confirmed a pose found by global localization, or the map does not explain the
-        scans."""
+        converged, too few scans have confirmed a pose found by global localization, other poses explain them as well
+        (`Belief.rivals`), or the map does not explain the scans."""
         self.cluster_weight: float
         """Share of the heaviest cluster in the weight of all particles, from 0 to 1."""
         self.fit: float
@@ -133,12 +137,17 @@ class Amcl:
         if self.is_corrected:
             move_particles(self._particles, moved, params, self.rng)
             self._moved = ORIGIN
+            if self._rivals is not None:
+                self._rivals.add(ranges, moved)
             self._correct(ranges)
+            if self._rivals is not None:
+                self._compare(ranges)
             if params.relocalize and len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
                 self._start(None)  # the map has not explained the last scans
                 self._correct(ranges)
         else:
             self.belief.pose = self._corrected_pose.compose(moved)
+        self.belief.rivals = NO_RIVALS if self._rivals is None else self._rivals.table(self._origin, self._moved)
         return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
@@ -191,6 +200,7 @@ class Amcl:
         else:
             self._particles = self._draw_around(around, covariance)
         self._is_confirmed = around is not None
+        self._rivals = None if self._is_confirmed else Rivals(self._tables.field, self.params.lost_updates)
         count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
@@ -228,6 +238,26 @@ class Amcl:
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
+    def _compare(self, ranges: np.ndarray) -> None:
+        """Confirm the estimate unless other poses explain the last scans as well; start around a better one."""
+        rivals, tables, is_full = self._rivals, self._tables, len(self._fits) == self._fits.maxlen
+        assert rivals is not None
+        fits = self.fit >= self.params.lost_fit
+        if not (len(rivals.poses) or (is_full and (fits or self.params.relocalize))):
+            return
+        rivals.update(self._local, self.rng, tables.area, self._draw_anywhere)
+        if len(rivals.poses) and rivals.leads[0] > TOLERANCE:
+            self._start(Pose2D(*(rivals.poses[0] + self._origin)), _SWITCH)
+            self._is_confirmed, self._rivals = False, rivals
+            self._correct(ranges)
+        elif len(rivals.poses) == 0 and is_full and fits:
+            self._is_confirmed, self._rivals = True, None
+            self._judge()
+
+    def _judge(self) -> None:
+        is_trusted = self._has_converged and self._is_confirmed
+        self.belief.is_lost = not is_trusted or self.fit < self.params.lost_fit
+
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
         """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
         tables, particles, weights = self._tables, self._particles, self._weights
@@ -245,9 +275,9 @@ class Amcl:
             if hits >= _MIN_HITS:
                 self._fits.append(share)
         self.cluster_weight = weight
-        self.fit = fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
+        self.fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
         belief, x, y = self.belief, *self._origin[:2].tolist()
         belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
         belief.covariance = covariance
-        belief.is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
+        self._local, self._has_converged = local, has_converged
+        self._judge()
