@@ -21,13 +21,15 @@ from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
 from .params import AmclParams
 from .resampling import resample
-from .rivals import TOLERANCE, Rivals
+from .rivals import LEAST_WEIGHT, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
 
+_RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
+"""Covariance of the particles that are drawn around a rival [m, m, rad]."""
 NO_RIVALS = np.empty((0, 4))
-_SWITCH = np.diag([0.05**2, 0.05**2, 0.02**2])
+"""`Belief.rivals` where there are none."""
 
 class _MapTables:
     """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
@@ -42,7 +44,7 @@ class _MapTables:
         if not free.any():
             raise ValueError("the map has no free cell, so the robot can be nowhere")
         self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
-        self.free_cells = np.argwhere(free)
+        self.is_free, self.free_cells = free, np.argwhere(free)
         self.area = len(self.free_cells) * occupancy.resolution**2
         self.field = LikelihoodField(params, lidar, self.map)
         self.sensor_model = BeamModel(params, lidar, self.map) if params.sensor == "beam" else self.field
@@ -141,13 +143,12 @@ class Amcl:
                 self._rivals.add(ranges, moved)
             self._correct(ranges)
             if self._rivals is not None:
-                self._compare(ranges)
-            if params.relocalize and len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
-                self._start(None)  # the map has not explained the last scans
-                self._correct(ranges)
+                self._compare(self._rivals, ranges)
+            if len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
+                self._recover(ranges)
         else:
             self.belief.pose = self._corrected_pose.compose(moved)
-        self.belief.rivals = NO_RIVALS if self._rivals is None else self._rivals.table(self._origin, self._moved)
+        self._publish_rivals()
         return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
@@ -199,8 +200,8 @@ class Amcl:
             self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
         else:
             self._particles = self._draw_around(around, covariance)
-        self._is_confirmed = around is not None
-        self._rivals = None if self._is_confirmed else Rivals(self._tables.field, self.params.lost_updates)
+        # None once the estimate is confirmed.
+        self._rivals = None if around is not None else Rivals(self._tables.field, self.params.lost_updates)
         count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
@@ -238,24 +239,45 @@ class Amcl:
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
-    def _compare(self, ranges: np.ndarray) -> None:
-        """Confirm the estimate unless other poses explain the last scans as well; start around a better one."""
-        rivals, tables, is_full = self._rivals, self._tables, len(self._fits) == self._fits.maxlen
-        assert rivals is not None
-        fits = self.fit >= self.params.lost_fit
-        if not (len(rivals.poses) or (is_full and (fits or self.params.relocalize))):
-            return
-        rivals.update(self._local, self.rng, tables.area, self._draw_anywhere)
-        if len(rivals.poses) and rivals.leads[0] > TOLERANCE:
-            self._start(Pose2D(*(rivals.poses[0] + self._origin)), _SWITCH)
-            self._is_confirmed, self._rivals = False, rivals
+    def _recover(self, ranges: np.ndarray) -> None:
+        """Start anew, or look for rivals of what the filter finds next, where the map has not explained recent scans."""
+        if self.params.relocalize or self._has_left():
+            self._start(None)
             self._correct(ranges)
-        elif len(rivals.poses) == 0 and is_full and fits:
-            self._is_confirmed, self._rivals = True, None
+        elif self._rivals is None and self.params.alpha_slow > 0.0:
+            self._rivals = Rivals(self._tables.field, self.params.lost_updates)
+
+    def _has_left(self) -> bool:
+        """Tell whether no particle is in free space; what is off the map or in a wall explains no scan."""
+        tables = self._tables
+        cells = tables.map.cells(self._particles[:2].T)
+        return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
+
+    def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
+        """Confirm the estimate unless other poses explain recent scans as well; start around a better one."""
+        tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
+        if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
+            return
+        rivals.update(self._local_pose, self.rng, tables.area, self._draw_anywhere)
+        if len(rivals.poses) > 1 and rivals.leads[1] > TOLERANCE:
+            self._start(Pose2D(*(rivals.poses[1] + self._origin)), _RIVAL_COVARIANCE)
+            self._rivals = rivals
+            self._correct(ranges)
+        elif len(rivals.poses) == 1 and is_full and fits:
+            self._rivals = None
             self._judge()
 
+    def _publish_rivals(self) -> None:
+        """Write the rivals to the belief, after the motion since the last scan that was used."""
+        rivals = self._rivals
+        if rivals is None or len(rivals.poses) <= 1:
+            self.belief.rivals = NO_RIVALS
+        else:
+            weights = LEAST_WEIGHT ** (-rivals.leads / TOLERANCE)
+            self.belief.rivals = np.column_stack([rivals.poses_after(self._moved) + self._origin, weights])[1:]
+
     def _judge(self) -> None:
-        is_trusted = self._has_converged and self._is_confirmed
+        is_trusted = self._has_converged and self._rivals is None
         self.belief.is_lost = not is_trusted or self.fit < self.params.lost_fit
 
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
@@ -268,16 +290,17 @@ class Amcl:
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
         has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
-        if not has_converged:
+        share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
+        if hits >= _MIN_HITS:
+            self._fits.append(share)
+        elif ranges is not None and self._has_left():
+            self._fits.append(0.0)
+        elif not has_converged:
             self._fits.clear()
-        elif ranges is not None:
-            share, hits = tables.field.fit(ranges, local)
-            if hits >= _MIN_HITS:
-                self._fits.append(share)
         self.cluster_weight = weight
         self.fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
         belief, x, y = self.belief, *self._origin[:2].tolist()
         belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
         belief.covariance = covariance
-        self._local, self._has_converged = local, has_converged
+        self._local_pose, self._has_converged = local, has_converged
         self._judge()

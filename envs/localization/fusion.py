@@ -169,4 +169,5 @@ class FusedPose:
         self.estimate, belief = estimate, self.belief
         belief.pose, belief.covariance = estimate.pose, estimate.covariance[:3, :3]
         belief.twist, belief.is_lost = Twist(estimate.v, estimate.w), localized.is_lost
+        belief.rivals = localized.rivals
         return belief

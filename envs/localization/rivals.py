@@ -22,7 +22,9 @@ MAX_RIVALS = 20
 """Rivals that are followed."""
 DENSITY, MAX_DRAWN = 4000.0, 400_000
 """Random poses per area of free space that a search begins with [1/m2], and their greatest number."""
-SEARCH = ((64, 5000, (0.2, 0.2, 0.1)), (200, 500, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
+MAX_HITS = 1000
+"""Hits of recent scans that are used."""
+SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
 """Stages of a search: number of hits that are scored, poses that are kept, and standard deviations of the random steps
 by which each of them climbs [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
@@ -87,14 +89,10 @@ class Rivals:
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self.poses = np.empty((0, 3))
-        """Shape (k, 3), float64: x, y, heading of the rivals, frame of the field [m, m, rad], the best one first."""
+        """Shape (k, 3), float64: x, y, heading of the estimate, once there was one, and of its rivals, the best one
+        first, in the frame of the field [m, m, rad]."""
         self.leads = np.empty(0)
-        """Shape (k,), float64: scores of the rivals less that of the estimate, at least -`TOLERANCE`."""
-
-    def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return the rivals as `Belief.rivals`: in a frame with this offset (x, y, 0) [m], after a motion of the base."""
-        poses = [Pose2D(*pose).compose(motion) for pose in (self.poses + origin).tolist()]
-        return np.column_stack([np.reshape(poses, (-1, 3)), LEAST_WEIGHT ** (-self.leads / TOLERANCE)])
+        """Shape (k,), float64: scores of these poses less that of the estimate, at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
         """Add a scan, shape (num_beams,), float32 [m], and the motion of the base since the one before."""
@@ -103,7 +101,11 @@ class Rivals:
         points, count = self._beams.hits(ranges)
         lidar = geometry.mount_x, geometry.mount_y
         self._scans.append(np.vstack([points[:, :count].T * geometry.resolution, lidar]))
-        self.poses = np.array([Pose2D(*pose).compose(motion) for pose in self.poses.tolist()]).reshape(-1, 3)
+        self.poses = self.poses_after(motion)
+
+    def poses_after(self, motion: Pose2D) -> np.ndarray:
+        """Return `poses` after a motion of the base."""
+        return np.reshape([Pose2D(*pose).compose(motion) for pose in self.poses.tolist()], (-1, 3))
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
         """Follow the rivals of an estimate; where there are none, search the map for some.
@@ -113,15 +115,13 @@ class Rivals:
         hits = np.vstack([scan[:-1] for scan in self._scans]) / self._table.resolution
         lidars = np.vstack([np.tile(scan[-1], (len(scan) - 1, 1)) for scan in self._scans]) / self._table.resolution
         # Kernels check no index: seen from a pose on the map, no hit may lie beyond the border of the table.
-        is_near = np.hypot(*hits.T) < self._table.border - 2
-        self._hits, self._lidars = (np.float32(rows[is_near].T.copy()) for rows in (hits, lidars))
-        own = np.repeat(np.float32([pose]).T, COPIES, axis=1)
-        own, scores = self._climb(own, self._hits, FOLLOW, rng)
+        used = np.flatnonzero(np.hypot(*hits.T) < self._table.border - 2)
+        used = used[:: math.ceil(len(used) / MAX_HITS) or 1]
+        self._hits, self._lidars = (np.float32(rows[used].T.copy()) for rows in (hits, lidars))
+        own, scores = self._climb(_copies([pose]), self._hits, FOLLOW, rng)
         own = own[:, [scores.argmax()]]
-        if len(self.poses):
-            copies = np.repeat(np.float32(self.poses.T), COPIES, axis=1)
-            self._choose(own, self._climb(copies, self._hits, FOLLOW, rng)[0])
-        if len(self.poses) == 0:
+        self._choose(own, self._climb(_copies(self.poses), self._hits, FOLLOW, rng)[0])
+        if len(self.poses) == 1:
             poses = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
             for num_hits, num_kept, steps in SEARCH:
                 poses = poses[:, are_apart(poses, own)]
@@ -138,7 +138,7 @@ class Rivals:
     def _climb(
         self, poses: np.ndarray, hits: np.ndarray, steps: Sequence[float], rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Improve each pose by random steps, and return poses and scores."""
+        """Improve poses, shape (3, n), by random steps; return them and their scores."""
         scores = self._score(poses, hits)
         for step in steps:
             tried = poses + np.float32(step * STEP_SHAPE) * rng.standard_normal(poses.shape, dtype=np.float32)
@@ -149,17 +149,23 @@ class Rivals:
         return poses, scores
 
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
-        """Take as rivals those of `poses`, shape (3, n), that are as good as the pose `own`, shape (3, 1), and apart."""
+        """Take as rivals of `own`, shape (3, 1), those of `poses`, shape (3, n), that are as good, and apart."""
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
         poses, scores = (rows[..., scores >= scores[0] - 2.0 * TOLERANCE] for rows in (poses, scores))
         counts = np.empty(len(scores), dtype=np.int64)
         count_crossed(self._table, self._hits, self._lidars, poses, MARGIN / self._table.resolution, counts)
-        scores = scores - counts / max(self._hits.shape[1], 1)
+        leads = scores - counts / max(self._hits.shape[1], 1)
+        leads -= leads[0]
         chosen = [0]
-        for k in np.argsort(-scores, kind="stable").tolist():
-            if scores[k] < scores[0] - TOLERANCE or len(chosen) > MAX_RIVALS:
+        for k in np.argsort(-leads, kind="stable").tolist():
+            if leads[k] < -TOLERANCE or len(chosen) > MAX_RIVALS:
                 break
             if are_apart(poses[:, chosen], poses[:, [k]]).all():
                 chosen.append(k)
-        self.poses, self.leads = poses[:, chosen[1:]].T.astype(np.float64), scores[chosen[1:]] - scores[0]
+        self.poses, self.leads = poses[:, chosen].T.astype(np.float64), leads[chosen]
+
+
+def _copies(poses: np.ndarray | Sequence[Pose2D]) -> np.ndarray:
+    """Return `COPIES` copies of each of `poses`, shape (k, 3): shape (3, k * COPIES), float32."""
+    return np.repeat(np.array(poses, dtype=np.float32).T, COPIES, axis=1)
