@@ -26,6 +26,8 @@ from .rivals import LEAST_WEIGHT, TOLERANCE, Rivals
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
 
+_WIDE = 4.0
+"""A cloud that is wider than `lost_spread` by this factor may converge to the wrong place, as in global localization."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of the particles that are drawn around a rival [m, m, rad]."""
 NO_RIVALS = np.empty((0, 4))
@@ -289,7 +291,10 @@ class Amcl:
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
-        has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
+        variance, limit = covariance[0, 0] + covariance[1, 1], self.params.lost_spread**2
+        has_converged = weight >= 0.5 and variance <= limit
+        if self._rivals is None and variance > _WIDE**2 * limit:
+            self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
         if hits >= _MIN_HITS:
             self._fits.append(share)

@@ -11,7 +11,7 @@ from lidarnaut.envs.geometry import Pose2D
 
 from .likelihood_field import ONE, LikelihoodField, sum_fields
 
-TOLERANCE = 0.02
+TOLERANCE = 0.03
 """A rival explains recent scans at most by this share of their hits worse than the estimate; systematic errors of the
 map, such as a wall that is half a cell off, account for as much."""
 LEAST_WEIGHT = 1e-3
@@ -88,6 +88,7 @@ class Rivals:
         """Score poses by the field of a map, and by the last `num_scans` scans."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
+        self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
         """Shape (k, 3), float64: x, y, heading of the estimate, once there was one, and of its rivals, the best one
         first, in the frame of the field [m, m, rad]."""
@@ -108,10 +109,12 @@ class Rivals:
         return np.reshape([Pose2D(*pose).compose(motion) for pose in self.poses.tolist()], (-1, 3))
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Follow the rivals of an estimate; where there are none, search the map for some.
+        """Follow the rivals of an estimate; where there are none, and now and then, search the map for others.
 
         `draw` returns so many poses in the free space, which covers `area` [m2]: shape (3, n), float32.
         """
+        if not self._scans:
+            return
         hits = np.vstack([scan[:-1] for scan in self._scans]) / self._table.resolution
         lidars = np.vstack([np.tile(scan[-1], (len(scan) - 1, 1)) for scan in self._scans]) / self._table.resolution
         # Kernels check no index: seen from a pose on the map, no hit may lie beyond the border of the table.
@@ -120,15 +123,17 @@ class Rivals:
         self._hits, self._lidars = (np.float32(rows[used].T.copy()) for rows in (hits, lidars))
         own, scores = self._climb(_copies([pose]), self._hits, FOLLOW, rng)
         own = own[:, [scores.argmax()]]
-        self._choose(own, self._climb(_copies(self.poses), self._hits, FOLLOW, rng)[0])
-        if len(self.poses) == 1:
+        followed, _ = self._climb(_copies(self.poses), self._hits, FOLLOW, rng)
+        self._choose(own, followed)
+        self._num_updates += 1
+        if len(self.poses) == 1 or self._num_updates % self._num_scans == 0:
             poses = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
             for num_hits, num_kept, steps in SEARCH:
                 poses = poses[:, are_apart(poses, own)]
                 hits = self._hits[:, :: max(1, self._hits.shape[1] // num_hits)].copy()
                 best = np.argsort(-self._score(poses, hits), kind="stable")[:num_kept]
                 poses, _ = self._climb(poses[:, best], hits, steps, rng)
-            self._choose(own, poses)
+            self._choose(own, np.hstack([poses, followed]))
 
     def _score(self, poses: np.ndarray, hits: np.ndarray) -> np.ndarray:
         sums = np.empty(poses.shape[1], dtype=np.int32)
