@@ -21,17 +21,15 @@ from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
 from .params import AmclParams
 from .resampling import resample
-from .rivals import LEAST_WEIGHT, TOLERANCE, Rivals
+from .rivals import NO_RIVALS, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
-
 _WIDE = 4.0
-"""A cloud that is wider than `lost_spread` by this factor may converge to the wrong place, as in global localization."""
+"""A cloud wider than `lost_spread` by this factor may converge to a wrong pose, as in global localization."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of the particles that are drawn around a rival [m, m, rad]."""
-NO_RIVALS = np.empty((0, 4))
-"""`Belief.rivals` where there are none."""
+
 
 class _MapTables:
     """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
@@ -150,7 +148,7 @@ class Amcl:
                 self._recover(ranges)
         else:
             self.belief.pose = self._corrected_pose.compose(moved)
-        self._publish_rivals()
+        self.belief.rivals = NO_RIVALS if self._rivals is None else self._rivals.table(self._origin, self._moved)
         return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
@@ -203,7 +201,7 @@ class Amcl:
         else:
             self._particles = self._draw_around(around, covariance)
         # None once the estimate is confirmed.
-        self._rivals = None if around is not None else Rivals(self._tables.field, self.params.lost_updates)
+        self._rivals = Rivals(self._tables.field, self.params.lost_updates) if around is None else None
         count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
@@ -242,7 +240,7 @@ class Amcl:
         self._weights = np.full(count, 1.0 / count)
 
     def _recover(self, ranges: np.ndarray) -> None:
-        """Start anew, or look for rivals of what the filter finds next, where the map has not explained recent scans."""
+        """Where the map has not explained recent scans, start anew, or look for rivals of the next estimate."""
         if self.params.relocalize or self._has_left():
             self._start(None)
             self._correct(ranges)
@@ -266,21 +264,7 @@ class Amcl:
             self._rivals = rivals
             self._correct(ranges)
         elif len(rivals.poses) == 1 and is_full and fits:
-            self._rivals = None
-            self._judge()
-
-    def _publish_rivals(self) -> None:
-        """Write the rivals to the belief, after the motion since the last scan that was used."""
-        rivals = self._rivals
-        if rivals is None or len(rivals.poses) <= 1:
-            self.belief.rivals = NO_RIVALS
-        else:
-            weights = LEAST_WEIGHT ** (-rivals.leads / TOLERANCE)
-            self.belief.rivals = np.column_stack([rivals.poses_after(self._moved) + self._origin, weights])[1:]
-
-    def _judge(self) -> None:
-        is_trusted = self._has_converged and self._rivals is None
-        self.belief.is_lost = not is_trusted or self.fit < self.params.lost_fit
+            self._rivals, self.belief.is_lost = None, not self._has_converged
 
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
         """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
@@ -304,8 +288,8 @@ class Amcl:
             self._fits.clear()
         self.cluster_weight = weight
         self.fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        belief, x, y = self.belief, *self._origin[:2].tolist()
+        belief, (x, y, _) = self.belief, self._origin.tolist()
         belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
         belief.covariance = covariance
+        belief.is_lost = not (has_converged and self._rivals is None) or self.fit < self.params.lost_fit
         self._local_pose, self._has_converged = local, has_converged
-        self._judge()
