@@ -123,18 +123,18 @@ class Rivals:
         own, poses = poses[:, [scores[:COPIES].argmax()]], poses[:, COPIES:]
         self._choose(own, poses)
         if len(self.poses) == 1 or self._num_updates % self._num_scans == 0:
-            found: np.ndarray = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
+            found = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
             for num_hits, num_kept, steps in SEARCH:
                 found = found[:, are_apart(found, own)]
-                hits = self._hits[:, :: max(1, self._hits.shape[1] // num_hits)].copy()
-                best = np.argsort(-self._score(found, hits), kind="stable")[:num_kept]
-                found, _ = self._climb(found[:, best], hits, steps, rng)
+                some = self._hits[:, :: max(1, self._hits.shape[1] // num_hits)].copy()
+                best = np.argsort(-self._score(found, some), kind="stable")[:num_kept]
+                found, _ = self._climb(found[:, best], some, steps, rng)
             self._choose(own, np.hstack([poses, found]))
         self._num_updates += 1
 
     def _score(self, poses: np.ndarray, hits: np.ndarray) -> np.ndarray:
         sums = np.empty(poses.shape[1], dtype=np.int32)
-        sum_fields(self._table, hits, hits.shape[1], poses, sums)
+        sum_fields(self._table, hits, hits.shape[1], np.ascontiguousarray(poses), sums)
         return sums / (ONE * max(hits.shape[1], 1))
 
     def _climb(
