@@ -88,7 +88,7 @@ class Belief:
     """Whether the pose must not be trusted."""
     rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
     """Shape (k, 4), float64: x, y, heading of other poses that explain the scans as well [m, m, rad], and their weight
-    over that of `pose`; empty where there are none, or the estimator does not look for them."""
+    relative to that of `pose`; empty if the pose is unambiguous, or the estimator does not check it."""
     twist: Twist | None = None
     """Estimated velocity of the base; None where the estimator gives none."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
@@ -102,7 +102,7 @@ class Belief:
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """Shape (1 + k, 4), float64: `pose`, then its rivals: x, y, heading [m, m, rad], and weights with the sum 1."""
+        """Shape (1 + k, 4), float64: `pose` and its rivals: x, y, heading [m, m, rad], weight; weights sum to 1."""
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()
         return rows

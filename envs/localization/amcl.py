@@ -190,7 +190,7 @@ class Amcl:
         if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
             raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
         noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
-        # To the micrometre: rounding errors of large coordinates must not change the draws.
+        # Rounded to 1e-6 m, so that rounding errors of large coordinates do not change the draws.
         x, y, theta = noise + np.round(pose - self._origin, 6)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
@@ -240,7 +240,7 @@ class Amcl:
         self._weights = np.full(count, 1.0 / count)
 
     def _recover(self, ranges: np.ndarray) -> None:
-        """Where the map has not explained recent scans, start anew, or look for rivals of the next estimate."""
+        """Start global localization, or check the next estimate for rivals: the map does not explain the scans."""
         if self.params.relocalize or self._has_left():
             self._start(None)
             self._correct(ranges)
@@ -248,7 +248,7 @@ class Amcl:
             self._rivals = Rivals(self._tables.field, self.params.lost_updates)
 
     def _has_left(self) -> bool:
-        """Tell whether no particle is in free space; what is off the map or in a wall explains no scan."""
+        """Return whether all particles are off the map, in unknown space or in walls."""
         tables = self._tables
         cells = tables.map.cells(self._particles[:2].T)
         return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()

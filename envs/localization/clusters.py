@@ -51,7 +51,7 @@ def find_bins(particles, raster, bins):
     low_row, low_col, low_angle = num_y, num_x, num_angles
     high_row, high_col, high_angle = zero, zero, zero
     for i in range(xs.shape[0]):
-        # Clamped before they are integers, which hold no more than 2e9.
+        # Clamped before the conversion: integers hold at most 2e9.
         col = np.int32(min(max((xs[i] - offset_x) * per_metre, first), last_col))
         row = np.int32(min(max((ys[i] - offset_y) * per_metre, first), last_row))
         angle = min(np.int32((thetas[i] + np.float32(math.pi)) * per_radian), num_angles - one)

@@ -131,13 +131,13 @@ class Ekf:
             gate: share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`.
             patience: once all measurements of a kind have been gated for this long [s], the filter counts as diverged:
                 it inflates the covariance of what that kind measures and accepts the next one, which is counted as
-                `recovered`. The same time decides that the clock has been set forward; see `max_ahead`.
-            max_ahead: how far ahead of the filter's time a measurement's may be [s]; inf for no bound. Later ones are
-                rejected, and counted as `too_new`: one stamp from the future would make all others `too_old`. The
-                filter's time is that of the newest measurement, of the newest `estimate` asked for, or of the reset.
-                Where nothing else is accepted while the rejected stamps advance by `patience`, the clock was set
-                forward or the sensors were silent, and the next measurement is used. Measurements that are farther
-                apart than this need a larger bound, or an `estimate` at their time before.
+                `recovered`. See also `max_ahead`.
+            max_ahead: greatest lead of a measurement over the filter's clock [s]; inf for no bound. Measurements beyond
+                it are rejected and counted as `too_new`: a single one would make all others `too_old`. The clock is the
+                latest of the reset, the newest measurement in use and the times passed to `estimate`. If no other
+                measurement is used while the rejected stamps advance by `patience`, the filter follows them: the clock
+                was set forward, or the sensors were silent. If measurements are regularly farther apart than this, set
+                a larger bound, or call `estimate` with the time first.
 
         Raises:
             ValueError: an argument is out of range.
@@ -158,14 +158,18 @@ class Ekf:
         self._gates = {kind: float(2.0 * gammaincinv(0.5 * len(MEASURED[kind]), gate)) for kind in KINDS}
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
-    def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
+    def reset(
+        self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float | None = None
+    ) -> None:
         """Start anew at a time [s]; also necessary after the clock was set back.
 
-        For pose, speed, yaw rate and covariance see `Estimate`.
+        For pose, speed, yaw rate and covariance see `Estimate`. Without a time it is 0, and the first measurement may
+        have any later stamp.
 
         Raises:
             ValueError: something is not finite, or the covariance is not symmetric and positive definite.
         """
+        clock, time = (math.inf, 0.0) if time is None else (time, time)
         state = np.array([pose.x, pose.y, float(wrap_angle(pose.theta)), v, w])
         if not (np.isfinite(state).all() and math.isfinite(time)):
             raise ValueError(f"pose, v, w and time must be finite, got {tuple(pose)}, {v!r}, {w!r}, {time!r}")
@@ -173,8 +177,7 @@ class Ekf:
         _require_covariance(covariance, STATE_SIZE)
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
         self._counts: Counter[tuple[str, Verdict]] = Counter()
-        self._asked = time
-        self._ahead_since = math.inf
+        self._clock, self._ahead_since = clock, math.inf
 
     @property
     def time(self) -> float:
@@ -200,12 +203,14 @@ class Ekf:
         if measurement.time < max(self._moments[0].time, self.time - self._horizon):
             self._counts[measurement.kind, "too_old"] += 1
             return "too_old"
-        if measurement.time > max(self.time, self._asked) + self._max_ahead:
+        if measurement.time > max(self.time, self._clock) + self._max_ahead:
             self._ahead_since = min(self._ahead_since, measurement.time)
             if measurement.time - self._ahead_since < self._patience or measurement.time == self._ahead_since:
                 self._counts[measurement.kind, "too_new"] += 1
                 return "too_new"
         self._ahead_since = math.inf
+        if math.isinf(self._clock):
+            self._clock = measurement.time
         added = _Moment(measurement.time, measurement)
         index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
         self._moments.insert(index, added)
@@ -221,7 +226,7 @@ class Ekf:
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the estimate at a time [s], by default that of the newest measurement.
 
-        Later times are predicted, and measurements until then are not `too_new`; for earlier ones only measurements
+        Later times are predicted, and advance the clock that `max_ahead` refers to; for earlier ones only measurements
         until then count.
 
         Raises:
@@ -231,7 +236,7 @@ class Ekf:
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
         if index == 0 or not math.isfinite(time):
             raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
-        self._asked = max(self._asked, time)
+        self._clock = max(self._clock, time)
         state, covariance = self._predict(self._moments[index - 1], time)
         x, y, theta, v, w = state.tolist()
         return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))

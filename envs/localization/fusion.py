@@ -31,7 +31,10 @@ MIN_HEADING_STD = 1e-4
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return a Kalman filter whose process noise is the greatest acceleration of a robot; readings have one clock."""
+    """Return a Kalman filter whose process noise is the greatest acceleration of a robot.
+
+    All measurements have the clock of the readings, so that none is too new.
+    """
     return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 

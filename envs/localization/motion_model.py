@@ -92,7 +92,7 @@ def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rn
     rot2 = wrap_angle(motion.theta - rot1)
     # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
     noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
-    # A deviation of a turn says nothing of the heading any more, and single precision cannot wrap many turns.
+    # With a deviation of one turn the heading is unknown; single precision cannot wrap many turns.
     stds = (
         min(math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2), math.tau),
         math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),

@@ -12,10 +12,9 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import ONE, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""A rival explains recent scans worse than the estimate by at most this share of their hits; walls that the map has a
-cell off account for 0.02."""
+"""Greatest deficit of a rival's score. Walls that are one cell off in the map account for 0.02."""
 APART, APART_ANGLE = 0.5, math.radians(20.0)
-"""Poses that are nearer to each other than this are one [m, rad]."""
+"""Poses nearer to each other than this count as one [m, rad]."""
 MAX_RIVALS = 20
 """Greatest number of rivals."""
 MAX_HITS = 1000
@@ -32,7 +31,7 @@ STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
 """Standard deviations of a step in x, y and heading over its own [1, 1, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
-"""`Belief.rivals` where there are none."""
+"""`Belief.rivals` of an unambiguous estimate."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -63,7 +62,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Tell which poses, shape (3, n), are another one than a pose, shape (3, 1): shape (n,), bool."""
+    """Return whether poses, shape (3, n), are distinct from a pose, shape (3, 1): shape (n,), bool."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > APART) | (np.cos(turn) < math.cos(APART_ANGLE))
 
@@ -106,9 +105,9 @@ class Rivals:
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Follow the rivals of an estimate; where there are none, and now and then, search the map for others.
+        """Follow the rivals of an estimate; search the map if there are none, and once per `num_scans` updates.
 
-        `draw` returns so many poses in the free space, which covers `area` [m2]: shape (3, n), float32.
+        `draw(n)` returns n random poses in the free space, which covers `area` [m2]: shape (3, n), float32.
         """
         if not self._scans:
             return
