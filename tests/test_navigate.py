@@ -5,19 +5,23 @@ import pytest
 
 import lidarnaut  # noqa: F401
 from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.episode import run_episode
+from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import GoalNavigator
 from lidarnaut.envs.rendering import style
 from lidarnaut.envs.tasks.goals import DeadReckoning
 from lidarnaut.envs.tasks.navigate import Navigate
-from lidarnaut.envs.worlds import save_map
+from lidarnaut.envs.worlds import World, save_map
 from tests.rollouts import rollout
 
 QUICK = {"world": "turtlebot3_world", "physics": "kinematic"}
 TRUE = {**QUICK, "localizer": "truth"}
 STOP = np.zeros(2, dtype=np.float32)
+
+
+def edges_of(x0, y0, x1, y1):
+    return [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
 
 
 def test_the_goal_is_observed_from_the_estimated_pose():
@@ -112,6 +116,43 @@ def test_a_saved_map_in_its_own_frame(tmp_path):
     assert tuple(framed.belief.pose) == pytest.approx(Pose2D(*frame).between(Pose2D(-2.0, -0.5, 0.0)))
     assert again["pose_error"].sum() < 1e-9
     np.testing.assert_array_equal(framed.belief.grid.data, plain.belief.grid.data)
+
+
+def test_a_map_may_lie_anywhere():
+    plain = LidarEnv(Navigate, **QUICK, start="spawn", goal=(-0.5, -0.5, 0.0))
+    plain.reset(seed=0)
+    found = []
+    for x, y in ((0.0, 0.0), (4.5e5, 5.4e6), (-1e7, 1e7)):
+        grid = plain.belief.grid
+        moved = OccupancyGrid(grid.data.copy(), grid.resolution, (grid.origin[0] + x, grid.origin[1] + y))
+        goal = (-0.5 + x, -0.5 + y, 0.0)
+        env = LidarEnv(Navigate, **QUICK, start="spawn", goal=goal, map=moved, map_pose=(-x, -y, 0.0))
+        episode = run_episode(env, GoalNavigator(), seed=1)
+        assert episode.end_reason == "reached"
+        found.append((episode.duration, *env.belief.pose[:2] - np.array([x, y])))
+    np.testing.assert_allclose(found[1:], [found[0]] * 2, rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize("room", [0, 1])
+def test_a_robot_in_one_of_two_equal_rooms_looks_on_until_it_knows_which(room):
+    lines = [(0, 0, 6, 0), (0, 0, 0, 2), (6, 0, 6, 2), *edges_of(4.8, 0.0, 5.2, 0.4)]
+    for x in (0, 3):
+        lines += [(x, 2, x, 5), (x + 3, 2, x + 3, 5), (x, 5, x + 3, 5), (x, 2, x + 1, 2), (x + 2, 2, x + 3, 2)]
+        lines += edges_of(x + 0.2, 4.2, x + 0.8, 4.8)
+    segments = np.array(lines, dtype=float)
+    world = World("rooms", segments, np.empty((0, 3)), (Pose2D(1.5, 3.5, 0.0),), (-0.1, -0.1, 6.1, 5.1))
+    start, goal = (1.5 + 3 * room, 3.5, 0.3), (0.6, 0.6, 0.0)
+    env = LidarEnv(Navigate, world=world, physics="kinematic", initial_pose="unknown", start=start, goal=goal)
+    driver, seen = GoalNavigator(), []
+    observation, info = begin_episode(env, driver, 0, np.random.default_rng(0))
+
+    def watch(info):
+        seen.append((len(env.belief.hypotheses), info["is_lost"], info["pose_error"][0]))
+
+    ended = run(env, decide_with(driver, env), observation, info, watch)
+    assert ended.info["end_reason"] == "reached"
+    assert max(seen)[0] == 2
+    assert max(error for _, is_lost, error in seen if not is_lost) < 0.3
 
 
 @pytest.mark.parametrize(

@@ -86,6 +86,9 @@ class Belief:
     """Shape (3, 3), float64: covariance of x, y, heading [m, m, rad]; zeros where the estimator gives none."""
     is_lost: bool = False
     """Whether the pose must not be trusted."""
+    rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
+    """Shape (k, 4), float64: x, y, heading of other poses that explain the scans as well [m, m, rad], and their weight
+    relative to that of `pose`; empty if the pose is unambiguous, or the estimator does not check it."""
     twist: Twist | None = None
     """Estimated velocity of the base; None where the estimator gives none."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
@@ -96,6 +99,13 @@ class Belief:
     path: np.ndarray | None = None
     """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
     of estimators with an `anchor` [m, m, rad]; None otherwise."""
+
+    @property
+    def hypotheses(self) -> np.ndarray:
+        """Shape (1 + k, 4), float64: `pose` and its rivals: x, y, heading [m, m, rad], weight; weights sum to 1."""
+        rows = np.vstack([(*self.pose, 1.0), self.rivals])
+        rows[:, 3] /= rows[:, 3].sum()
+        return rows
 
 
 class Estimator(Protocol):

@@ -21,13 +21,21 @@ from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
 from .params import AmclParams
 from .resampling import resample
+from .rivals import NO_RIVALS, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
+_WIDE = 4.0
+"""A cloud wider than `lost_spread` by this factor may converge to a wrong pose, as in global localization."""
+_RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
+"""Covariance of the particles that are drawn around a rival [m, m, rad]."""
 
 
 class _MapTables:
-    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it."""
+    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
+
+    Its frame begins at the corner of cell (0, 0), so that single precision suffices wherever the map lies.
+    """
 
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
@@ -35,11 +43,12 @@ class _MapTables:
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():
             raise ValueError("the map has no free cell, so the robot can be nowhere")
-        self.key, self.map = key, replace(occupancy, data=occupancy.data.copy())
-        self.free_cells = np.argwhere(free)
-        self.field = LikelihoodField(params, lidar, occupancy)
-        self.sensor_model = BeamModel(params, lidar, occupancy) if params.sensor == "beam" else self.field
-        self.raster = BinRaster.over(occupancy.bounds, params.bin_size, params.bin_angle)
+        self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
+        self.is_free, self.free_cells = free, np.argwhere(free)
+        self.area = len(self.free_cells) * occupancy.resolution**2
+        self.field = LikelihoodField(params, lidar, self.map)
+        self.sensor_model = BeamModel(params, lidar, self.map) if params.sensor == "beam" else self.field
+        self.raster = BinRaster.over(self.map.bounds, params.bin_size, params.bin_angle)
         self.in_use[key] = self
 
 
@@ -62,8 +71,8 @@ class Amcl:
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
         """The map as it was given, and mean and covariance of the heaviest cluster. It is lost where the filter has not
-        converged, too few scans have confirmed a pose found by global localization, or the map does not explain the
-        scans."""
+        converged, too few scans have confirmed a pose found by global localization, other poses explain them as well
+        (`Belief.rivals`), or the map does not explain the scans."""
         self.cluster_weight: float
         """Share of the heaviest cluster in the weight of all particles, from 0 to 1."""
         self.fit: float
@@ -75,7 +84,7 @@ class Amcl:
     @property
     def particles(self) -> np.ndarray:
         """Shape (n, 3), float64: x, y, heading of the particles in the map frame [m, rad]; a copy."""
-        return self._particles.T.astype(np.float64)
+        return self._particles.T + self._origin
 
     @property
     def num_particles(self) -> int:
@@ -130,18 +139,23 @@ class Amcl:
         if self.is_corrected:
             move_particles(self._particles, moved, params, self.rng)
             self._moved = ORIGIN
+            if self._rivals is not None:
+                self._rivals.add(ranges, moved)
             self._correct(ranges)
-            if params.relocalize and len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
-                self._start(None)  # the map has not explained the last scans
-                self._correct(ranges)
+            if self._rivals is not None:
+                self._compare(self._rivals, ranges)
+            if len(self._fits) == params.lost_updates and self.fit < params.lost_fit:
+                self._recover(ranges)
         else:
             self.belief.pose = self._corrected_pose.compose(moved)
+        self.belief.rivals = NO_RIVALS if self._rivals is None else self._rivals.table(self._origin, self._moved)
         return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
         """Compute what depends on the map alone, unless it is the same as before."""
         data, params, lidar = occupancy.data, self.params, self._lidar
-        key = (params, lidar, occupancy.resolution, *occupancy.origin, data.shape, data.tobytes())
+        self._origin = np.array([*occupancy.origin, 0.0])
+        key = (params, lidar, occupancy.resolution, data.shape, data.tobytes())
         if not hasattr(self, "_tables") or key != self._tables.key:
             self._tables = _MapTables.in_use.get(key) or _MapTables(key, params, lidar, occupancy)
             self._seen = np.zeros(math.prod(self._tables.raster.shape), dtype=np.bool_)
@@ -176,7 +190,8 @@ class Amcl:
         if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
             raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
         noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
-        x, y, theta = noise + np.array(pose)[:, None]
+        # Rounded to 1e-6 m, so that rounding errors of large coordinates do not change the draws.
+        x, y, theta = noise + np.round(pose - self._origin, 6)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
     def _start(self, around: Pose2D | None, covariance: np.ndarray | None = None) -> None:
@@ -185,7 +200,8 @@ class Amcl:
             self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
         else:
             self._particles = self._draw_around(around, covariance)
-        self._is_confirmed = around is not None
+        # None once the estimate is confirmed.
+        self._rivals = Rivals(self._tables.field, self.params.lost_updates) if around is None else None
         count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
@@ -223,6 +239,33 @@ class Amcl:
         self._particles = np.ascontiguousarray(self._spare[:, :count])
         self._weights = np.full(count, 1.0 / count)
 
+    def _recover(self, ranges: np.ndarray) -> None:
+        """Start global localization, or check the next estimate for rivals: the map does not explain the scans."""
+        if self.params.relocalize or self._has_left():
+            self._start(None)
+            self._correct(ranges)
+        elif self._rivals is None and self.params.alpha_slow > 0.0:
+            self._rivals = Rivals(self._tables.field, self.params.lost_updates)
+
+    def _has_left(self) -> bool:
+        """Return whether all particles are off the map, in unknown space or in walls."""
+        tables = self._tables
+        cells = tables.map.cells(self._particles[:2].T)
+        return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
+
+    def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
+        """Confirm the estimate unless other poses explain recent scans as well; start around a better one."""
+        tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
+        if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
+            return
+        rivals.update(self._local_pose, self.rng, tables.area, self._draw_anywhere)
+        if len(rivals.poses) > 1 and rivals.leads[1] > TOLERANCE:
+            self._start(Pose2D(*(rivals.poses[1] + self._origin)), _RIVAL_COVARIANCE)
+            self._rivals = rivals
+            self._correct(ranges)
+        elif len(rivals.poses) == 1 and is_full and fits:
+            self._rivals, self.belief.is_lost = None, not self._has_converged
+
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
         """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
         tables, particles, weights = self._tables, self._particles, self._weights
@@ -231,17 +274,22 @@ class Amcl:
         # In a cloud of at most two bins along each axis, all bins touch.
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
-        pose = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
-        has_converged = weight >= 0.5 and covariance[0, 0] + covariance[1, 1] <= self.params.lost_spread**2
-        if not has_converged:
+        local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
+        variance, limit = covariance[0, 0] + covariance[1, 1], self.params.lost_spread**2
+        has_converged = weight >= 0.5 and variance <= limit
+        if self._rivals is None and variance > _WIDE**2 * limit:
+            self._rivals = Rivals(tables.field, self.params.lost_updates)
+        share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
+        if hits >= _MIN_HITS:
+            self._fits.append(share)
+        elif ranges is not None and self._has_left():
+            self._fits.append(0.0)
+        elif not has_converged:
             self._fits.clear()
-        elif ranges is not None:
-            share, hits = tables.field.fit(ranges, pose)
-            if hits >= _MIN_HITS:
-                self._fits.append(share)
         self.cluster_weight = weight
-        self.fit = fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
-        self._is_confirmed |= len(self._fits) == self._fits.maxlen and fit >= self.params.lost_fit
-        belief, self._corrected_pose = self.belief, pose
-        belief.pose, belief.covariance = pose, covariance
-        belief.is_lost = not (has_converged and self._is_confirmed) or fit < self.params.lost_fit
+        self.fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
+        belief, (x, y, _) = self.belief, self._origin.tolist()
+        belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
+        belief.covariance = covariance
+        belief.is_lost = not (has_converged and self._rivals is None) or self.fit < self.params.lost_fit
+        self._local_pose, self._has_converged = local, has_converged

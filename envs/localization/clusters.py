@@ -46,12 +46,14 @@ def find_bins(particles, raster, bins):
     per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
     offset_x, offset_y = np.float32(raster.origin[0]), np.float32(raster.origin[1])
     num_y, num_x, num_angles = np.int32(raster.shape[0]), np.int32(raster.shape[1]), np.int32(raster.shape[2])
+    first, last_col, last_row = np.float32(0.0), np.float32(num_x - 1), np.float32(num_y - 1)
     zero, one = np.int32(0), np.int32(1)
     low_row, low_col, low_angle = num_y, num_x, num_angles
     high_row, high_col, high_angle = zero, zero, zero
     for i in range(xs.shape[0]):
-        col = min(max(np.int32((xs[i] - offset_x) * per_metre), zero), num_x - one)
-        row = min(max(np.int32((ys[i] - offset_y) * per_metre), zero), num_y - one)
+        # Clamped before the conversion: integers hold at most 2e9.
+        col = np.int32(min(max((xs[i] - offset_x) * per_metre, first), last_col))
+        row = np.int32(min(max((ys[i] - offset_y) * per_metre, first), last_row))
         angle = min(np.int32((thetas[i] + np.float32(math.pi)) * per_radian), num_angles - one)
         bins[i] = np.int32(np.int32(row * num_x + col) * num_angles + angle)
         low_row, high_row = min(low_row, row), max(high_row, row)

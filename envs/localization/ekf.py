@@ -40,7 +40,7 @@ MEASURED: dict[str, np.ndarray] = {
     "compass": np.array([THETA, W]),
 }
 """Entries of the state that each kind measures: the rows of H in equations (5), (7) and (9)."""
-Verdict = Literal["accepted", "recovered", "gated", "too_old", "unusable"]
+Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
 """Outcome of a measurement; see `Ekf`."""
 
 
@@ -119,6 +119,7 @@ class Ekf:
         horizon: float = 1.0,
         gate: float = 0.999,
         patience: float = 2.0,
+        max_ahead: float = 1.0,
     ) -> None:
         """Build a filter at the origin at time 0, with variances of one in SI units; see `reset`.
 
@@ -130,7 +131,13 @@ class Ekf:
             gate: share of true measurements that pass the chi-square gate; rejected ones are counted as `gated`.
             patience: once all measurements of a kind have been gated for this long [s], the filter counts as diverged:
                 it inflates the covariance of what that kind measures and accepts the next one, which is counted as
-                `recovered`.
+                `recovered`. See also `max_ahead`.
+            max_ahead: greatest lead of a measurement over the filter's clock [s]; inf for no bound. Measurements beyond
+                it are rejected and counted as `too_new`: a single one would make all others `too_old`. The clock is the
+                latest of the reset, the newest measurement in use and the times passed to `estimate`. If no other
+                measurement is used while the rejected stamps advance by `patience`, the filter follows them: the clock
+                was set forward, or the sensors were silent. If measurements are regularly farther apart than this, set
+                a larger bound, or call `estimate` with the time first.
 
         Raises:
             ValueError: an argument is out of range.
@@ -141,22 +148,28 @@ class Ekf:
         for name, value in (("horizon", horizon), ("patience", patience)):
             if not 0.0 <= value < math.inf:
                 raise ValueError(f"{name} must be finite and not negative, got {value!r}")
+        if not max_ahead > 0.0:
+            raise ValueError(f"max_ahead must be positive, got {max_ahead!r}")
         if not 0.0 < gate < 1.0:
             raise ValueError(f"gate must lie in (0, 1), got {gate!r}")
-        self._horizon, self._patience = horizon, patience
+        self._horizon, self._patience, self._max_ahead = horizon, patience, max_ahead
         self._noise = np.square([*DRIFT, acceleration, angular_acceleration])
         # Quantiles of the chi-squared distribution.
         self._gates = {kind: float(2.0 * gammaincinv(0.5 * len(MEASURED[kind]), gate)) for kind in KINDS}
         self.reset(Pose2D(0.0, 0.0, 0.0), np.eye(STATE_SIZE))
 
-    def reset(self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float = 0.0) -> None:
+    def reset(
+        self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float | None = None
+    ) -> None:
         """Start anew at a time [s]; also necessary after the clock was set back.
 
-        For pose, speed, yaw rate and covariance see `Estimate`.
+        For pose, speed, yaw rate and covariance see `Estimate`. Without a time it is 0, and the first measurement may
+        have any later stamp.
 
         Raises:
             ValueError: something is not finite, or the covariance is not symmetric and positive definite.
         """
+        clock, time = (math.inf, 0.0) if time is None else (time, time)
         state = np.array([pose.x, pose.y, float(wrap_angle(pose.theta)), v, w])
         if not (np.isfinite(state).all() and math.isfinite(time)):
             raise ValueError(f"pose, v, w and time must be finite, got {tuple(pose)}, {v!r}, {w!r}, {time!r}")
@@ -164,6 +177,7 @@ class Ekf:
         _require_covariance(covariance, STATE_SIZE)
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
         self._counts: Counter[tuple[str, Verdict]] = Counter()
+        self._clock, self._ahead_since = clock, math.inf
 
     @property
     def time(self) -> float:
@@ -189,6 +203,14 @@ class Ekf:
         if measurement.time < max(self._moments[0].time, self.time - self._horizon):
             self._counts[measurement.kind, "too_old"] += 1
             return "too_old"
+        if measurement.time > max(self.time, self._clock) + self._max_ahead:
+            self._ahead_since = min(self._ahead_since, measurement.time)
+            if measurement.time - self._ahead_since < self._patience or measurement.time == self._ahead_since:
+                self._counts[measurement.kind, "too_new"] += 1
+                return "too_new"
+        self._ahead_since = math.inf
+        if math.isinf(self._clock):
+            self._clock = measurement.time
         added = _Moment(measurement.time, measurement)
         index = bisect.bisect_right(self._moments, added.order, key=lambda moment: moment.order)
         self._moments.insert(index, added)
@@ -204,7 +226,8 @@ class Ekf:
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the estimate at a time [s], by default that of the newest measurement.
 
-        Later times are predicted; for earlier ones only measurements until then count.
+        Later times are predicted, and advance the clock that `max_ahead` refers to; for earlier ones only measurements
+        until then count.
 
         Raises:
             ValueError: the filter does not remember the time any more.
@@ -213,6 +236,7 @@ class Ekf:
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
         if index == 0 or not math.isfinite(time):
             raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
+        self._clock = max(self._clock, time)
         state, covariance = self._predict(self._moments[index - 1], time)
         x, y, theta, v, w = state.tolist()
         return Estimate(time, Pose2D(x, y, theta), v, w, 0.5 * (covariance + covariance.T))

@@ -31,8 +31,11 @@ MIN_HEADING_STD = 1e-4
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return a Kalman filter whose process noise is the greatest acceleration of a robot."""
-    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w)
+    """Return a Kalman filter whose process noise is the greatest acceleration of a robot.
+
+    All measurements have the clock of the readings, so that none is too new.
+    """
+    return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
@@ -169,4 +172,5 @@ class FusedPose:
         self.estimate, belief = estimate, self.belief
         belief.pose, belief.covariance = estimate.pose, estimate.covariance[:3, :3]
         belief.twist, belief.is_lost = Twist(estimate.v, estimate.w), localized.is_lost
+        belief.rivals = localized.rivals
         return belief

@@ -189,7 +189,7 @@ class LikelihoodField:
         border = max(reach, far)
         entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
-        self._field = Field(entries, border, (x - border * resolution, y - border * resolution), resolution)
+        self.table = Field(entries, border, (x - border * resolution, y - border * resolution), resolution)
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
@@ -204,7 +204,7 @@ class LikelihoodField:
 
         def weigh(particles: np.ndarray, weights: np.ndarray) -> float:
             sums = np.empty(len(weights), dtype=np.int32)
-            sum_fields(self._field, points, count, particles, sums)
+            sum_fields(self.table, points, count, particles, sums)
             if self._is_product:
                 return multiply_by_product(
                     weights, sums, self._unit, self._least, count, self._squash, self._needs_mean
@@ -218,4 +218,4 @@ class LikelihoodField:
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0
-        return count_near(self._field, self._near, points, count, pose) / count, count
+        return count_near(self.table, self._near, points, count, pose) / count, count

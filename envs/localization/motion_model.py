@@ -92,9 +92,10 @@ def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rn
     rot2 = wrap_angle(motion.theta - rot1)
     # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
     noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
+    # With a deviation of one turn the heading is unknown; single precision cannot wrap many turns.
     stds = (
-        math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2),
+        min(math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2), math.tau),
         math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),
-        math.sqrt(params.alpha1 * noise2**2 + params.alpha2 * trans**2),
+        min(math.sqrt(params.alpha1 * noise2**2 + params.alpha2 * trans**2), math.tau),
     )
     _move(particles, (rot1, trans, rot2), stds, rng.integers(1 << 64, dtype=np.uint64))

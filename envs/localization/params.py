@@ -83,12 +83,14 @@ class AmclParams:
     lost_fit: Share = 0.5
     """The filter is lost where the map explains less than this share of the hits of recent scans."""
     lost_updates: Count = 5
-    """Number of used scans that count as recent. After global localization so many must fit before the pose counts."""
+    """Number of used scans that count as recent. After global localization so many must fit before the pose counts, and
+    no other pose may fit them as well."""
     lost_spread: Positive = 0.5
     """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
     square) [m], or while that cluster holds less than half of the weight."""
     relocalize: bool = False
-    """Whether global localization starts anew once the map has not explained `lost_updates` used scans."""
+    """Whether global localization starts anew once the map has not explained `lost_updates` used scans. It always does
+    once all particles have left the free space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

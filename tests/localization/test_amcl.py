@@ -1,3 +1,4 @@
+import itertools
 import math
 import os
 from dataclasses import replace
@@ -150,6 +151,70 @@ def test_a_map_of_another_world_makes_it_lost_and_the_right_one_does_not():
                 amcl = started(4, start, relocalize=relocalize, lost_distance=0.1)
                 _, estimate = _follow(amcl, segments=segments)
                 assert estimate.is_lost is expected, (relocalize, start, amcl.fit)
+
+
+@pytest.mark.parametrize("name", ["nav2", "turtlebot3", "default", "beam"])
+@pytest.mark.parametrize("is_known", [True, False])
+def test_it_does_not_matter_where_the_map_lies(name, is_known):
+    params = replace(PARAMS, sensor="beam", max_particles=600, max_beams=15) if name == "beam" else PRESETS[name]
+    found = []
+    for x, y in ((0.0, 0.0), (1e5, 1e5), (4.5e5, 5.4e6), (-1e7, 1e7)):
+        amcl = Amcl(LIDAR, replace(params, global_particles=None))
+        moved = OccupancyGrid(MAP.data, MAP.resolution, (MAP.origin[0] + x, MAP.origin[1] + y))
+        start = Pose2D(START.x + x, START.y + y, START.theta) if is_known else None
+        belief = amcl.reset(np.random.default_rng(0), start, moved, SURE)
+        rows = []
+        for pose, motion in _circle(25):
+            belief = amcl.update(see(pose), motion)
+            rows.append((belief.pose.x - x, belief.pose.y - y, belief.pose.theta, belief.is_lost))
+        found.append(rows)
+        mean = np.average(amcl.particles[:, :2], axis=0, weights=amcl.weights)
+        assert amcl.particles.dtype == np.float64
+        assert np.abs(mean - belief.pose[:2]).max() < (0.1 if is_known else 5.0)
+    np.testing.assert_allclose(found[1:], [found[0]] * 3, rtol=0.0, atol=1e-6)
+
+
+NOTHING = np.full(LIDAR.num_beams, np.inf, dtype=np.float32)
+FEW = np.where(np.arange(LIDAR.num_beams) % 60 == 0, np.float32(1.0), NOTHING)
+
+
+@pytest.mark.parametrize("name", ["nav2", "default"])
+@pytest.mark.parametrize(
+    ("jump", "blind", "spread"),
+    [
+        (Pose2D(50.0, 0.0, 0.0), None, 0.05),  # off the map
+        (Pose2D(1e12, -1e12, 0.0), None, 0.05),
+        (Pose2D(50.0, 0.0, 0.0), NOTHING, 0.05),
+        (Pose2D(50.0, 0.0, 0.0), FEW, 3.0),  # a spread cloud, and too few hits to judge it
+        (Pose2D(50.0, 0.0, 0.0), NOTHING * np.float32(np.nan), 3.0),
+        (Pose2D(-1.5, -1.5, 0.0), None, 0.0),  # into the unknown beside the room
+    ],
+)
+def test_a_filter_whose_particles_have_all_left_the_free_space_starts_anew(name, jump, blind, spread):
+    unknown = np.pad(MAP.data, 40, constant_values=-1)
+    grid = OccupancyGrid(unknown, MAP.resolution, (MAP.origin[0] - 2.0, MAP.origin[1] - 2.0))
+    amcl = Amcl(LIDAR, replace(PRESETS[name], max_particles=5000, alpha3=0.01, alpha2=0.01))
+    amcl.reset(np.random.default_rng(0), START, grid, np.diag([spread**2, spread**2, 0.01]))
+    amcl.update(see(START), Pose2D(0.0, 0.0, 0.0))
+    amcl.update(see(START), jump)
+    lost: list[bool] = []
+    for pose, motion in itertools.islice(_circle(400), 1, 400):
+        reading = see(pose) if blind is None or len(lost) > 60 else Reading.of_scan(blind)
+        lost.append(amcl.update(reading, motion).is_lost)
+    assert all(lost[:10])
+    assert not lost[-1]
+    assert math.dist(amcl.belief.pose[:2], pose[:2]) < 0.3
+
+
+def test_a_robot_in_a_gap_of_the_map_that_its_scans_fit_is_tracked():
+    grid = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
+    _, col = grid.cells(np.array(START[:2]))
+    grid.data[(grid.data == 0) & (np.arange(grid.data.shape[1]) > col + 4)] = -1
+    amcl = Amcl(LIDAR, PARAMS)
+    amcl.reset(np.random.default_rng(0), START, grid, SURE)
+    for pose, motion in itertools.islice(_circle(60, START), 0, 60):
+        assert not amcl.update(see(pose), motion).is_lost
+        assert math.dist(amcl.belief.pose[:2], pose[:2]) < 0.1
 
 
 def test_a_robot_that_stands_still_only_follows_odometry():

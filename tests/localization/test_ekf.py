@@ -158,6 +158,66 @@ def test_the_filter_recovers_from_a_kidnapped_robot():
     assert ekf.estimate().pose == pytest.approx((3.0, -2.0, 1.0), abs=0.01)
 
 
+def drive_and_stop(stamp, num=100, kinds=("encoder", "compass"), **params):
+    """Drive at 0.5 m/s for 5 s, then stop; `stamp` gives kind and true time of a measurement its stamps, if any."""
+    ekf = started(v=0.5, **params)
+    for k in range(1, num + 1):
+        for kind in kinds:
+            for time in stamp(kind, 0.1 * k):
+                ekf.add(measure(time, kind, 0.5 * (k <= 50) if kind == "encoder" else 0.0, 0.0))
+    return ekf
+
+
+@pytest.mark.parametrize("ahead", [1.6, 20.0, 1e9])
+@pytest.mark.parametrize("culprit", KINDS)
+def test_one_stamp_from_the_future_is_refused_and_nothing_else(culprit, ahead):
+    ekf = drive_and_stop(lambda kind, time: [time])
+    for k in range(1, 101):
+        time = 10.0 + 0.1 * k
+        assert ekf.add(measure(time, "encoder", 0.0, 0.0)) == "accepted"
+        if k in (50, 51):
+            assert ekf.add(measure(time + ahead, culprit, *(9.0,) * len(NOISE[culprit]))) == "too_new"
+            assert ekf.time == time
+    assert ekf.estimate().pose.x == pytest.approx(2.5, abs=0.1)
+    assert ekf.counts[culprit]["too_new"] == 2
+
+
+def test_a_sensor_whose_clock_is_ahead_never_silences_the_others():
+    ekf = drive_and_stop(lambda kind, time: [time + 20.0 * (kind == "compass")])
+    assert ekf.counts["compass"] == {"too_new": 100}
+    assert set(ekf.counts["encoder"]) <= {"accepted", "gated"}
+    assert ekf.estimate().pose.x == pytest.approx(2.5, abs=0.1)
+
+
+@pytest.mark.parametrize("kinds", [("encoder",), ("encoder", "compass")])
+def test_clocks_set_forward_and_silent_sensors_are_followed(kinds):
+    ekf = drive_and_stop(lambda kind, time: [time + 20.0 * (time > 5.55)], 400, kinds)
+    assert ekf.time == pytest.approx(60.0)
+    for kind in kinds:
+        assert 18 <= ekf.counts[kind]["too_new"] <= 21  # for `patience`
+    assert (ekf.estimate().v, ekf.estimate().w) == pytest.approx((0.0, 0.0), abs=0.02)
+    assert ekf.add(measure(61.0, "map", 2.5, 0.0, 0.0)) == "accepted"
+
+
+def test_measurements_far_apart():
+    rare = started(v=0.5)
+    assert [rare.add(measure(5.0 * k, "encoder", 0.5, 0.0)) for k in range(1, 7)] == ["accepted", "too_new"] * 3
+    bounded, asked = started(v=0.5, max_ahead=math.inf), started(v=0.5)
+    for k in range(1, 7):
+        asked.estimate(5.0 * k - 0.5)  # the caller's clock
+        assert asked.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
+        assert bounded.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
+
+
+def test_the_first_stamp_is_compared_with_the_time_of_the_reset():
+    ekf = started()
+    assert ekf.add(measure(1.7e9, "encoder", 0.5, 0.0)) == "accepted"
+    assert ekf.add(measure(1.7e9 + 20.0, "encoder", 0.5, 0.0)) == "too_new"
+    ekf.reset(ORIGIN, START, time=100.0)
+    assert ekf.add(measure(102.0, "encoder", 0.5, 0.0)) == "too_new"
+    assert ekf.add(measure(100.9, "encoder", 0.5, 0.0)) == "accepted"
+
+
 positive = st.floats(1e-3, 3.0)
 measurements = st.tuples(
     st.floats(-0.5, 3.0),
@@ -169,7 +229,7 @@ measurements = st.tuples(
 
 
 def test_single_outliers_far_apart_never_pass_for_a_recovery():
-    ekf = started()
+    ekf = started(max_ahead=5.0)
     for k in range(10):
         assert ekf.add(measure(5.0 * k + 2.5, "map", 0.0, 0.0, 0.0)) == "accepted"
         assert ekf.add(measure(5.0 * k + 2.6, "map", 50.0, 0.0, 0.0)) == "gated"
@@ -178,7 +238,7 @@ def test_single_outliers_far_apart_never_pass_for_a_recovery():
 @given(st.lists(measurements, max_size=25), st.floats(0.5, 1.0 - 1e-9), st.floats(0.0, 2.0))
 @settings(deadline=None, max_examples=150)
 def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patience):
-    ekf = started(gate=gate, patience=patience)
+    ekf = started(gate=gate, patience=patience, max_ahead=3.0)
     for delay, kind, values, spreads, correlation in sequence:
         size = len(MEASURED[kind])
         noise = np.diag(np.square(spreads[:size]))
@@ -198,6 +258,8 @@ def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patien
         (lambda: Ekf(gate=1.0), "gate"),
         (lambda: Ekf(acceleration=0.0), "acceleration"),
         (lambda: Ekf(horizon=-1.0), "horizon"),
+        (lambda: Ekf(max_ahead=0.0), "max_ahead"),
+        (lambda: Ekf(max_ahead=math.nan), "max_ahead"),
         (lambda: Measurement(0.0, "gps", np.zeros(3), np.eye(3)), "unknown kind of measurement 'gps'"),
         (lambda: Measurement(0.0, "encoder", np.zeros(3), np.eye(3)), "encoder measurement has 2 values"),
         (lambda: Measurement(math.nan, "encoder", np.zeros(2), np.eye(2)), "time"),

@@ -1,0 +1,167 @@
+"""Rivals of an estimated pose: other poses on the map that explain recent scans as well."""
+
+import math
+from collections import deque
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from numba import njit
+
+from lidarnaut.envs.geometry import Pose2D
+
+from .likelihood_field import ONE, LikelihoodField, sum_fields
+
+TOLERANCE = 0.03
+"""Greatest deficit of a rival's score. Walls that are one cell off in the map account for 0.02."""
+APART, APART_ANGLE = 0.5, math.radians(20.0)
+"""Poses nearer to each other than this count as one [m, rad]."""
+MAX_RIVALS = 20
+"""Greatest number of rivals."""
+MAX_HITS = 1000
+"""Greatest number of hits of recent scans that are used."""
+MARGIN = 0.2
+"""Beams may end this far behind an obstacle [m]."""
+DENSITY, MAX_DRAWN = 4000.0, 400_000
+"""Random poses that a search begins with, per area of free space [1/m2], and their greatest number."""
+SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
+"""Stages of a search: number of hits, of poses that are kept, and standard deviations of their random steps [m]."""
+COPIES, FOLLOW = 16, (0.03, 0.02, 0.01)
+"""Copies of a pose that is followed from scan to scan, and standard deviations of their random steps [m]."""
+STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
+"""Standard deviations of a step in x, y and heading over its own [1, 1, rad/m]."""
+
+NO_RIVALS = np.empty((0, 4))
+"""`Belief.rivals` of an unambiguous estimate."""
+
+
+@njit(cache=True, error_model="numpy")
+def count_crossed(field, hits, lidars, margin, pose):
+    """Count the beams that pass through an obstacle of the map more than `margin` cells before they end.
+
+    Parallels a cell to either side have to cross one as well, so that beams may graze obstacles. `field`: a `Field` of
+    likelihoods; `hits`, `lidars`: shape (2, n), float32, ends and starts of the beams, base frame [cells].
+    """
+    height, width = field.data.shape
+    x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
+    c, s = math.cos(pose[2]), math.sin(pose[2])
+    count = 0
+    for k in range(hits.shape[1]):
+        x0, y0 = x + c * lidars[0, k] - s * lidars[1, k], y + s * lidars[0, k] + c * lidars[1, k]
+        dx, dy = x + c * hits[0, k] - s * hits[1, k] - x0, y + s * hits[0, k] + c * hits[1, k] - y0
+        length = math.sqrt(dx * dx + dy * dy)
+        dx, dy = dx / length, dy / length
+        num_blocked = 0
+        for side in (0.0, 1.0, -1.0):
+            for j in range(1, int(length - margin)):
+                row, col = math.floor(y0 + side * dx + j * dy), math.floor(x0 - side * dy + j * dx)
+                if row >= 0 and col >= 0 and row < height and col < width and field.data[row, col] == ONE:
+                    num_blocked += 1
+                    break
+        count += num_blocked == 3
+    return count
+
+
+def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Return whether poses, shape (3, n), are distinct from a pose, shape (3, 1): shape (n,), bool."""
+    x, y, turn = poses - pose
+    return (np.hypot(x, y) > APART) | (np.cos(turn) < math.cos(APART_ANGLE))
+
+
+def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
+    return np.reshape([Pose2D(*pose).compose(motion) for pose in poses.tolist()], (-1, 3))
+
+
+class Rivals:
+    """Finds the rivals of an estimate, and follows them from scan to scan.
+
+    A pose is scored by the mean entry of the likelihood field at the hits of recent scans, of 1 at most, less the share
+    of beams that pass through obstacles, which the field does not see.
+    """
+
+    def __init__(self, field: LikelihoodField, num_scans: int) -> None:
+        """Score poses by the field of a map, and by the last `num_scans` scans."""
+        self._beams, self._table = field.beams, field.table
+        self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
+        self._num_scans, self._num_updates = num_scans, 0
+        self.poses = np.empty((0, 3))
+        """Shape (k, 3), float64: x, y, heading of the estimate, once there was one, and of its rivals, the best one
+        first, in the frame of the field [m, m, rad]."""
+        self.leads = np.empty(0)
+        """Shape (k,), float64: scores of these poses less that of the estimate, at least -`TOLERANCE`."""
+
+    def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
+        """Add a scan, shape (num_beams,), float32 [m], and the motion of the base since the one before."""
+        back, geometry = motion.inverse(), self._beams.geometry
+        self._scans.extend([back.transform(scan) for scan in self._scans])
+        points, count = self._beams.hits(ranges)
+        lidar = geometry.mount_x, geometry.mount_y
+        self._scans.append(np.vstack([points[:, :count].T * geometry.resolution, lidar]))
+        self.poses = _move(self.poses, motion)
+
+    def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
+        """Return `Belief.rivals` after a motion of the base; `origin`, (x, y, 0), is that of the field."""
+        if len(self.poses) <= 1:
+            return NO_RIVALS
+        return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
+
+    def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
+        """Follow the rivals of an estimate; search the map if there are none, and once per `num_scans` updates.
+
+        `draw(n)` returns n random poses in the free space, which covers `area` [m2]: shape (3, n), float32.
+        """
+        if not self._scans:
+            return
+        hits = np.vstack([scan[:-1] for scan in self._scans]) / self._table.resolution
+        lidars = np.vstack([np.tile(scan[-1], (len(scan) - 1, 1)) for scan in self._scans]) / self._table.resolution
+        # Kernels check no index: seen from a pose on the map, no hit may lie beyond the border of the table.
+        used = np.flatnonzero(np.hypot(*hits.T) < self._table.border - 2)
+        used = used[:: math.ceil(len(used) / MAX_HITS) or 1]
+        self._hits, self._lidars = (rows[used].T.astype(np.float32, order="C") for rows in (hits, lidars))
+        copies = np.repeat(np.vstack([pose, self.poses]).astype(np.float32).T, COPIES, axis=1)
+        poses, scores = self._climb(copies, self._hits, FOLLOW, rng)
+        own, poses = poses[:, [scores[:COPIES].argmax()]], poses[:, COPIES:]
+        self._choose(own, poses)
+        if len(self.poses) == 1 or self._num_updates % self._num_scans == 0:
+            found = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
+            for num_hits, num_kept, steps in SEARCH:
+                found = found[:, are_apart(found, own)]
+                some = self._hits[:, :: max(1, self._hits.shape[1] // num_hits)].copy()
+                best = np.argsort(-self._score(found, some), kind="stable")[:num_kept]
+                found, _ = self._climb(found[:, best], some, steps, rng)
+            self._choose(own, np.hstack([poses, found]))
+        self._num_updates += 1
+
+    def _score(self, poses: np.ndarray, hits: np.ndarray) -> np.ndarray:
+        sums = np.empty(poses.shape[1], dtype=np.int32)
+        sum_fields(self._table, hits, hits.shape[1], np.ascontiguousarray(poses), sums)
+        return sums / (ONE * max(hits.shape[1], 1))
+
+    def _climb(
+        self, poses: np.ndarray, hits: np.ndarray, steps: Sequence[float], rng: np.random.Generator
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Improve poses, shape (3, n), by random steps; return them and their scores."""
+        scores = self._score(poses, hits)
+        for step in steps:
+            tried = poses + (step * STEP_SHAPE).astype(np.float32) * rng.standard_normal(poses.shape, dtype=np.float32)
+            tried[2] = (tried[2] + math.pi) % (2.0 * math.pi) - math.pi
+            tried_scores = self._score(tried, hits)
+            is_better = tried_scores > scores
+            poses, scores = np.where(is_better, tried, poses), np.where(is_better, tried_scores, scores)
+        return poses, scores
+
+    def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
+        """Take as rivals of `own`, shape (3, 1), those of `poses`, shape (3, n), that are as good, and apart."""
+        poses = np.hstack([own, poses])
+        scores = self._score(poses, self._hits)
+        poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]
+        scored = self._table, self._hits, self._lidars, MARGIN / self._table.resolution
+        crossed = np.array([count_crossed(*scored, pose) for pose in poses.T])
+        leads = self._score(poses, self._hits) - crossed / max(self._hits.shape[1], 1)
+        leads -= leads[0]
+        chosen = [0]
+        for k in np.argsort(-leads, kind="stable").tolist():
+            if leads[k] < -TOLERANCE or len(chosen) > MAX_RIVALS:
+                break
+            if are_apart(poses[:, chosen], poses[:, [k]]).all():
+                chosen.append(k)
+        self.poses, self.leads = poses[:, chosen].T.astype(np.float64), leads[chosen]
