@@ -1,5 +1,6 @@
 """AMCL: adaptive Monte Carlo localization, as in Nav2."""
 
+import logging
 import math
 import weakref
 from collections import deque
@@ -107,8 +108,8 @@ class Amcl:
 
         `pose`: initial pose of the base (map frame), None for global localization, anywhere in the free space;
         `covariance`: shape (3, 3), of `pose` [m, m, rad], None for one that follows from the params' `initial_std`.
-        ValueError if there is no map, it has no free cell, `pose` lies outside of it or on a cell that is not free, or
-        `covariance` is not a covariance matrix.
+        ValueError if there is no map, it has no free cell, `pose` lies outside of it, or `covariance` is not a
+        covariance matrix. The logger warns of a pose on a cell that is not free.
         """
         if map is None:
             raise ValueError("localization needs a map")
@@ -166,10 +167,9 @@ class Amcl:
         cell = occupancy.cells(np.array(pose[:2]))
         if not occupancy.contains(cell):
             raise ValueError(f"the initial pose {tuple(pose)} lies outside the map, which covers {occupancy.bounds}")
-        value = occupancy.data[tuple(cell)]
-        if not 0 <= value < 100 * FREE_THRESH:
-            what = "unknown" if value < 0 else f"{value} % occupied"
-            raise ValueError(f"the initial pose {tuple(pose)} lies on a cell of the map that is {what}, not free")
+        if not self._tables.is_free[tuple(cell)]:  # furniture was moved, or the map is a little off
+            text = "the initial pose (%.2f, %.2f) lies on a cell of the map that is not free"
+            logging.getLogger(__name__).warning(text, pose.x, pose.y)
 
     def _draw_anywhere(self, count: int) -> np.ndarray:
         """Draw particles uniformly over the map's free space and all headings: shape (3, count), float32."""

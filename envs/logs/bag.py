@@ -21,7 +21,7 @@ BASE_FRAMES = ("base_footprint", "base_link")
 
 
 def is_bag(path: Path) -> bool:
-    """Tell whether a path is that of a bag, by its name or by the content of the folder."""
+    """Return True for the path of a bag, by its name or by the content of the folder."""
     return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
 
 

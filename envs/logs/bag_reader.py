@@ -40,7 +40,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Path of a bag of ROS 2, also of one whose name ends in `.bag`, by which the library knows those of ROS 1."""
+    """Path of a bag folder of ROS 2. The library takes every path that ends in `.bag` for a bag of ROS 1."""
 
     @property
     def suffix(self) -> str:

@@ -20,7 +20,7 @@ from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, pose_errors
 MAX_STEP = 100.0
 """Odometry that moves farther from one scan to the next is damaged [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Odometry is not interpolated across longer gaps [s] in which the robot moves farther [m, rad]."""
+"""Longest gap of the odometry that is interpolated while the robot moves [s], and least motion that counts [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ CLOCK_JITTER = 0.02
 BURST = 5
 """Number of poses before and after, whose mean period is the least time between two."""
 MAX_IMPOSSIBLE = 0.05
-"""Share of impossible motions from which on stamps or units are wrong."""
+"""Largest share of impossible motions; above it, stamps or units are wrong."""
 MAX_GLITCH = 2.0
 """Longest excursion of the odometry that is bridged [s]."""
 

@@ -386,7 +386,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Ignore what was not observed though the robot is at the viewpoint chosen for it.
+        """Ignore frontier cells that were not observed from the viewpoint chosen for them.
 
         Return False, and ignore nothing, if some of it is not well in view: the robot has to look around first.
         """

@@ -128,7 +128,7 @@ class GoalParams:
     """Distance from the goal up to which the robot drives on around it, where a task does not end with its arrival [m]:
     its pose estimate is off. At 0 it stops there."""
     heading_tolerance: float = 0.15
-    """Turn at which a goal's heading counts as reached [rad]. See also `GoalNavigator.set_tolerances`."""
+    """Greatest turn from a goal's heading that counts as reached [rad]. See also `GoalNavigator.set_tolerances`."""
     update_period: float = 0.3
     """Time between two scans that are integrated into the costmap [s]."""
     check_period: float = 0.3

@@ -29,7 +29,7 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 not get there; the time for the drive is over; a turn on the spot is complete."""
 
 WELL_IN_VIEW = 0.8
-"""Share of half the lidar's field of view up to which a bearing is well in view."""
+"""Greatest bearing that is well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
 """A stall after a contact clears remembered points up to this distance from the footprint [m]."""
 NAVIGATOR = np.dtype(
@@ -91,7 +91,7 @@ def navigator_numbers(
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan: what the lidar no longer sees is remembered, and moves along by odometry.
+    """Process a scan: points outside the view are remembered, and move along by odometry.
 
     A contact takes the place of the one before, or a robot that turns in contact would be enclosed by its marks.
     """

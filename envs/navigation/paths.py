@@ -36,7 +36,7 @@ SMOOTH_WEIGHT = 0.3
 NUM_SWEEPS = 100
 """Most sweeps over the path."""
 NUM_EXITS = 32
-"""Directions in which a robot looks for a way out of an obstacle of the map."""
+"""Number of directions that are tried for a way out of an obstacle of the map."""
 SETTLED = 1e-4
 """A sweep that moves no point by more than this ends the smoothing [m]."""
 

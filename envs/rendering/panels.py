@@ -92,7 +92,7 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
 
 @lru_cache(maxsize=8)
 def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
-    """Draw what does not move: the floor that can be reached from the spawns, the outside, and solid between them.
+    """Draw the static parts: the floor that can be reached from the spawns, the outside, and solid between them.
 
     Of a map also the free cells that are left out, and a ring at the spawn.
     """

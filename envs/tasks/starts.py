@@ -72,7 +72,7 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the area of a map in which the first robot starts, if its pose is given; see `Task`."""
+        """Return the area of a map around the given pose of the first robot; see `Task`."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 

@@ -281,18 +281,28 @@ def test_the_beginning_of_the_intel_log():
     ("pose", "covariance", "complaint"),
     [
         (Pose2D(50.0, 0.0, 0.0), None, r"outside the map, which covers \("),
-        (Pose2D(2.0, 3.5, 0.0), None, "100 % occupied, not free"),
-        (Pose2D(3.0, 1.0, 0.0), None, "unknown, not free"),
         (Pose2D(math.nan, 0.0, 0.0), None, "must be finite"),
         (START, np.eye(2), "covariance must be"),
         (START, np.diag([1.0, -1.0, 1.0]), "covariance must be"),
     ],
 )
 def test_starts_that_cannot_be_are_refused(pose, covariance, complaint):
-    grid = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
-    grid.data[20:22, 50:70] = -1
     with pytest.raises(ValueError, match=complaint):
-        Amcl(LIDAR, PARAMS).reset(np.random.default_rng(0), pose, grid, covariance)
+        Amcl(LIDAR, PARAMS).reset(np.random.default_rng(0), pose, MAP, covariance)
+
+
+@pytest.mark.parametrize("value", [-1, 100])
+def test_a_robot_that_starts_in_an_obstacle_of_the_map_is_tracked(caplog, value):
+    grid = OccupancyGrid(MAP.data.copy(), MAP.resolution, MAP.origin)
+    (row, col), half = grid.cells(np.array(START[:2])), round(0.3 / grid.resolution)
+    grid.data[row - half : row + half + 1, col - half : col + half + 1] = value
+    amcl = Amcl(LIDAR, PARAMS)
+    amcl.reset(np.random.default_rng(0), START, grid)
+    assert "lies on a cell of the map that is not free" in caplog.text
+    for _ in range(12):
+        belief = amcl.update(see(START), Pose2D(0.0, 0.0, 0.0))
+    assert not belief.is_lost
+    assert math.dist(belief.pose[:2], START[:2]) < 0.1
 
 
 def test_bad_input():
