@@ -71,7 +71,7 @@ def bridge_glitches(
 ) -> tuple[np.ndarray, list[str]]:
     """Replace poses that a robot cannot have had by interpolation between the poses before and after.
 
-    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH`, and leads back within reach
+    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH` or three periods, and leads back within reach
     of the pose before it. Other jumps stay, and so does everything if more than `MAX_IMPOSSIBLE` of all motions are
     impossible.
 
@@ -101,14 +101,15 @@ def bridge_glitches(
     for k, jump in enumerate(jumps if not is_wrong else ()):
         if jump < done:
             continue
+        longest = max(MAX_GLITCH, 3.0 * usual[jump])  # two poses, where they are rare
         for end in jumps[k + 1 :]:
             after, duration = end + 1, times[end + 1] - times[jump]
             length, turn = (each.item() for each in pose_errors(poses[[after]], poses[[jump]]))
-            if duration > MAX_GLITCH or is_possible(length, turn, max(duration, usual[jump])):
+            if duration > longest or is_possible(length, turn, max(duration, usual[jump])):
                 break
         else:
             duration = math.inf
-        if duration > MAX_GLITCH:
+        if duration > longest:
             stay.append(jump)
             continue
         share = np.clip((times[jump + 1 : after] - times[jump]) / max(duration, 1e-9), 0.0, 1.0)[:, None]
@@ -124,10 +125,8 @@ def bridge_glitches(
     ):
         if found:
             k = found[0]
-            step = (
-                f"{lengths[k]:.2f} m and {turns[k]:.2f} rad in {times[k + 1] - times[k]:.3f} s at {times[k + 1]:.3f} s"
-            )
-            said.append(f"odometry moves by {step}, beyond {limits}: {len(found)} {fate}")
+            step = f"{lengths[k]:.2f} m and {turns[k]:.2f} rad in {times[k + 1] - times[k]:.3f} s"
+            said.append(f"odometry moves by {step} at {times[k + 1]:.3f} s, beyond {limits}: {len(found)} {fate}")
     return fixed, said
 
 
