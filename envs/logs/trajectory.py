@@ -71,9 +71,9 @@ def bridge_glitches(
 ) -> tuple[np.ndarray, list[str]]:
     """Replace poses that a robot cannot have had by interpolation between the poses before and after.
 
-    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH` or three periods, and leads back within reach
-    of the pose before it. Other jumps stay, and so does everything if more than `MAX_IMPOSSIBLE` of all motions are
-    impossible.
+    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH` or three periods, and leads
+    back within reach of the pose before it. Other jumps stay. Nothing is changed if more than `MAX_IMPOSSIBLE` of all
+    motions are impossible.
 
     Args:
         times: shape (n,), ascending except for jitter [s].
