@@ -67,9 +67,10 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
                 count = int(fields[7])
                 readings, after = fields[8 : 8 + count], 9 + count + int(fields[8 + count])
                 laser, pose, num_fields = fields[after : after + 3], fields[after + 3 : after + 6], after + 14
-                mounts.append((number, Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))))
             if len(fields) != num_fields:
                 raise ValueError(f"{len(fields)} fields where {num_fields} are needed: cut off, or with a wrong count")
+            if kind == "ROBOTLASER1":
+                mounts.append((number, Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))))
             times += _numbers([fields[-3]])
             odometry.append(_numbers(pose))
             if kind == "ODOM" or count == 0:

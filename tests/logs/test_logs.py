@@ -286,3 +286,11 @@ def test_small_files_that_unpack_to_any_size_are_refused(tmp_path, monkeypatch):
     path.write_bytes(gzip.compress(b"#\n" * 600))
     with pytest.raises(ValueError, match=r"drive\.log\.gz: too long"):
         load_log(path)
+
+
+@pytest.mark.parametrize("cut", range(20, len(ROBOTLASER), 7))
+def test_lines_that_are_cut_off_anywhere_are_named(tmp_path, cut):
+    path = tmp_path / "drive.clf"
+    path.write_text(ROBOTLASER + ROBOTLASER[:cut])
+    with pytest.raises(ValueError, match=r"drive\.clf, line 2: bad ROBOTLASER1 line"):
+        load_log(path)
