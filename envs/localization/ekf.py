@@ -12,7 +12,7 @@ import contextlib
 import math
 from collections import Counter
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 import numpy as np
 from numba import njit
@@ -30,6 +30,10 @@ MAX_STEP = 0.002
 """Longest step of the prediction [s]."""
 MAX_STEPS = 5000
 """Greatest number of steps of a prediction; after a long time without measurements they become longer."""
+
+MIN_REFUSED, LONE_FACTOR = 5, 5.0
+"""Least number of refused measurements in succession that set the clock, and how much longer those of one kind of
+several have to advance."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -134,10 +138,10 @@ class Ekf:
                 `recovered`. See also `max_ahead`.
             max_ahead: greatest lead of a measurement over the filter's clock [s]; inf for no bound. Measurements beyond
                 it are rejected and counted as `too_new`: a single one would make all others `too_old`. The clock is the
-                latest of the reset, the newest measurement in use and the times passed to `estimate`. If no other
-                measurement is used while the rejected stamps advance by `patience`, the filter follows them: the clock
-                was set forward, or the sensors were silent. If measurements are regularly farther apart than this, set
-                a larger bound, or call `estimate` with the time first.
+                latest of the reset, the newest measurement in use and the times passed to `estimate`. If no
+                measurement is used while stamps of two kinds that are too new, or too old, advance by `patience`, the
+                filter follows them: the clock was set, or the sensors were silent. If measurements are regularly
+                farther apart than `max_ahead`, set a larger bound, or call `estimate` with the time first.
 
         Raises:
             ValueError: an argument is out of range.
@@ -161,7 +165,7 @@ class Ekf:
     def reset(
         self, pose: Pose2D, covariance: np.ndarray, *, v: float = 0.0, w: float = 0.0, time: float | None = None
     ) -> None:
-        """Start anew at a time [s]; also necessary after the clock was set back.
+        """Start anew at a time [s].
 
         For pose, speed, yaw rate and covariance see `Estimate`. Without a time it is 0, and the first measurement may
         have any later stamp.
@@ -177,7 +181,9 @@ class Ekf:
         _require_covariance(covariance, STATE_SIZE)
         self._moments = [_Moment(time, None, "accepted", state, covariance)]
         self._counts: Counter[tuple[str, Verdict]] = Counter()
-        self._clock, self._ahead_since = clock, math.inf
+        self._clock, self._kinds = clock, set[Kind]()
+        self._refused: dict[Kind, list[float]] = {}
+        self._refused_as: Verdict | None = None
 
     @property
     def time(self) -> float:
@@ -200,15 +206,11 @@ class Ekf:
             self._counts[measurement.kind, "unusable"] += 1
             return "unusable"
         _require_covariance(measurement.covariance, len(measurement.values))
-        if measurement.time < max(self._moments[0].time, self.time - self._horizon):
-            self._counts[measurement.kind, "too_old"] += 1
-            return "too_old"
-        if measurement.time > max(self.time, self._clock) + self._max_ahead:
-            self._ahead_since = min(self._ahead_since, measurement.time)
-            if measurement.time - self._ahead_since < self._patience or measurement.time == self._ahead_since:
-                self._counts[measurement.kind, "too_new"] += 1
-                return "too_new"
-        self._ahead_since = math.inf
+        self._kinds.add(measurement.kind)
+        if (verdict := self._judge_stamp(measurement)) is not None:
+            self._counts[measurement.kind, verdict] += 1
+            return verdict
+        self._refused.clear()
         if math.isinf(self._clock):
             self._clock = measurement.time
         added = _Moment(measurement.time, measurement)
@@ -222,6 +224,37 @@ class Ekf:
         self._counts.update(_tally(self._moments[:keep]))
         del self._moments[:keep]
         return added.verdict
+
+    def _judge_stamp(self, measurement: Measurement) -> Verdict | None:
+        """Return `too_old` or `too_new`, or None if the stamp can be used.
+
+        Measurements that are refused in succession show that the filter's clock is wrong, and set it, if they come from
+        two kinds, or the only one, and advance by `patience`; those of one kind of several if they advance by
+        `LONE_FACTOR` times as much, and are ahead.
+        """
+        time, verdict = measurement.time, cast(Verdict, "too_old")
+        if time >= max(self._moments[0].time, self.time - self._horizon):
+            if time <= max(self.time, self._clock) + self._max_ahead:
+                return None
+            verdict = "too_new"
+        if verdict != self._refused_as:
+            self._refused.clear()
+        self._refused_as = verdict
+        self._refused.setdefault(measurement.kind, []).append(time)
+        patience = self._patience
+        if len(self._kinds) > 1 and len(self._refused) == 1:
+            if verdict == "too_old":
+                return verdict
+            patience *= LONE_FACTOR
+        count = sum(stamps[-1] - stamps[0] >= patience for stamps in self._refused.values())
+        if (count < len(self._refused) and count < 2) or sum(map(len, self._refused.values())) < MIN_REFUSED:
+            return verdict
+        if verdict == "too_old":
+            last = self._moments[-1]
+            self._counts.update(_tally(self._moments))
+            self._moments = [_Moment(time, None, "accepted", last.state, last.covariance)]
+            self._clock = time
+        return None
 
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the estimate at a time [s], by default that of the newest measurement.

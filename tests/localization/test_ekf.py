@@ -201,7 +201,11 @@ def test_clocks_set_forward_and_silent_sensors_are_followed(kinds):
 
 def test_measurements_far_apart():
     rare = started(v=0.5)
-    assert [rare.add(measure(5.0 * k, "encoder", 0.5, 0.0)) for k in range(1, 7)] == ["accepted", "too_new"] * 3
+    assert [rare.add(measure(5.0 * k, "encoder", 0.5, 0.0)) for k in range(1, 7)] == [
+        "accepted",
+        *["too_new"] * 4,
+        "accepted",
+    ]
     bounded, asked = started(v=0.5, max_ahead=math.inf), started(v=0.5)
     for k in range(1, 7):
         asked.estimate(5.0 * k - 0.5)  # the caller's clock
@@ -216,6 +220,42 @@ def test_the_first_stamp_is_compared_with_the_time_of_the_reset():
     ekf.reset(ORIGIN, START, time=100.0)
     assert ekf.add(measure(102.0, "encoder", 0.5, 0.0)) == "too_new"
     assert ekf.add(measure(100.9, "encoder", 0.5, 0.0)) == "accepted"
+
+
+def drive(ekf, stamps, seconds=20.0):
+    """Add measurements of all kinds at 10 Hz while the robot drives 0.5 m/s; `stamps` gives the stamp by kind and time.
+
+    Return the error of the position at the end [m].
+    """
+    for k in range(1, round(10 * seconds) + 1):
+        time = 0.1 * k
+        values = {"encoder": (0.5, 0.0), "compass": (0.0, 0.0), "map": (0.5 * time, 0.0, 0.0)}
+        for kind in KINDS:
+            if (stamp := stamps(kind, time)) is not None:
+                ekf.add(measure(stamp, kind, *values[kind]))
+    return abs(ekf.estimate().pose.x - 0.5 * seconds)
+
+
+@pytest.mark.parametrize(
+    ("stamps", "has_clock"),
+    [
+        # Two wrong stamps in succession, of one sensor or of two.
+        (lambda kind, t: {5.0: t + 20.0, 5.1: t + 23.0}.get(round(t, 1), t) if kind == "compass" else t, True),
+        (lambda kind, t: t + {"compass": 20.0, "map": 40.0}.get(kind, 0.0) * (round(t, 1) == 5.0), True),
+        # One sensor is 20 s ahead while the others are silent for 3 s.
+        (lambda kind, t: t + 20.0 if kind == "compass" else None if 5.0 < t < 8.0 else t, True),
+        # The first stamp after a reset without a time is wrong.
+        (lambda kind, t: t + 500.0 if kind == KINDS[0] and t < 0.15 else t, False),
+        # All clocks are set forward, or back.
+        (lambda kind, t: t + 100.0 * (t > 5.0), True),
+        (lambda kind, t: t + 100.0 * (t < 5.0), False),
+    ],
+)
+def test_wrong_clocks_cost_no_good_measurements_for_long(stamps, has_clock):
+    ekf = Ekf()
+    ekf.reset(ORIGIN, START, time=0.0 if has_clock else None)
+    assert drive(ekf, stamps) < 0.3
+    assert sum(ekf.counts["encoder"].get(verdict, 0) for verdict in ("too_old", "too_new")) < 30
 
 
 positive = st.floats(1e-3, 3.0)
