@@ -442,8 +442,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Set a further goal, (x, y, theta) or (x, y), map frame; the next step goes on towards it.
 
         Raises:
-            ValueError: if the goal is not finite, or no pose that the robot can reach.
+            ValueError: if the goal is not finite, or no pose that the robot can reach; the goal before stays.
+            gymnasium.error.ResetNeeded: if no episode has begun.
         """
+        self.check_begun()
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
 

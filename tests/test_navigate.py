@@ -1,5 +1,6 @@
 import math
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -182,3 +183,17 @@ def test_the_picture_shows_the_goal_and_the_particles():
     for colour in (style.FRONTIER, style.ESTIMATED, style.TRUE):
         assert (picture[120:660] == colour).all(axis=-1).sum() > 10
     env.close()
+
+
+def test_a_refused_goal_leaves_the_one_before():
+    env = LidarEnv(Navigate, **QUICK, goal=(-0.5, 0.5, 0.0))
+    with pytest.raises(gymnasium.error.ResetNeeded, match="call reset"):
+        env.set_goal((-0.5, 0.5, 0.0))
+    env.reset(seed=0)
+    for wrong in ((0.0, 0.0, 0.0), (99.0, 99.0)):
+        with pytest.raises(ValueError, match="no pose that the robot can reach"):
+            env.set_goal(wrong)
+        assert tuple(env.task.goal) == (-0.5, 0.5, 0.0)
+    *_, terminated, _, info = env.step(np.zeros(2, dtype=np.float32))
+    assert not terminated
+    assert info["distance_to_goal"] < 5.0

@@ -22,7 +22,7 @@ from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
 from .params import AmclParams
 from .resampling import resample
-from .rivals import NO_RIVALS, TOLERANCE, Rivals
+from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
 """Least number of hits for which the fit of a scan to the map is computed."""
@@ -263,7 +263,7 @@ class Amcl:
             self._start(Pose2D(*(rivals.poses[1] + self._origin)), _RIVAL_COVARIANCE)
             self._rivals = rivals
             self._correct(ranges)
-        elif len(rivals.poses) == 1 and is_full and fits:
+        elif rivals.num_empty >= NUM_SEARCHES and is_full and fits:
             self._rivals, self.belief.is_lost = None, not self._has_converged
 
     def _summarise(self, ranges: np.ndarray | None = None) -> None:

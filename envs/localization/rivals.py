@@ -21,8 +21,12 @@ MAX_HITS = 1000
 """Greatest number of hits of recent scans that are used."""
 MARGIN = 0.2
 """Beams may end this far behind an obstacle [m]."""
-DENSITY, MAX_DRAWN = 4000.0, 400_000
+DENSITY, MAX_DRAWN = 4000.0, 1_000_000
 """Random poses that a search begins with, per area of free space [1/m2], and their greatest number."""
+NUM_SEARCHES = 3
+"""Searches in succession that have to find no rival before a pose is confirmed."""
+PER_BIN = 4
+"""Poses that a stage of a search keeps in each bin of its results."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
 """Stages of a search: number of hits, of poses that are kept, and standard deviations of their random steps [m]."""
 COPIES, FOLLOW = 16, (0.03, 0.02, 0.01)
@@ -67,6 +71,20 @@ def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
     return (np.hypot(x, y) > APART) | (np.cos(turn) < math.cos(APART_ANGLE))
 
 
+def _thinned(poses: np.ndarray) -> np.ndarray:
+    """Return the first `PER_BIN` of the poses, shape (3, n), in each bin of `APART` and `APART_ANGLE`, in their order.
+
+    Many good poses near each other would crowd out others.
+    """
+    bins = np.floor(poses / np.array([[APART], [APART], [APART_ANGLE]])).astype(np.int64)
+    bins -= bins.min(axis=1, keepdims=True)
+    flat = np.ravel_multi_index(tuple(bins), tuple(bins.max(axis=1) + 1))
+    order = np.argsort(flat, kind="stable")
+    _, starts, counts = np.unique(flat[order], return_index=True, return_counts=True)
+    ranks = np.arange(len(order)) - np.repeat(starts, counts)
+    return poses[:, np.sort(order[ranks < PER_BIN])]
+
+
 def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
     return np.reshape([Pose2D(*pose).compose(motion) for pose in poses.tolist()], (-1, 3))
 
@@ -86,6 +104,8 @@ class Rivals:
         self.poses = np.empty((0, 3))
         """Shape (k, 3), float64: x, y, heading of the estimate, once there was one, and of its rivals, the best one
         first, in the frame of the field [m, m, rad]."""
+        self.num_empty = 0
+        """Number of searches in succession that found no rival; one alone may miss some."""
         self.leads = np.empty(0)
         """Shape (k,), float64: scores of these poses less that of the estimate, at least -`TOLERANCE`."""
 
@@ -126,9 +146,10 @@ class Rivals:
             for num_hits, num_kept, steps in SEARCH:
                 found = found[:, are_apart(found, own)]
                 some = self._hits[:, :: max(1, self._hits.shape[1] // num_hits)].copy()
-                best = np.argsort(-self._score(found, some), kind="stable")[:num_kept]
-                found, _ = self._climb(found[:, best], some, steps, rng)
+                best = np.argsort(-self._score(found, some), kind="stable")[: 20 * num_kept]
+                found, _ = self._climb(_thinned(found[:, best])[:, :num_kept], some, steps, rng)
             self._choose(own, np.hstack([poses, found]))
+            self.num_empty = self.num_empty + 1 if len(self.poses) == 1 else 0
         self._num_updates += 1
 
     def _score(self, poses: np.ndarray, hits: np.ndarray) -> np.ndarray:

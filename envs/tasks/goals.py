@@ -73,9 +73,14 @@ class GoalTask(WorldTask):
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
+        before: Any = self.goal, getattr(self, "_true_goal", None)
         self.goal = self._read_goal(goal)
         self._true_goal = self.map_pose.compose(self.goal)
-        return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
+        try:
+            return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
+        except ValueError:
+            self.goal, self._true_goal = before
+            raise
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
         """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is none of what is allowed."""
