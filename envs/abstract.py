@@ -163,7 +163,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             before = count
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield what a turn on the spot comes to, with scans that see around together."""
+        """Yield the steps of a turn on the spot, whose scans together cover a full turn."""
         navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
         navigator.stop()
         parts = 1 if self._sees_around else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))

@@ -31,7 +31,7 @@ def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotPa
 
 
 def is_pose(pose: Any, size: int = 3) -> bool:
-    """Tell whether something is (x, y, theta), all finite; with `size=2` whether it is (x, y)."""
+    """Return True for (x, y, theta), all finite; with `size=2` for (x, y)."""
     try:
         return len(pose) == size and all(math.isfinite(value) for value in pose)
     except TypeError:

@@ -33,7 +33,7 @@ _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 
 
 class _MapTables:
-    """What is computed from a map alone, is large and never changes: equal localizers on equal maps share it.
+    """Large tables of a map that never change. Equal localizers on equal maps share them.
 
     Its frame begins at the corner of cell (0, 0), so that single precision suffices wherever the map lies.
     """

@@ -32,8 +32,8 @@ MAX_STEPS = 5000
 """Greatest number of steps of a prediction; after a long time without measurements they become longer."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Least number of refused measurements in succession that set the clock, and how much longer those of one kind of
-several have to advance."""
+"""Least number of refused measurements in succession that set the clock; factor on `patience` if they are all of one
+kind of several."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)

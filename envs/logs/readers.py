@@ -202,11 +202,9 @@ def read_archive(path: Path) -> Recording:
         raise ValueError(f"{path}: numbers of times, poses and scans do not agree: {lengths}")
     if (arrays["idx"] != np.rint(arrays["idx"])).any():
         raise ValueError(f"{path}, array idx: must hold whole numbers")
-    if (rows := arrays["idx"].astype(np.int64)).size and not 0 <= rows.min() <= rows.max() < lengths["t"]:
-        raise ValueError(f"{path}, array idx: scans refer to rows of odometry that do not exist")
     beams = float(arrays["ang0"]), float(arrays["dang"]), 0.0, float(arrays["maxr"])
     position = float(arrays.get("mount_x", 0.0)), 0.0, 0.0
     ranges = arrays["ranges"].astype(np.float32)
-    scans = [Scan(row, *beams, position, int(k)) for row, k in zip(ranges, rows)]
+    scans = [Scan(row, *beams, position, k) for row, k in zip(ranges, arrays["idx"].astype(np.int64).tolist())]
     times = arrays["t"].astype(np.float64) + float(arrays.get("off", 0.0))
     return Recording(times, arrays["odo"].astype(np.float64), scans, [])

@@ -101,7 +101,7 @@ def bridge_glitches(
     for k, jump in enumerate(jumps if not is_wrong else ()):
         if jump < done:
             continue
-        longest = max(MAX_GLITCH, 3.0 * usual[jump])  # two poses, where they are rare
+        longest = max(MAX_GLITCH, 3.0 * usual[jump])  # two poses of slow odometry
         for end in jumps[k + 1 :]:
             after, duration = end + 1, times[end + 1] - times[jump]
             length, turn = (each.item() for each in pose_errors(poses[[after]], poses[[jump]]))

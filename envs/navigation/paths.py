@@ -262,7 +262,7 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
     Furniture was moved, or the map is a little off. `obstacles`: shape (k, 2), in sight, base frame [m]; `reach` and
     `least`: greatest and least length [m]. Paths have the shape (n, 2), float64, points at most a cell apart, map frame
-    [m]. There are none where the footprint touches nothing on the map.
+    [m]. None are returned if the footprint touches nothing on the map.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))

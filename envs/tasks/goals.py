@@ -83,7 +83,7 @@ class GoalTask(WorldTask):
             raise
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
-        """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is none of what is allowed."""
+        """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is not allowed."""
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
         needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
