@@ -69,6 +69,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+    uses_ground_truth: bool = False
+    """Whether observations hold ground truth: with a part that says so, or in a subclass of the user's own."""
 
     def __init__(
         self,
@@ -149,6 +151,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
             if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
+        self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
         self._layout: list[tuple[str, Any, Any]] = [
             (name, space[name].shape, space[name].dtype) for name in space.spaces
         ]
@@ -343,12 +346,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def write_part(self, name: str, out: np.ndarray) -> None:
         """Write a part of the observation."""
-        part = self.parts[name]
-        if self._is_team:
-            for robot, row in zip(self.robots, out, strict=True):
-                part.write(robot, row)
-        else:
-            part.write(self.robots[0], out)
+        part: Any = self.parts[name]
+        shows_truth = bool(getattr(part, "uses_ground_truth", False))
+        for robot, truth, row in zip(self.robots, self.truths, out if self._is_team else (out,), strict=True):
+            part.write(robot, row, *(truth,) * shows_truth)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
@@ -377,7 +378,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     @property
     def rows(self) -> Rows:
         """What the robots' readings, poses and true states are views of."""
-        return self.robots[0].rows
+        return self.simulator.rows
 
     @property
     def time(self) -> float:

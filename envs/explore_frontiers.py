@@ -368,7 +368,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         env.finish()
         self._note(count, num_contacts)
         reading, belief = robot.reading, robot.belief
-        if int(robot.row[at.FLAGS]) & SCAN:
+        if int(rows.numbers[0, at.FLAGS]) & SCAN:
             navigator.integrate(belief)
         if any(env.is_over):
             navigator.find_candidates(reading, belief)

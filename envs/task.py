@@ -23,8 +23,10 @@ class ObservationPart(Protocol):
     """One entry of an observation, for each robot.
 
     A part that keeps something for an episode also has `reset(robot)`, called once the robot has processed its first
-    reading. One with `write_rows(batch, out)` writes the rows of many robots at once where `batch.active`; see
-    `lidarnaut.envs.vector.batch.Batch`.
+    reading.
+
+    One with `uses_ground_truth = True` has `write(robot, out, truth)`, which gets the robot's `GroundTruth`; policies
+    that observe it are marked, see `lidarnaut.baselines.explorer.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
@@ -34,6 +36,17 @@ class ObservationPart(Protocol):
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write what the robot senses or estimates to `out`, an array of the space's shape and dtype."""
         ...
+
+
+class RowPart:
+    """Base of parts of the package with `write_rows(batch, out)`: writes the active rows of a `Batch`, by a kernel."""
+
+    _memory: Sequence[Any] = ()  # names of entries of `batch.memory` that it reads
+    write_rows: Callable[..., None]
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the row of one robot to `out`."""
+        self.write_rows(robot._alone(self._memory), out[None])
 
 
 class Rewards:

@@ -60,7 +60,9 @@ class Batch:
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
         self._time_limits, self._period = np.zeros(len(envs)), env.control_period
-        self._part_writes_rows = {name: _has_own(part, "write_rows", "write") for name, part in env.parts.items()}
+        self._part_writes_rows = {
+            name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in env.parts.items()
+        }
         self._has_own_parts = not all(self._part_writes_rows.values())
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
         self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
@@ -253,8 +255,8 @@ def _around(env: Any) -> tuple[Any, ...]:
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 
-def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
-    """Tell whether something does its work for many rows at once, and does not overwrite how it does it for one."""
+def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
+    """Return True if the first class with one of these methods has `by_rows`, and its module begins with `of`."""
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
-    return by_rows in vars(kind)
+    return by_rows in vars(kind) and kind.__module__.startswith(of)
