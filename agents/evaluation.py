@@ -9,11 +9,11 @@ from stable_baselines3.common.policies import BasePolicy
 
 from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.curves import SCORES, Row
+from lidarnaut.agents.curves import LEARNED, SCORES, Row
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, run_episode
-from lidarnaut.baselines.explorer import Policy
+from lidarnaut.baselines.explorer import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.measures import Course, headline_of, measures_of
@@ -55,12 +55,14 @@ class Evaluator:
 
     def policy(self, policy: BasePolicy) -> Row:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
-        return self.summarise(run_episodes(self._vector, Actor(policy), self._max_speed))
+        courses = run_episodes(self._vector, Actor(policy), self._max_speed)
+        return {"policy": marked(LEARNED, None, self._env)} | self.summarise(courses)
 
     def reference(self, name: str) -> Row:
         """Measure a classic policy, by name or `module:attribute`; ValueError if there is none for the task."""
-        episodes = [run_episode(self._env, self.make_reference(name), seed) for seed in range(self._episodes)]
-        return self.summarise([episode.course for episode in episodes])
+        policies = [self.make_reference(name) for _ in range(self._episodes)]
+        courses = [run_episode(self._env, policy, seed).course for seed, policy in enumerate(policies)]
+        return {"policy": marked(name, policies[0], self._env)} | self.summarise(courses)
 
     def make_reference(self, name: str) -> Policy:
         """Return a classic policy for the task; raises as `reference`."""

@@ -85,8 +85,8 @@ class CalledPolicy:
         self._state: Any = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return why it has stopped, its plan and how often it decides; None where it does not say."""
-        if name not in ("end_reason", "plan", "control_hz"):
+        """Return an optional attribute of the policy; None if the policy lacks it."""
+        if name not in ("end_reason", "plan", "control_hz", "uses_ground_truth"):
             raise AttributeError(name)
         return getattr(self._policy, name, None)
 
