@@ -104,7 +104,7 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
     Pictures and tables that are there are removed. Only `text` is Markdown: names of worlds and policies may hold
     anything.
     """
-    own_folder(folder)
+    own_folder(folder.parent, folder.name)
     for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
         old.unlink()
     blocks = [f"# {title}", text.strip()]

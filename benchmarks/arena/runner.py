@@ -151,7 +151,7 @@ class Evaluation:
                     for where, content in ((trace_path, result.trace), (recording_path, result.recording)):
                         if content:
                             path = where(self.folder, result.row)
-                            own_folder(path.parent)
+                            own_folder(self.folder, path.parent.name)
                             write_file(path, content)
                     self._records.add(result.row)
                 on_result(result)

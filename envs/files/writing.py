@@ -51,18 +51,20 @@ def append_file(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def own_folder(path: Path) -> Path:
-    """Create a folder that is to be written in; return it.
+def own_folder(path: Path, name: str = "") -> Path:
+    """Create a folder that is to be written in, or the folder `name` in it; return it.
 
     Raises:
-        ValueError: an entry of the folder, or of a folder in it, is a symbolic link: a record from elsewhere could
-            let its links point to any file.
+        ValueError: the folder `name`, an entry, or an entry one level below is a symbolic link: a folder from elsewhere
+            could let its links point to any file. `path` may be a link.
     """
-    path.mkdir(parents=True, exist_ok=True)
-    for entry in (*path.glob("*"), *path.glob("*/*")):
+    folder = path / name
+    if not (name and folder.is_symlink()):
+        folder.mkdir(parents=True, exist_ok=True)
+    for entry in ([folder] if name else []) + [*folder.glob("*"), *folder.glob("*/*")]:
         if entry.is_symlink():
             raise ValueError(f"{entry} is a symbolic link: nothing is written through links; remove it")
-    return path
+    return folder
 
 
 def _open_itself(path: str, flags: int) -> int:

@@ -117,3 +117,5 @@ def test_a_folder_with_links_is_refused_before_anything_is_written(tmp_path, whe
         own_folder(folder)
     (tmp_path / "named").symlink_to(tmp_path / "precious")
     assert own_folder(tmp_path / "named").is_symlink()  # the caller names it
+    with pytest.raises(ValueError, match="named is a symbolic link"):
+        own_folder(tmp_path, "named")
