@@ -105,17 +105,18 @@ def run_episodes(
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
-    rows, courses = [{name: np.array(info[name]) for name in names}], dict[int, Course]()
+    rows, courses = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, Course]()
     starts = np.ones(vector.num_envs, dtype=np.bool_)
     while len(courses) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations, starts))
-        rows.append({name: np.array(info[name]) for name in names})
+        columns = {name: info.get(name, np.full_like(rows[0][name], math.nan)) for name in names}
+        rows.append({name: np.array(column, dtype=np.float64) for name, column in columns.items()})
         starts = np.asarray(terminated) | np.asarray(truncated)
         for i in np.flatnonzero(starts).tolist():
             final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}
             for name in names:
-                rows[-1][name][i] = final[name]
+                rows[-1][name][i] = final.get(name, math.nan)
             if i not in courses:
-                samples = {name: np.array([row[name][i] for row in rows], dtype=np.float64) for name in names}
+                samples = {name: np.array([row[name][i] for row in rows]) for name in names}
                 courses[i] = Course(samples, final, float(limits[i]), max_speed)
     return [courses[i] for i in range(vector.num_envs)]

@@ -66,6 +66,9 @@ def run(
             info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
+        if (terminated or truncated) and not info.get("end_reason"):  # a wrapper has ended the episode
+            reason = "time_limit" if truncated else "terminated"
+            info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": reason}
         watch(info)
         if terminated or truncated:
             break

@@ -1,5 +1,7 @@
 """What an environment is made of besides simulation and estimation: a task and the parts of its observations."""
 
+import functools
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -88,6 +90,11 @@ class Rewards:
         return {name: weight * quantities[name] for name, weight in self.weights.items()}
 
 
+def total(terms: Mapping[str, Any]) -> Any:
+    """Return the sum of reward terms, numbers or columns, added in order. `sum` rounds otherwise since Python 3.12."""
+    return functools.reduce(operator.add, terms.values(), 0.0)
+
+
 class Task(ABC):
     """In which world an episode runs, what is rewarded, and when it ends.
 
@@ -119,6 +126,9 @@ class Task(ABC):
     `task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
+    sampler_ahead: Any = None
+    """Sampler of worlds if `draw_world` depends on it and the generator alone, and calls no code of users. A thread may
+    call `draw_world` ahead of time then. None otherwise."""
     weights: Mapping[str, float]
     """Weights of the reward terms by name, each of which is one of the `quantities`."""
     reward: Any = None
@@ -163,7 +173,7 @@ class Task(ABC):
 
     @abstractmethod
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode; called ahead of time where there is time for it.
+        """Return the world of the next episode; called ahead of time if there is a `sampler_ahead`.
 
         `world` is what users passed to `reset(options={"world": ...})`, None for the one that they constructed it with.
         """

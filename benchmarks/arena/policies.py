@@ -64,8 +64,8 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
-            return load_policy(Path(self.checkpoint), **how)
+            how = partial(load_policy, pursuit=self.is_pursuit, deterministic=self.deterministic, trust=self.trust)
+            return how(Path(self.checkpoint))
         return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
 
 
