@@ -4,11 +4,14 @@ Compilers turn a loop over `array[index[k]]` into gather instructions. On proces
 against Downfall (most Intel servers up to Ice Lake) a gather takes several times as long as the loads it replaces.
 """
 
+import operator
 from typing import Any
 
-from numba import types
+import numpy as np
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.unsafe import ndarray
 
 
 @intrinsic
@@ -31,5 +34,13 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
     return array.dtype(array, index), generate
 
 
-load: Any = _load
+load: Any = operator.getitem if config.DISABLE_JIT else _load  # type: ignore[attr-defined]
 """`load(array, index)`; see `_load`."""
+
+as_tuple: Any = (lambda array, size: tuple(array[:size])) if config.DISABLE_JIT else ndarray.to_fixed_tuple  # type: ignore[attr-defined]
+"""`as_tuple(array, size)`: the first numbers of an array, shape (n,), as a tuple; the size is a constant."""
+
+
+def record_type(fields: Any) -> np.dtype:
+    """Return a structured dtype whose fields kernels read as attributes, compiled or not."""
+    return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]
