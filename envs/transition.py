@@ -90,7 +90,7 @@ def update_robots(rows, people):
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = Setup(*as_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))  # type: ignore[call-arg]
+        setup = Setup(*as_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0

@@ -1,7 +1,8 @@
-"""Reading scattered elements of an array one by one.
+"""Reading elements of arrays in kernels, by compiled code or, under `NUMBA_DISABLE_JIT=1`, by Python's own.
 
-Compilers turn a loop over `array[index[k]]` into gather instructions. On processors whose microcode guards those
-against Downfall (most Intel servers up to Ice Lake) a gather takes several times as long as the loads it replaces.
+`load` reads scattered elements one by one. Compilers turn a loop over `array[index[k]]` into gather instructions. On
+processors whose microcode guards those against Downfall (most Intel servers up to Ice Lake) a gather takes several
+times as long as the loads it replaces.
 """
 
 import operator
@@ -34,11 +35,13 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
     return array.dtype(array, index), generate
 
 
-load: Any = operator.getitem if config.DISABLE_JIT else _load  # type: ignore[attr-defined]
+load: Any = _load
 """`load(array, index)`; see `_load`."""
-
-as_tuple: Any = (lambda array, size: tuple(array[:size])) if config.DISABLE_JIT else ndarray.to_fixed_tuple  # type: ignore[attr-defined]
-"""`as_tuple(array, size)`: the first numbers of an array, shape (n,), as a tuple; the size is a constant."""
+as_tuple: Any = ndarray.to_fixed_tuple
+"""`as_tuple(array, size)`: the first elements of an array, shape (n,), as a tuple; `size` is a constant."""
+if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    load, as_tuple = operator.getitem, lambda array, size: tuple(array[:size])
+    np.seterr(all="ignore")  # as in compiled kernels, where NaN, infinity and overflowing hashes are regular
 
 
 def record_type(fields: Any) -> np.dtype:

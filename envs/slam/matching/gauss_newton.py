@@ -11,7 +11,7 @@ the finest map throughout.
 
 import math
 from functools import singledispatch
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
