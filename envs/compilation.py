@@ -1,4 +1,4 @@
-"""Compiled kernels: where they are kept, by which process each is made, and a progress bar meanwhile.
+"""Compiled kernels: their cache on disk, a lock so that one process compiles each, and a progress bar.
 
 The cache is optional. A kernel whose files cannot be read or written is compiled in memory, with one warning.
 """
@@ -50,7 +50,7 @@ class KernelCache(caching.NullCache):
     By itself Numba keeps kernels beside their source and compares that file alone: each new checkout compiles all of
     them again, and an outdated kernel stays in use where another one that it calls has changed. The folder is
     `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`. If it cannot be used, the folder is
-    `lidarnaut-UID` among the temporary files. To load a kernel is to execute its file: nobody else may write there.
+    `lidarnaut-UID` among the temporary files. Loading a kernel executes its file: other users must not write there.
     """
 
     def __init__(self, py_func: Any) -> None:
@@ -182,7 +182,7 @@ def _name(path: str) -> str:
 
 
 def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) -> None:
-    """Give a kernel of this project its cache; none, and one warning, where no folder can be used."""
+    """Give a kernel of this project its cache. Warn if no folder can be used: it is compiled in memory then."""
     if not _OWN.match(_name(dispatcher.py_func.__code__.co_filename)):
         return enable(dispatcher)
     try:

@@ -48,7 +48,7 @@ def play(cases):
 
 
 def run(program, *arguments):
-    """Run a program without compiler, in which warnings are errors."""
+    """Run a program without compiler. Warnings are errors."""
     environment = {**os.environ, "NUMBA_DISABLE_JIT": "1", "PYTHONPATH": str(Path(__file__).parents[1])}
     command = [sys.executable, "-W", "error::RuntimeWarning", "-c", program, *map(str, arguments)]
     done = subprocess.run(command, env=environment, capture_output=True, text=True)
