@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
@@ -129,4 +129,4 @@ def unpack_robot(numbers):
 
     Handing an array to a compiled function takes 0.1 us, a named tuple 0.1 us for each number in it.
     """
-    return RobotRecord(*to_fixed_tuple(numbers, RECORD_SIZE))  # type: ignore[call-arg]
+    return RobotRecord(*as_tuple(numbers, RECORD_SIZE))
