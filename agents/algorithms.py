@@ -147,7 +147,7 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     config = complete(config, env)
     try:
         model = _construct(config, env)
-    except Exception as error:  # of many kinds: those of the libraries, and what they do with values
+    except Exception as error:  # libraries raise many kinds
         raise ValueError(f"{_find_culprit(config, env)}: {' '.join(str(error).split())}") from error
     network = _read_network(config, env.parts, env.action_space)
     if isinstance(network, DecisionNetworkConfig) and network.prior_policy != RULE:

@@ -25,7 +25,7 @@ def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> 
     or a string allows any type.
 
     Raises:
-        ValueError: the type is another, or a number is too low, too high or not finite; says what is allowed.
+        ValueError: the type differs, or a number is too low, too high or not finite; names the allowed values.
     """
     if isinstance(annotation, str) or annotation is inspect.Parameter.empty:
         annotation = Any
@@ -43,5 +43,5 @@ def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> 
         kind = "a whole number" if is_whole else re.sub(r"\b[a-z_0-9]+\.", "", inspect.formatannotation(annotation))
         kind = kind.replace("ActionNoise", "float | ActionNoise")
         limits = f" from {least}" + (" to 1" if most == 1 else "") if is_whole or "float" in kind else ""
-        finite = " of finite numbers" if isinstance(given, dict | list) else ""
+        finite = " of finite numbers" if "dict" in kind else ""
         raise ValueError(f"hyperparameters.{name} must be {kind}{limits}{finite}, got {SHORT.repr(given)}")

@@ -7,6 +7,7 @@ import multiprocessing
 import os
 import platform
 import re
+import socket
 import subprocess
 import sys
 import sysconfig
@@ -19,7 +20,7 @@ from typing import Any
 from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.processes import start_worker, stop_workers
 
-CONNECT_LIMIT = 15.0
+CONNECT_LIMIT = 10.0
 """Longest wait for a Ray cluster [s]."""
 _entered: list[tempfile.TemporaryDirectory[str] | None] = []
 """Result of `enter_folder` in a worker of a cluster, once it is there."""
@@ -46,13 +47,20 @@ class RayExecutor(Executor):
             raise ImportError("--ray needs Ray: pip install 'lidarnaut[ray]', or -e '.[ray]' in a checkout") from error
         # In this process, Ray would try for minutes, log to the terminal, and ignore Ctrl-C.
         command = [sys.executable, "-c", "import ray, sys; ray.init(sys.argv[1], log_to_driver=False)", address]
+        host, _, port = address.removeprefix("ray://").rpartition(":")
         try:
-            done = subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_LIMIT)
+            if port.isdigit():
+                socket.create_connection((host.strip("[]"), int(port)), CONNECT_LIMIT / 2).close()
+            subprocess.run(command, capture_output=True, text=True, timeout=CONNECT_LIMIT, check=True)
+            why = ""
+        except subprocess.CalledProcessError as error:
+            why = " ".join(error.stderr.rpartition("Error: ")[2].split()) or "Ray failed"
         except subprocess.TimeoutExpired:
-            raise ConnectionError(f"--ray {address}: no cluster answers within {CONNECT_LIMIT:.0f} s") from None
-        if done.returncode:
-            said = " ".join(done.stderr.rpartition("Error: ")[2].split())
-            raise ConnectionError(f"--ray {address}: there is no cluster: {said}")
+            why = f"none within {CONNECT_LIMIT:.0f} s"
+        except (OSError, OverflowError) as error:
+            why = str(error)
+        if why:
+            raise ConnectionError(f"--ray {address}: no cluster answers: {why}")
         ray.init(address=address, log_to_driver=False, configure_logging=False)
         self._ray = ray
         self._files = ray.put((os.getcwd(), dict(collect_files(named))))
@@ -94,7 +102,7 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
     """
     here, paths = os.getcwd() + os.sep, []
     for text in set(re.findall(r'"([^"\\]+)"', json.dumps(named, default=str, ensure_ascii=False))):
-        paths += [text, *glob.glob(f"{text}/*.json"), *glob.glob(f"{text}/*.safetensors")]
+        paths += [text, *glob.glob(f"{glob.escape(text)}/*.json"), *glob.glob(f"{glob.escape(text)}/*.safetensors")]
         with contextlib.suppress(OSError, ValueError, KeyError, TypeError):
             paths.append(os.path.join(os.path.dirname(text), read_mapping(text)["image"]))
     installed = sysconfig.get_path("stdlib"), sysconfig.get_path("purelib"), str(Path(__file__).parents[1])

@@ -21,7 +21,7 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs in which a key, and the keys below it, may change on resume; the longest key counts. No other may."""
+"""Kinds of runs that may change a key, and the keys below it, on resume. The longest key counts; others are fixed."""
 Config = TrainingConfig | EvolutionConfig
 
 
@@ -49,7 +49,7 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
 
 
 def _kinds(key: str) -> str:
-    """Return the kinds of runs in which a key may change."""
+    """Return the kinds of runs that may change a key."""
     while key not in MAY_CHANGE and "." in key:
         key = key.rpartition(".")[0]
     return MAY_CHANGE.get(key, "")

@@ -197,7 +197,7 @@ def is_finished(member: Member) -> bool:
 
 
 def try_member(member: Member, *, progress: bool = False) -> str:
-    """Train one as `train_member`; return a line about its failure and where the traceback is, or an empty text."""
+    """Train one as `train_member`; return its failure in a line, with the file of the traceback, or an empty text."""
     kept = member.run.with_name(f"{member.run.name}.traceback.txt")
     if not (member.run.parent / SWEEP).exists():
         return f"{platform.node()} does not reach {member.run.parent}, which all machines must share"

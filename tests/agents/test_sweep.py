@@ -113,7 +113,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(bug, jobs, says,
 
     good = (folder / "001_kind=good__0" / "processor_time").read_text()
     (tmp_path / "bug").write_text("")
-    assert train.main(["--resume", str(folder), "--jobs", str(jobs)]) == 0
+    assert train.main(["--resume", str(folder)]) == 0
     assert (folder / "000_kind=bad__0" / "checkpoints" / "step_000000128").is_dir()
     assert (folder / "001_kind=good__0" / "processor_time").read_text() == good
     assert not kept.exists()
@@ -201,7 +201,7 @@ def test_evolutions_are_swept_as_well(tmp_path):
 
 def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monkeypatch):
     monkeypatch.setattr(sweep, "train_member", Mock(side_effect=LockedError("in use")))
-    with pytest.raises(ValueError, match="4 of 4 trainings failed(.|\n)*LockedError: in use"):
+    with pytest.raises(ValueError, match=r"4 of 4 trainings failed(.|\n)*LockedError: in use"):
         run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
 
 
