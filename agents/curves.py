@@ -2,14 +2,16 @@
 
 import argparse
 import csv
+import io
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.envs.files import read_record
+from lidarnaut.envs.files import read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
@@ -20,10 +22,14 @@ SCORES = "scores"
 
 
 def read_evaluations(run: Path) -> list[Row]:
-    """Read `evaluations.csv` of a run folder; every column but `policy` and `scores` holds numbers."""
+    """Read `evaluations.csv` of a run folder, numbers except in `policy` and `scores`; ValueError if it is damaged."""
     kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
-    with open(run / "evaluations.csv", newline="") as file:
-        return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    path = run / "evaluations.csv"
+    try:
+        rows = csv.DictReader(io.StringIO(read_bytes(path).decode(), newline=""))
+        return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in rows]
+    except (ValueError, TypeError, csv.Error) as error:
+        raise ValueError(f"{path}: no table of evaluations: {error}") from error
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
@@ -66,7 +72,14 @@ def draw_learning_curve(
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.savefig(path)
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    """Write a figure as PNG."""
+    picture = io.BytesIO()
+    figure.savefig(picture)
+    write_file(path, picture.getvalue())
 
 
 def _error_of_mean(row: Row, measure: str) -> float:
@@ -90,7 +103,7 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
     axes.set(xlabel="steps", ylabel=measure.replace("_", " "), title=title)
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path)
+    _save(figure, path)
 
 
 def main() -> None:

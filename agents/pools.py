@@ -17,7 +17,7 @@ from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from pathlib import Path
 from typing import Any
 
-from lidarnaut.envs.files import read_mapping
+from lidarnaut.envs.files import read_bytes, read_mapping
 from lidarnaut.envs.processes import start_worker, stop_workers
 
 CONNECT_LIMIT = 10.0
@@ -110,7 +110,7 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
         file = str(getattr(module, "__file__", ""))
         paths += [file.removeprefix(here)] if file.startswith(here) and not file.startswith(installed) else []
     for path in filter(os.path.isfile, paths):
-        yield path, Path(path).read_bytes()
+        yield path, read_bytes(Path(path))
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
@@ -121,7 +121,7 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
     """
     copy = None
     there = {path: Path(folder, path) for path in files}
-    wrong = [path for path, file in there.items() if not file.is_file() or file.read_bytes() != files[path]]
+    wrong = [path for path, file in there.items() if not file.is_file() or read_bytes(file) != files[path]]
     for path in filter(os.path.isabs, wrong):
         raise ValueError(f"{platform.node()} has no or another {path}; relative paths work on every machine")
     sys.path[:] = [path for path in sys.path if path != folder]

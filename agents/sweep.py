@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import json
 import platform
 import re
 import time
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.table import Table
+from rich.text import Text
 from scipy import stats
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
@@ -25,8 +25,9 @@ from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
+from lidarnaut.agents.trust import resuming
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import naming, write_file
+from lidarnaut.envs.files import naming, own_folder, printable, read_bytes, read_json, write_file
 from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.progress import Progress
 
@@ -88,7 +89,7 @@ def run_sweep(
         pool = make_pool(None, ray, [member.config.model_dump() for member in members])
     elif jobs > 1:
         pool = ThreadPoolExecutor(jobs)
-    folder.mkdir(parents=True, exist_ok=True)
+    own_folder(folder)
     write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
     failures: dict[Path, str] = {}
     bar = Progress(total=len(members), unit="training", disable=not progress)
@@ -111,11 +112,13 @@ def run_sweep(
                     one.shutdown(wait=False, cancel_futures=True)
                 raise
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"in a sweep; --resume {folder} goes on") from None
+        raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
     if failures:
         said = "\n".join(f"{run.name}: {failure}" for run, failure in failures.items())
-        raise ValueError(f"{len(failures)} of {len(members)} trainings failed, --resume {folder} tries again:\n{said}")
+        raise ValueError(
+            f"{len(failures)} of {len(members)} trainings failed, {resuming(folder, data)} tries again:\n{said}"
+        )
     return folder
 
 
@@ -192,7 +195,7 @@ def is_finished(member: Member) -> bool:
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
         record = run / POLICY / "policy.json"
-        return record.exists() and json.loads(record.read_bytes())["generation"] >= config.generations
+        return record.exists() and read_json(record)["generation"] >= config.generations
     return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps
 
 
@@ -221,7 +224,7 @@ def _try_apart(member: Member) -> str:
 
 def _explain(error: BaseException) -> str:
     """Return kind and text of an error in a line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())[:1000]
+    return printable(" ".join(f"{type(error).__name__}: {error}".split())[:1000])
 
 
 def train_member(member: Member, *, progress: bool = False) -> None:
@@ -245,7 +248,7 @@ def train_member(member: Member, *, progress: bool = False) -> None:
 
 def processor_time(run: Path) -> float:
     """Return the processor time that a sweep's training has taken so far [s], without worker processes."""
-    return float((run / TIME).read_text()) if (run / TIME).exists() else 0.0
+    return float(read_bytes(run / TIME)) if (run / TIME).exists() else 0.0
 
 
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
@@ -271,7 +274,9 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
             for label, points in intervals.items():
                 last_steps, mean, low, high = points[-1]
                 bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
-                shown.add_row(label, str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds)
+                shown.add_row(
+                    Text(printable(label)), str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds
+                )
             make_console().print(shown)
     if table:
         write_table(folder / TABLE, table)

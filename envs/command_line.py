@@ -14,7 +14,7 @@ import tyro
 from pydantic import ValidationError
 from rich.console import Console
 
-from lidarnaut.envs.files import explain_errors
+from lidarnaut.envs.files import explain_errors, printable
 
 
 def _read_count(texts: list[str]) -> int:
@@ -45,7 +45,7 @@ def program_name() -> str:
 
 def fail(error: object) -> int:
     """Say on the standard error what went wrong in this program; return the exit status of wrong arguments."""
-    sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {error}\n")
+    sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {printable(error)}\n")
     return 2
 
 

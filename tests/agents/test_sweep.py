@@ -42,9 +42,9 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, 
         "lidarnaut.agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"]))
     )
     runs = sorted(path for path in folder.iterdir() if path.is_dir())
-    assert train.main(["--resume", str(folder)]) == 0
+    assert train.main(["--resume", str(folder), "--trust", "tests"]) == 0
     assert trained == []
-    assert train.main(["--resume", str(folder), "--total-steps", "256"]) == 0
+    assert train.main(["--resume", str(folder), "--trust", "tests", "--total-steps", "256"]) == 0
     assert trained == [(seed, run) for run, seed in zip(runs, (0, 1, 0, 1), strict=True)]
 
 
@@ -103,7 +103,8 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(bug, jobs, says,
     assert train.main(["--config", "tiny.yaml", "--jobs", str(jobs)]) == 2
     (folder,) = (tmp_path / "runs").iterdir()
     first, second = capsys.readouterr().err.strip().splitlines()[-2:]
-    assert "1 of 2 trainings failed, --resume runs" in first
+    again = f"--resume {folder.relative_to(tmp_path)} --trust bugs:Features tests.agents.fake_env:Fake-v0"
+    assert f"1 of 2 trainings failed, {again} tries again:" in first
     assert second.startswith(f"000_kind=bad__0: {says}")
     assert (folder / "001_kind=good__0" / "checkpoints" / "step_000000128").is_dir()
     kept = folder / "000_kind=bad__0.traceback.txt"
@@ -113,7 +114,7 @@ def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(bug, jobs, says,
 
     good = (folder / "001_kind=good__0" / "processor_time").read_text()
     (tmp_path / "bug").write_text("")
-    assert train.main(["--resume", str(folder)]) == 0
+    assert train.main(["--resume", str(folder), "--trust", "bugs", "tests"]) == 0
     assert (folder / "000_kind=bad__0" / "checkpoints" / "step_000000128").is_dir()
     assert (folder / "001_kind=good__0" / "processor_time").read_text() == good
     assert not kept.exists()
