@@ -11,12 +11,15 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.baselines.explorer import GROUND_TRUTH
 from lidarnaut.envs.files import read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
 LEARNED = "learned"
 """Policy of the rows that tell how well the trained one does."""
+LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
+"""The same without ground truth, and with it."""
 SCORES = "scores"
 """Column with the headline measure of each episode, in a text."""
 
@@ -53,7 +56,7 @@ def draw_learning_curve(
     headline, share = headline_of_rows(first), "success" if "spl" in first[0] else "progress"
     for axes, measure in zip(figure.subplots(1, 2), (share, headline), strict=True):
         for number, (name, run) in enumerate(runs.items()):
-            learned = [row for row in run if row["policy"] == LEARNED]
+            learned = [row for row in run if row["policy"] in LEARNED_NAMES]
             steps = [int(row["steps"]) for row in learned]
             means = np.array([float(row[measure]) for row in learned])
             axes.plot(steps, means, color=f"C{number}", marker=".", label=name)
@@ -62,7 +65,7 @@ def draw_learning_curve(
                 low, high = means - 1.96 * errors, means + 1.96 * errors
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
         # All runs of one experiment measure the references on the same episodes.
-        references = [row for row in first if row["policy"] != LEARNED]
+        references = [row for row in first if row["policy"] not in LEARNED_NAMES]
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=str(row["policy"]))
         axes.set_xlabel(axis)
@@ -114,9 +117,9 @@ def main() -> None:
     parser.add_argument("--title", default="", help="title of the figure")
     arguments = parser.parse_args()
     rows = {
-        f"{config.algorithm}, seed {config.seed}": read_evaluations(run)
+        f"{config.algorithm}, seed {config.seed}{str(run_rows[-1]['policy']).removeprefix(LEARNED)}": run_rows
         for run in arguments.runs
-        for config in [read_record(run / "config.yaml", TrainingConfig)]
+        for config, run_rows in [(read_record(run / "config.yaml", TrainingConfig), read_evaluations(run))]
     }
     draw_learning_curve(rows, arguments.title, arguments.out)
 

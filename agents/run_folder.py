@@ -107,7 +107,7 @@ def discard_after(checkpoint: Path) -> Path:
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     write_table(run / "evaluations.csv", rows)
-    draw_learning_curve({"learned": rows}, title, run / "learning_curve.png", axis)
+    draw_learning_curve({str(rows[-1]["policy"]): rows}, title, run / "learning_curve.png", axis)
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

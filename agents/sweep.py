@@ -20,7 +20,7 @@ from rich.text import Text
 from scipy import stats
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.curves import LEARNED, SCORES, draw_sweep, headline_of_rows, read_evaluations
+from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
 from lidarnaut.agents.resume import check_changes
@@ -261,10 +261,11 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
         curves: dict[str, list[np.ndarray]] = {}
         for member in some:
             rows = read_evaluations(member.run)
-            learned, headline = [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows)
+            learned, headline = [row for row in rows if row["policy"] in LEARNED_NAMES], headline_of_rows(rows)
             last = {name: value for name, value in learned[-1].items() if name != SCORES}
             table.append({**member.values, "seed": member.config.seed, TIME: processor_time(member.run), **last})
-            curves.setdefault(member.label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
+            label = member.label + str(last["policy"]).removeprefix(LEARNED)
+            curves.setdefault(label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
         intervals = {label: interval(runs) for label, runs in curves.items()}
         picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
         with naming(picture):

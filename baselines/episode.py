@@ -66,6 +66,9 @@ def run(
             info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
+        if (terminated or truncated) and not info.get("end_reason"):  # a wrapper has ended the episode
+            reason = "time_limit" if truncated else "terminated"
+            info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": reason}
         watch(info)
         if terminated or truncated:
             break
@@ -184,12 +187,12 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
     if is_team != getattr(policy, "is_team", False):
         hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
         raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, and not {inner.action_space}{hint}")
-    goal = None
+    goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
 
     def act(_: Observation) -> np.ndarray:
         nonlocal goal
-        if hasattr(policy, "set_goal") and goal is not inner.task.goal:
-            goal = inner.task.goal
+        if hasattr(policy, "set_goal") and goal is not (told := tell(inner.belief.pose)):
+            goal = told
             if hasattr(policy, "set_tolerances") and hasattr(inner.task, "heading_tolerance"):
                 policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)
             policy.set_goal(goal)

@@ -32,7 +32,7 @@ from lidarnaut.envs.slam import SLAM_NAMES
 
 TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
-    "which no competitor sees. "
+    "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."

@@ -6,6 +6,7 @@ from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
 from numba import njit
 from numba.np.unsafe.ndarray import to_fixed_tuple
 
@@ -88,6 +89,10 @@ PERIOD = ROBOT + RobotRecord._fields.index("period")
 """The control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 """Number of entries of a row."""
+SENSED = np.ones(ROW_SIZE)
+"""Shape (ROW_SIZE,), float64: NaN for entries that hold ground truth, which a robot does not know, and 1 for others."""
+SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
+SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
 
 @lru_cache(maxsize=64)
