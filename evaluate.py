@@ -94,7 +94,8 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        if command and isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries say no more
+        is_unnamed = isinstance(error, OSError) and not isinstance(error, ConnectionError) and error.filename is None
+        if command and is_unnamed:  # of a full disk, libraries say no more
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
     if command.json:

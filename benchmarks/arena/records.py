@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from lidarnaut.agents.run_folder import commit
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, sweep, write_file
+from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, write_file
 
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
@@ -84,8 +84,6 @@ class Records:
             for world, source in (worlds or {}).items()
         }
         own_folder(folder)
-        for part in (folder, folder / "episodes"):
-            sweep(part)
         self._check_settings()
         self._read()
 
