@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -14,6 +15,7 @@ import tyro
 from pydantic import ValidationError
 from rich.console import Console
 
+import lidarnaut
 from lidarnaut.envs.files import explain_errors
 
 
@@ -41,6 +43,37 @@ def program_name() -> str:
     """Return how this program was called: `python -m MODULE`, or the name of its file or of the installed command."""
     spec = sys.modules["__main__"].__spec__  # what is run by its path has none
     return f"python -m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
+
+
+class _Output(io.FileIO):
+    """A standard stream that goes nowhere once its reader has closed the pipe, as `head` does after its lines."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            return memoryview(data).nbytes
+
+
+def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
+    """Return the options of a command: `arguments`, or those of this process; print the version for `--version`.
+
+    A process whose output nobody reads any more, or whose standard streams are closed, goes on without output.
+    """
+    if arguments is None:
+        for name in ("stdout", "stderr"):
+            stream = getattr(sys, name)
+            if stream is None:
+                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+            elif stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
+                file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
+                how = {"line_buffering": stream.line_buffering, "write_through": stream.write_through}
+                setattr(sys, name, io.TextIOWrapper(file, stream.encoding, stream.errors, **how))
+        arguments = sys.argv[1:]
+    if "--version" in arguments:
+        print(f"{program_name()} {lidarnaut.__version__}")
+        sys.exit()
+    return list(arguments)
 
 
 def fail(error: object) -> int:
@@ -91,6 +124,7 @@ def run_command(
     arguments of its own. SystemExit, with the reason on the standard error: with status 2 if an option is wrong, with
     `status` if the function raises an error that speaks for itself, such as for a missing file.
     """
+    arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
