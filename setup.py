@@ -1,4 +1,4 @@
-"""What pyproject.toml cannot say: the description is README.md without pictures and links that lead into the checkout."""
+"""Make the description of the package: README.md without pictures and links that lead into the checkout."""
 
 import re
 from pathlib import Path

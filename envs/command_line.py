@@ -64,14 +64,14 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name)
             if stream is None:
-                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))
+                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
             elif stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
                 file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
                 how = {"line_buffering": stream.line_buffering, "write_through": stream.write_through}
                 setattr(sys, name, io.TextIOWrapper(file, stream.encoding, stream.errors, **how))
         arguments = sys.argv[1:]
     if "--version" in arguments:
-        print(f"{program_name()} {lidarnaut.__version__}")
+        sys.stdout.write(f"{program_name()} {lidarnaut.__version__}\n")
         sys.exit()
     return list(arguments)
 

@@ -21,6 +21,7 @@ from .shard import Shard
 
 SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""
+UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 
 
 class Worker:
@@ -29,7 +30,10 @@ class Worker:
     def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
         self._pipe, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
-        self.process.start()
+        try:
+            self.process.start()
+        except ConnectionError as error:  # of a fork server, which has imported the script
+            raise RuntimeError(f"no worker process could be started{UNGUARDED}") from error
         far_end.close()
         self.close = weakref.finalize(self, _stop, self._pipe, self.process)
 
@@ -43,7 +47,8 @@ class Worker:
             answer = receive(self._pipe)
         except (EOFError, ConnectionResetError):
             self.process.join()
-            return RuntimeError(f"a worker process died with exit code {self.process.exitcode}")
+            hint = UNGUARDED if self.process.exitcode == 1 and self.process._start_method != "fork" else ""
+            return RuntimeError(f"a worker process died with exit code {self.process.exitcode}{hint}")
         if answer[:1] == b".":
             return np.frombuffer(answer, dtype, offset=1), Extras()
         try:
