@@ -43,6 +43,8 @@ class Command:
     """Processes to spread the episodes over. Decision times are cleanest with one per core or fewer."""
     shard: str | None = None
     """Run part I of N and publish nothing, as `I/N`; parts may share the folder, also between machines."""
+    trust: tuple[str, ...] = ()
+    """Modules of your own code that learned policies may name, or `module:attribute`; they name no other code."""
     ray: str | None = None
     """Address of a Ray cluster to run the episodes on (needs the extra `ray`)."""
     bags: Path | None = None
@@ -73,7 +75,7 @@ def main(arguments: list[str] | None = None) -> int:
         if further:
             further = {**command.settings.arguments, **further}
             command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
-        evaluation = Evaluation(command.settings, command.out, command.shard)
+        evaluation = Evaluation(command.settings, command.out, command.shard, trust=command.trust)
         failures = []
         if command.publish and command.shard is None:
             # A folder that cannot be written should not come out after the last episode.

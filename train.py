@@ -9,6 +9,7 @@ python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     wit
 Every key of the configuration is an option, with dots between the names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig in agents.config.
+--trust MODULE ... names your own code that a run folder may name; a run folder names no other code.
 --ray ADDRESS runs a sweep, or an evolution, on a Ray cluster; --jobs 2 runs two trainings of a sweep side by side.
 """
 
@@ -25,12 +26,15 @@ import yaml
 
 from lidarnaut import find_configuration
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.run_folder import CheckpointError, find_config
+from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, VERSIONS, CheckpointError, find_config
+from lidarnaut.agents.trust import check_names, named_code
 from lidarnaut.envs.command_line import begin_command, fail, read_options
 from lidarnaut.envs.files import LockedError, read_mapping
 
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
 """What a training without a configuration is."""
+RECORDS = (VERSIONS, RECORD_FILE)
+"""Files beside the configuration of a run or of a policy: a record that users exchange."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -39,6 +43,7 @@ def main(arguments: list[str] | None = None) -> int:
     begin = parser.add_mutually_exclusive_group()
     begin.add_argument("--config")
     begin.add_argument("--resume", type=Path)
+    parser.add_argument("--trust", nargs="+", action="extend", default=[])
     parser.add_argument("--ray")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
@@ -55,6 +60,8 @@ def main(arguments: list[str] | None = None) -> int:
         if given.resume is not None or given.config is not None:
             path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
             data, source = read_mapping(path), str(path)
+            if given.resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
+                check_names(data, source, [*given.trust, *named_code(changes)])
         run = start(change(data, changes), source, given.resume, given.ray, given.jobs)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())

@@ -17,6 +17,7 @@ from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.run_folder import list_checkpoints, write_evaluations
 from lidarnaut.agents.state import capture
+from lidarnaut.agents.trust import resuming
 from lidarnaut.envs.progress import Progress
 
 
@@ -61,14 +62,15 @@ class RunCallback(BaseCallback):
             self._saved_steps = latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
-        return f"at step {self._saved_steps}, which is saved; --resume {self._run} goes on"
+        return f"at step {self._saved_steps}, which is saved; {resuming(self._run, self._config.model_dump())} goes on"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
         """Return the error that says what is not finite, the remedy, and from where the training can go on."""
         rate = self._config.hyperparameters.get("learning_rate", "the library's default")
         what = f"the training diverged at step {self.num_timesteps}: {what}"
         remedy = f"lower hyperparameters.learning_rate ({rate}) or the weights of large rewards"
-        good = [f"{path} is good, --resume {path} goes on" for path in list_checkpoints(self._run)[-1:]]
+        record = self._config.model_dump()
+        good = [f"{path} is good, {resuming(path, record)} goes on" for path in list_checkpoints(self._run)[-1:]]
         return ValueError("; ".join([what, remedy, *good]))
 
     def _on_training_start(self) -> None:

@@ -4,6 +4,7 @@ import errno
 import hashlib
 import math
 import shutil
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -19,7 +20,8 @@ from torch import Tensor
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import Row
 from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
-from lidarnaut.envs.files import explain_errors, write_folder
+from lidarnaut.agents.trust import check_names
+from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read_bytes, write_folder
 
 POLICY_FILE = "policy.safetensors"
 """The network's weights."""
@@ -29,8 +31,6 @@ MAX_SIZE = 100_000
 """Longest axis of a space, and most of its actions."""
 MAX_ELEMENTS = 10_000_000
 """Most elements of a space."""
-MAX_RECORD = 64 * 2**20
-"""Largest file of a record [bytes]."""
 
 Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 
@@ -159,21 +159,22 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
     return folder
 
 
-def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
+def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[str] = ()) -> Checkpoint:
     """Read a checkpoint; with `policy_only` without the state of the training, whose file may be missing.
+
+    `trust`: modules and names of code that the record may name; see `lidarnaut.agents.trust.check_names`.
 
     Raises:
         CheckpointError: if a file is missing, cut short, altered or no JSON, or a weight is not finite; names it and
             an older checkpoint.
+        ValueError: if the record names code that is not trusted.
     """
     tensors = []
     try:
-        if (size := (folder / RECORD_FILE).stat().st_size) > MAX_RECORD:
-            raise ValueError(f"{size:,} bytes, at most {MAX_RECORD:,} are allowed")
         # Undecodable text and broken JSON are ValueErrors alike, and so is JSON that nests too deeply for pydantic.
-        record = Record.model_validate_json((folder / RECORD_FILE).read_bytes())
+        record = Record.model_validate_json(read_bytes(folder / RECORD_FILE, MAX_JSON_BYTES))
         for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
-            content = (folder / name).read_bytes()
+            content = read_bytes(folder / name)
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
                 raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
             tensors.append(load_tensors(name, content))
@@ -183,6 +184,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False) -> Checkpoint:
         raise damaged(folder, f"{RECORD_FILE}: {'; '.join(explain_errors(error, Record)[:3])}") from error
     except ValueError as error:
         raise damaged(folder, f"{RECORD_FILE}: {error}") from error
+    check_names(record.config.model_dump(), str(folder / RECORD_FILE), trust)
     return Checkpoint(record, *tensors, *([{}] if policy_only else []))
 
 
@@ -202,7 +204,7 @@ def damaged(folder: Path, why: str) -> CheckpointError:
     """Return the error that says that a checkpoint cannot be used, and what can be used instead."""
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
     remedy = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
-    return CheckpointError(f"checkpoint {folder} is damaged: {why}; {remedy}")
+    return CheckpointError(f"checkpoint {folder} is damaged: {printable(why)}; {remedy}")
 
 
 def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:

@@ -1,15 +1,18 @@
 """Learning curves as pictures."""
 
-import argparse
 import csv
+import io
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tyro
 
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.envs.files import read_record
+from lidarnaut.envs.command_line import run_command
+from lidarnaut.envs.files import read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
 """A line of `evaluations.csv`."""
@@ -20,10 +23,14 @@ SCORES = "scores"
 
 
 def read_evaluations(run: Path) -> list[Row]:
-    """Read `evaluations.csv` of a run folder; every column but `policy` and `scores` holds numbers."""
+    """Read `evaluations.csv` of a run folder, numbers except in `policy` and `scores`; ValueError if it is damaged."""
     kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
-    with open(run / "evaluations.csv", newline="") as file:
-        return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in csv.DictReader(file)]
+    path = run / "evaluations.csv"
+    try:
+        rows = csv.DictReader(io.StringIO(read_bytes(path).decode(), newline=""))
+        return [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in rows]
+    except (ValueError, TypeError, csv.Error) as error:
+        raise ValueError(f"{path}: no table of evaluations: {error}") from error
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
@@ -66,7 +73,14 @@ def draw_learning_curve(
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=5)
-    figure.savefig(path)
+    _save(figure, path)
+
+
+def _save(figure: Any, path: Path) -> None:
+    """Write a figure as PNG."""
+    picture = io.BytesIO()
+    figure.savefig(picture)
+    write_file(path, picture.getvalue())
 
 
 def _error_of_mean(row: Row, measure: str) -> float:
@@ -90,23 +104,16 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
     axes.set(xlabel="steps", ylabel=measure.replace("_", " "), title=title)
     axes.grid(alpha=0.3)
     axes.legend()
-    figure.savefig(path)
+    _save(figure, path)
 
 
-def main() -> None:
-    """Draw the curves of several runs of one experiment into one picture."""
-    parser = argparse.ArgumentParser(prog="python -m lidarnaut.agents.curves", description=main.__doc__)
-    parser.add_argument("runs", nargs="+", type=Path, help="run folders")
-    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--title", default="", help="title of the figure")
-    arguments = parser.parse_args()
-    rows = {
-        f"{config.algorithm}, seed {config.seed}": read_evaluations(run)
-        for run in arguments.runs
-        for config in [read_record(run / "config.yaml", TrainingConfig)]
-    }
-    draw_learning_curve(rows, arguments.title, arguments.out)
+def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path, title: str = "") -> None:
+    """Draw the curves of several run folders of one experiment into one picture, the PNG `out`."""
+    configs = [(run, read_record(run / "config.yaml", TrainingConfig)) for run in runs]
+    draw_learning_curve(
+        {f"{own.algorithm}, seed {own.seed}": read_evaluations(run) for run, own in configs}, title, out
+    )
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

@@ -1,6 +1,7 @@
 """Policies that were trained with `train.py`, by whatever algorithm."""
 
 import math
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Self
 
@@ -43,7 +44,7 @@ class LearnedPolicy:
         self._needed = {key: (space.shape, str(space.dtype)) for key, space in spaces.items()}
 
     @classmethod
-    def load(cls, path: str | Path, *, deterministic: bool = True) -> Self:
+    def load(cls, path: str | Path, *, deterministic: bool = True, trust: Iterable[str] = ()) -> Self:
         """Load a policy.
 
         Sets torch to one thread: passes this small are slower on more.
@@ -51,13 +52,15 @@ class LearnedPolicy:
         Args:
             path: run folder (its newest checkpoint is taken) or checkpoint folder.
             deterministic: whether to take the most likely action, or to draw one as in training.
+            trust: modules and names of your own code that the policy may name; see `lidarnaut.agents.trust`.
 
         Raises:
             CheckpointError: if there is no checkpoint, or it is damaged.
+            ValueError: if the policy names code that is not trusted.
         """
         torch.set_num_threads(1)
         folder = find_checkpoint(path)
-        checkpoint = load_checkpoint(folder, policy_only=True)
+        checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
         return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:

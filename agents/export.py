@@ -49,12 +49,17 @@ MEANING = {
 """What actions command, by the kind of their space."""
 
 
-def main(policy: Annotated[str, tyro.conf.Positional], out: Annotated[Path, tyro.conf.Positional]) -> dict[str, Any]:
+def main(
+    policy: Annotated[str, tyro.conf.Positional],
+    out: Annotated[Path, tyro.conf.Positional],
+    trust: tuple[str, ...] = (),
+) -> dict[str, Any]:
     """Write a policy as ONNX; return its metadata.
 
     Args:
         policy: folder of a run, a checkpoint or a policy, with or without `ppo:` or `learned:` before it.
         out: file to write.
+        trust: modules of your own code that the policy may name, or `module:attribute`.
 
     Raises:
         ImportError: if onnx or onnxruntime is not installed.
@@ -70,7 +75,7 @@ def main(policy: Annotated[str, tyro.conf.Positional], out: Annotated[Path, tyro
     folder = find_policy(re.sub("^(ppo|learned):", "", policy))
     if (folder / RECORD_FILE).exists():
         raise CheckpointError(f"{folder} holds a score of frontiers, which needs no torch; only networks become ONNX")
-    checkpoint = load_checkpoint(folder, policy_only=True)
+    checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
     network, record = build_policy(checkpoint, folder), checkpoint.record
     shape = getattr(network, "lstm_hidden_state_shape", None)
     states = {"state_h": shape, "state_c": shape} if shape else {}

@@ -1,6 +1,7 @@
 """Learned policies by their folders: of a run, of a checkpoint, or one that comes with the package."""
 
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
 from lidarnaut.agents.frontiers.score import (
@@ -12,6 +13,7 @@ from lidarnaut.agents.frontiers.score import (
 )
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.baselines.explorer import Explorer, ObservationPolicy
+from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
 """Folder of the policies that come with the package."""
@@ -37,14 +39,18 @@ def find_policy(path: str | Path) -> Path:
     return find_checkpoint(path)
 
 
-def load_policy(folder: Path, *, pursuit: bool = False, deterministic: bool = True) -> Explorer | ObservationPolicy:
+def load_policy(
+    folder: Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
+) -> Explorer | ObservationPolicy:
     """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
 
     That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`); others take their most likely
-    actions, or draw them as in training if they are not to be `deterministic`.
+    actions, or draw them as in training if they are not to be `deterministic`. `trust`: modules and names of your own
+    code that the policy may name; see `lidarnaut.agents.trust`.
 
     Raises:
         CheckpointError: if it is damaged, drives by `pursuit` and is no score of frontiers, or draws and is one.
+        ValueError: if it names code that is not trusted.
     """
     if (folder / RECORD_FILE).exists():
         if not deterministic:
@@ -56,7 +62,7 @@ def load_policy(folder: Path, *, pursuit: bool = False, deterministic: bool = Tr
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
     from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
 
-    return LearnedPolicy.load(folder, deterministic=deterministic)
+    return LearnedPolicy.load(folder, deterministic=deterministic, trust=trust)
 
 
 def fingerprint(folder: Path) -> str:
@@ -64,4 +70,4 @@ def fingerprint(folder: Path) -> str:
     from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
-    return hashlib.sha256(weights.read_bytes()).hexdigest()
+    return hashlib.sha256(read_bytes(weights)).hexdigest()

@@ -1,7 +1,6 @@
 """The replay buffer of a training on disk: files of transitions, each written once."""
 
 import hashlib
-import json
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from stable_baselines3.common.buffers import ReplayBuffer
 
 from lidarnaut.agents.checkpoint import load_tensors
 from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import own_folder, read_bytes, read_json, write_file
 
 FOLDER = "replay"
 """Folder of a run with the files."""
@@ -49,7 +48,7 @@ class ReplayFiles:
             rows = {name: torch.from_numpy(array[slots]) for name, array in _arrays(self._buffer)}
             name, content = f"{first:012d}-{end:012d}.safetensors", safetensors.torch.save(rows)
             try:
-                self._folder.mkdir(exist_ok=True)
+                own_folder(self._folder)
                 write_file(self._folder / name, content)
             except OSError as error:
                 raise CheckpointError(f"the replay buffer could not be written: {error}") from error
@@ -67,7 +66,7 @@ class ReplayFiles:
         for name, digest in sums.items():
             path = self._folder / name
             try:
-                content = path.read_bytes()
+                content = read_bytes(path)
                 if hashlib.sha256(content).hexdigest() != digest:
                     raise SafetensorError("its checksum differs")
                 rows = load_tensors(name, content)
@@ -82,11 +81,7 @@ class ReplayFiles:
 
     def prune(self, run: Path) -> None:
         """Remove the files that no checkpoint of the run needs."""
-        needed = {
-            name
-            for checkpoint in list_checkpoints(run)
-            for name in json.loads((checkpoint / RECORD_FILE).read_bytes())["replay"]
-        }
+        needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE)["replay"]}
         for path in self._folder.glob("*.safetensors"):
             if path.name not in needed:
                 path.unlink()

@@ -16,12 +16,14 @@ from typing import Any
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.curves import Row, draw_learning_curve
-from lidarnaut.envs.files import Lock, dump_record, sweep, write_file
+from lidarnaut.envs.files import Lock, dump_record, own_folder, sweep, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
 GENERATIONS = "generations.csv"
 """File of a run of evolution: the values of all individuals."""
+VERSIONS = "versions.json"
+"""File of a run: the versions of the libraries that began it."""
 SWEEP = "sweep.yaml"
 """File of the folder of a sweep: the configuration of all its runs."""
 RECORD_FILE = "checkpoint.json"
@@ -68,8 +70,7 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
         lidarnaut.envs.files.LockedError: if another process is at it.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
-    run.mkdir(parents=True, exist_ok=True)
-    with Lock(run):
+    with Lock(own_folder(run)):
         if list_checkpoints(run) or (run / GENERATIONS).exists():
             raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
         prepare_folder(run, config)
@@ -83,7 +84,7 @@ def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))
-    write_file(run / "versions.json", json.dumps(versions, indent=1) + "\n")
+    write_file(run / VERSIONS, json.dumps(versions, indent=1) + "\n")
 
 
 def discard_after(checkpoint: Path) -> Path:

@@ -2,7 +2,6 @@
 
 import contextlib
 import itertools
-import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -14,6 +13,7 @@ from typing import Any
 import numpy as np
 import yaml
 from rich.table import Table
+from rich.text import Text
 from scipy import stats
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
@@ -22,7 +22,7 @@ from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
 from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import LockedError, naming, write_file
+from lidarnaut.envs.files import LockedError, naming, own_folder, printable, read_bytes, read_json, write_file
 from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
@@ -69,7 +69,7 @@ def run_sweep(
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
     members = expand(data, source, folder)
-    folder.mkdir(parents=True, exist_ok=True)
+    own_folder(folder)
     write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
     failures: dict[Path, Exception] = {}
     bar = Progress(total=len(members), unit="training", disable=not progress)
@@ -170,9 +170,9 @@ def is_finished(member: Member) -> bool:
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
         record = run / POLICY / "policy.json"
-        return record.exists() and json.loads(record.read_bytes())["generation"] >= config.generations
+        return record.exists() and read_json(record)["generation"] >= config.generations
     saved = list_checkpoints(run)
-    return bool(saved) and json.loads((saved[-1] / RECORD_FILE).read_bytes())["steps"] >= config.total_steps
+    return bool(saved) and read_json(saved[-1] / RECORD_FILE)["steps"] >= config.total_steps
 
 
 def train_member(member: Member, *, progress: bool = False) -> None:
@@ -196,7 +196,7 @@ def train_member(member: Member, *, progress: bool = False) -> None:
 
 def processor_time(run: Path) -> float:
     """Return the processor time that a sweep's training has taken so far [s], without worker processes."""
-    return float((run / TIME).read_text()) if (run / TIME).exists() else 0.0
+    return float(read_bytes(run / TIME)) if (run / TIME).exists() else 0.0
 
 
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
@@ -222,7 +222,9 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
             for label, points in intervals.items():
                 last_steps, mean, low, high = points[-1]
                 bounds = f"[{low:.4g}, {high:.4g}]" if np.isfinite(low) else ""
-                shown.add_row(label, str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds)
+                shown.add_row(
+                    Text(printable(label)), str(len(curves[label])), f"{last_steps:,.0f}", f"{mean:.4g}", bounds
+                )
             make_console().print(shown)
     if table:
         write_table(folder / TABLE, table)

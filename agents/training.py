@@ -16,8 +16,9 @@ from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, restore
+from lidarnaut.agents.trust import named_code
 from lidarnaut.agents.vec_env import make_vec_env
-from lidarnaut.envs.files import Lock
+from lidarnaut.envs.files import Lock, own_folder
 from lidarnaut.envs.progress import Progress
 
 
@@ -39,9 +40,9 @@ def train(
     source = checkpoint = None
     with contextlib.ExitStack() as held:
         if resume is not None:
-            held.enter_context(Lock(find_checkpoint(resume).parent.parent))
+            held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
             source = find_checkpoint(resume)  # again: until now another process may have added to the run
-            checkpoint = load_checkpoint(source)
+            checkpoint = load_checkpoint(source, trust=named_code(config.model_dump()))
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         is_flat = takes_vectors(find_algorithm(config.algorithm))
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))

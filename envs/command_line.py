@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from rich.console import Console
 
 import lidarnaut
-from lidarnaut.envs.files import explain_errors
+from lidarnaut.envs.files import explain_errors, printable
 
 
 def _read_count(texts: list[str]) -> int:
@@ -29,11 +29,7 @@ def _read_count(texts: list[str]) -> int:
 Count = Annotated[
     int,
     tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="COUNT",
-        instance_from_str=_read_count,
-        is_instance=lambda value: isinstance(value, int),
-        str_from_instance=lambda count: [str(count)],
+        1, "COUNT", _read_count, lambda value: isinstance(value, int), lambda count: [str(count)]
     ),
 ]
 """A whole number from 1."""
@@ -67,8 +63,7 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
                 setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
             elif stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
                 file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
-                how = {"line_buffering": stream.line_buffering, "write_through": stream.write_through}
-                setattr(sys, name, io.TextIOWrapper(file, stream.encoding, stream.errors, **how))
+                setattr(sys, name, io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True))
         arguments = sys.argv[1:]
     if "--version" in arguments:
         sys.stdout.write(f"{program_name()} {lidarnaut.__version__}\n")
@@ -78,7 +73,7 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
 
 def fail(error: object) -> int:
     """Say on the standard error what went wrong in this program; return the exit status of wrong arguments."""
-    sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {error}\n")
+    sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {printable(error)}\n")
     return 2
 
 

@@ -48,8 +48,9 @@ def main(total_steps: int = 50_000, episodes: int = 20, out: Path | None = None)
         }
     )
     run = train(config, run=out)
-    print(f"lidarnaut-evaluate --id lidarnaut/ReachGoal-v0 --policies learned:{run} pursuit --worlds halls --out DIR")
-    return LearnedPolicy.load(run)
+    options = "--worlds halls --trust own_algorithm --out DIR"
+    print(f"lidarnaut-evaluate --id lidarnaut/ReachGoal-v0 --policies learned:{run} pursuit {options}")
+    return LearnedPolicy.load(run, trust=["own_algorithm"])
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """Compiles ahead what environments, SLAMs and explorers need: python -m lidarnaut.warm."""
 
-import contextlib
+import importlib.util
 from typing import Any
 
 import gymnasium
@@ -9,7 +9,6 @@ from lidarnaut.agents.learned import find_policy, load_policy
 from lidarnaut.baselines import EXPLORERS, make_explorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.progress import Progress
-from lidarnaut.envs.simulation.bullet_world import import_pybullet
 from lidarnaut.envs.slam import SLAM_NAMES
 
 
@@ -19,10 +18,7 @@ def warm() -> None:
     kinematic: dict[str, Any] = {"physics": "kinematic"}
     others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Track")
     ids = [explore, *(f"lidarnaut/{name}-v0" for name in others)]
-    physics = ["kinematic"]
-    with contextlib.suppress(ImportError):
-        import_pybullet()
-        physics.append("bullet")
+    physics = ["kinematic", *(["bullet"] if importlib.util.find_spec("pybullet") else [])]
     cases: list[tuple[Any, str, Any]] = [(gymnasium.make, id, {"physics": name}) for name in physics for id in ids]
     cases += [(gymnasium.make, explore, kinematic | {"slam": slam}) for slam in SLAM_NAMES]
     cases += [(gymnasium.make, explore, kinematic | {"world": "caves"}), (gymnasium.make_vec, explore, {"num_envs": 1})]

@@ -73,3 +73,27 @@ def test_no_folders_import_each_other_in_circles():
         if folder != other_folder and path.parts[0] == other.parts[0] == "envs":
             below.setdefault(folder, set()).add(other_folder)
     graphlib.TopologicalSorter(below).prepare()
+
+
+READERS = {
+    "read_text", "read_bytes", "loadtxt", "genfromtxt", "fromfile", "load_file", "load_npz", "unsafe_load",
+    "np.load", "json.load", "pickle.load", "pickle.loads", "torch.load", "yaml.load",
+}  # fmt: skip
+"""Calls that read files or objects without a limit."""
+READ_ANYTHING = {
+    "envs/files/archives.py", "envs/files/records.py", "envs/player/page.py", "agents/ship.py", "benchmarks/demo.py",
+    "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
+}  # fmt: skip
+"""The readers with limits; of templates of the package; of files and messages of the same command."""
+
+
+def test_files_of_others_are_read_by_the_readers_with_limits():
+    found = set()
+    for path in modules().values():
+        for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+                owner, name = ast.unparse(node.func.value), node.func.attr
+                is_in_memory = node.args and ast.unparse(node.args[0]).startswith("io.BytesIO(")
+                if {name, f"{owner}.{name}"} & READERS and not is_in_memory:
+                    found.add(path.as_posix())
+    assert found - READ_ANYTHING == set()

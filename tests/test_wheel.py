@@ -16,7 +16,7 @@ import pytest
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pyproject.toml", "setup.py", "MANIFEST.in", "README.md", "LICENSE", "lidarnaut")
+SOURCES = ("pyproject.toml", "PYPI.md", "MANIFEST.in", "LICENSE", "lidarnaut")
 PACKAGES = ("lidarnaut", "lidarnaut/envs", "lidarnaut/baselines", "lidarnaut/agents", "lidarnaut/benchmarks")
 COMMANDS = ("lidarnaut-train", "lidarnaut-evaluate", "lidarnaut-replay", "lidarnaut-teleop")
 
@@ -109,7 +109,7 @@ def test_sdist_and_wheel_hold_all_modules_and_data_and_no_tests(environment):
     with tarfile.open(sdist) as archive:
         packed = {name.partition("/")[2] for name in archive.getnames()}
     assert not [name for name in packed if name.startswith("tests")]
-    assert {"LICENSE", "README.md", "pyproject.toml", "setup.py"} <= packed
+    assert {"LICENSE", "PYPI.md", "pyproject.toml"} <= packed
     folders = [ROOT / name for name in ("envs", "baselines", "agents", "benchmarks", "configs")]
     paths = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc"]
     expected = {f"lidarnaut/{path.relative_to(ROOT).as_posix()}" for path in paths}

@@ -24,7 +24,7 @@ from lidarnaut.agents.curves import LEARNED, SCORES, Row, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
 from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
-from lidarnaut.envs.files import Lock, write_file
+from lidarnaut.envs.files import Lock, own_folder, read_bytes, write_file
 from lidarnaut.envs.progress import Progress
 
 from .features import NEAREST, NUM_FEATURES, PRIOR
@@ -64,7 +64,7 @@ def evolve(
         elif not (resume / "config.yaml").exists():
             raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
         else:
-            run = resume
+            run = own_folder(resume)
             held.enter_context(Lock(run))
             prepare_folder(run, config)
         pool = held.enter_context(make_pool(config.num_workers, ray))
@@ -174,7 +174,7 @@ def _read(path: Path, width: int) -> list[np.ndarray]:
     if not path.exists():
         return []
     try:
-        rows = np.loadtxt(path, delimiter=",", ndmin=2)
+        rows = np.loadtxt(io.BytesIO(read_bytes(path)), delimiter=",", ndmin=2)
     except ValueError as error:
         raise CheckpointError(f"{path} does not hold numbers: {error}") from error
     if rows.shape[1] != width:

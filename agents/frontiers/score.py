@@ -7,14 +7,14 @@ from typing import Any
 
 import numpy as np
 from safetensors import SafetensorError
-from safetensors.numpy import load_file, save
+from safetensors.numpy import load, save
 
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.frontier.explorer import RuleExplorer
 from lidarnaut.baselines.frontier.pursuit import PursuitDriving
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
-from lidarnaut.envs.files import write_folder
+from lidarnaut.envs.files import printable, read_bytes, read_json, write_folder
 from lidarnaut.envs.navigation import FEATURES, NUM_SECTORS, FrontierNavigator, robot_features
 from lidarnaut.envs.robots import RobotParams
 
@@ -74,12 +74,12 @@ class FrontierScore:
         """Read what `save` wrote; CheckpointError if it is missing, damaged, or of other features."""
         folder = Path(folder)
         try:
-            record = json.loads((folder / RECORD_FILE).read_text(encoding="utf-8"))
+            record = read_json(folder / RECORD_FILE)
             if record["features"] != list(NAMES):
                 raise ValueError("it was trained on other features than this version computes")
-            return cls(load_file(folder / WEIGHTS_FILE)["weights"])
+            return cls(load(read_bytes(folder / WEIGHTS_FILE))["weights"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
-            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {error}") from error
+            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {printable(error)}") from error
 
 
 class ScoreExplorer(RuleExplorer):

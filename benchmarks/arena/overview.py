@@ -15,7 +15,7 @@ from lidarnaut.benchmarks.arena.policies import short
 from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.benchmarks.arena.statistics import Estimate, performance_profile
 from lidarnaut.benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
 SHARES = 3.0
@@ -150,7 +150,7 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None
-    (folder / "players").mkdir(exist_ok=True)
+    own_folder(folder / "players")
     headline, reference = episodes.measures.headline, recorded.reference
     references, lines = recorded.by_start(reference), []
     for policy in recorded.policies:

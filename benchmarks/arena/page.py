@@ -16,7 +16,7 @@ from lidarnaut.benchmarks.arena.measures import texts
 from lidarnaut.benchmarks.arena.records import write_table
 from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.benchmarks.arena.trace import slug
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import own_folder, printable, write_file
 from lidarnaut.envs.measures import Measure
 
 MAX_OPEN_LINES = 10
@@ -104,7 +104,7 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
     Pictures and tables that are there are removed. Only `text` is Markdown: names of worlds and policies may hold
     anything.
     """
-    folder.mkdir(parents=True, exist_ok=True)
+    own_folder(folder)
     for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
         old.unlink()
     blocks = [f"# {title}", text.strip()]
@@ -158,6 +158,6 @@ def to_terminal(table: Table, title: str) -> rich.table.Table:
     for k, heading in enumerate(table.head):
         shown.add_column(Text(heading), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
     for line in table.lines:
-        shown_texts = [Text(cell.text, style="bold" if cell.is_best else "") for cell in line]
+        shown_texts = [Text(printable(cell.text), style="bold" if cell.is_best else "") for cell in line]
         shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(shown_texts, line)))
     return shown

@@ -2,7 +2,7 @@
 
 import glob
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, fields, is_dataclass, replace
 from functools import partial
 from inspect import signature
@@ -50,6 +50,8 @@ class Policy:
     """Whether a learned score of frontiers drives by pursuit."""
     deterministic: bool = True
     """Whether a learned policy takes its most likely actions, or draws them as in training."""
+    trust: tuple[str, ...] = ()
+    """Modules and names of code that a learned policy may name; see `lidarnaut.agents.trust`."""
     model: str = ""
     """First 12 digits of the SHA-256 of its weights."""
     level: Level | None = None
@@ -62,17 +64,21 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            return load_policy(Path(self.checkpoint), pursuit=self.is_pursuit, deterministic=self.deterministic)
+            how = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
+            return load_policy(Path(self.checkpoint), **how)
         return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
 
 
-def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any] | None = None) -> Policy:
+def parse_policy(
+    name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any] | None = None, trust: Iterable[str] = ()
+) -> Policy:
     """Read a name of a policy that the task allows or that is given, and make it once to see that it can be made.
 
     A name is a classic policy, `ppo:PATH` (`learned:PATH` is the same; of a score of frontiers, `pursuit:PATH` drives
     by pursuit), `module:attribute`, a classic policy with parameters, `nearest?max_time=8,inflation=0.3`, or `LABEL=`
     before one of the latter. PATH is the folder of a run or a checkpoint, or `pretrained/NAME`; of several that a
     pattern with `*` fits, the last by name. After `?deterministic=false` the policy draws its actions as in training.
+    A learned policy may name code in `trust`; see `lidarnaut.agents.trust`.
 
     Raises:
         ValueError: if there is no such policy, or it cannot do the task; lists those that can.
@@ -107,7 +113,7 @@ def parse_policy(name: str, classic: Makers = EXPLORERS, given: Mapping[str, Any
         if not isinstance(deterministic, bool):
             raise ValueError(f"policy {what!r}: deterministic must be true or false, got {deterministic!r}")
         folder = find_policy(max(glob.glob(path), default=path)).resolve()
-        policy = Policy(label, checkpoint=str(folder), is_pursuit=kind == "pursuit", deterministic=deterministic)
+        policy = Policy(label, None, str(folder), kind == "pursuit", deterministic, tuple(trust))
         made = policy.make()  # before the weights are read once more: says what is wrong with a damaged checkpoint
         return replace(_checked(policy, made), model=fingerprint(folder)[:12])
     if what in CLASSIC:

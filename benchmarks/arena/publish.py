@@ -25,7 +25,7 @@ from lidarnaut.benchmarks.arena.settings import estimator_of
 from lidarnaut.benchmarks.arena.verdict import verdict_section
 from lidarnaut.benchmarks.arena.workers import NOT_RUN, Result
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import printable, read_json, write_file
 from lidarnaut.envs.measures import SUCCESS
 from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
@@ -51,7 +51,7 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how
         failures = evaluation.run(jobs, on_result=on_result, **how)
     for (where, reason), (number, who) in group_failures(failures).items():
         line = f"{number} episodes of {who} in {where} could not be run: {reason}"
-        console.print(line, style="red", markup=False, highlight=False)
+        console.print(printable(line), style="red", markup=False, highlight=False)
     return failures
 
 
@@ -158,7 +158,7 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
 def _origin_section(evaluation: Evaluation, command: str) -> Section:
     """Say how the page came to be."""
     facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds", "world_sections"})
-    versions = json.loads((evaluation.folder / SETTINGS_FILE).read_text())["versions"]
+    versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
     parts = (
         f"Command: {command}",
         f"Settings: {yaml.safe_dump(facts, default_flow_style=True, width=10_000).strip()}",

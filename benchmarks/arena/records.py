@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from lidarnaut.agents.run_folder import commit
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.envs.files import naming, read_mapping, sweep, write_file
+from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, sweep, write_file
 
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
@@ -83,7 +83,7 @@ class Records:
             world: {"world": world, "source": source, "content": _fingerprint(source)}
             for world, source in (worlds or {}).items()
         }
-        folder.mkdir(parents=True, exist_ok=True)
+        own_folder(folder)
         for part in (folder, folder / "episodes"):
             sweep(part)
         self._check_settings()
@@ -161,9 +161,9 @@ class Records:
             write_file(path, json.dumps(self._settings | {"versions": versions}, indent=1) + "\n")
             return
         try:
-            there = dict(json.loads(path.read_text()))
-        except (TypeError, ValueError, RecursionError) as error:
-            raise ValueError(f"{path} is damaged: {error}; choose another --out, or remove the folder") from error
+            there = read_json(path)
+        except ValueError as error:
+            raise ValueError(f"{error}; choose another --out, or remove the folder") from error
         for key, value in self._settings.items():
             if there.get(key) != value:
                 raise ValueError(
@@ -186,23 +186,20 @@ class _Table:
 
     def append(self, row: Row) -> None:
         """Append a row, below the columns if the table is new, and see it to the disk."""
-        content = self.path.read_bytes() if self.path.exists() else b""
+        content = read_bytes(self.path) if self.path.exists() else b""
         whole = content[: content.rfind(b"\n") + 1]
         with naming(self.path):
             if whole != content:
                 # The process died while it wrote the last line: that episode runs again.
                 os.truncate(self.path, len(whole))
-            with open(self.path, "a", newline="") as file:
-                lines = [row[name] for name in self._columns]
-                file.write(_lines([lines] if whole else [self._columns, lines]))
-                file.flush()
-                os.fsync(file.fileno())
+        lines = [row[name] for name in self._columns]
+        append_file(self.path, _lines([lines] if whole else [self._columns, lines]))
 
 
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
     """Yield the rows of a table, but for an incomplete last line; ValueError if damaged, or of other columns."""
     try:
-        content = path.read_bytes().decode()
+        content = read_bytes(path).decode()
     except UnicodeDecodeError as error:
         raise ValueError(f"{path} is no table: {error}") from error
     header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
@@ -231,5 +228,5 @@ def _fingerprint(source: str) -> str:
     path = Path(source)
     if not path.is_file():
         return ""
-    content, image = path.read_bytes(), read_mapping(path).get("image")
-    return hashlib.sha256(content + (path.parent.joinpath(image).read_bytes() if image else b"")).hexdigest()[:12]
+    content, image = read_bytes(path), read_mapping(path).get("image")
+    return hashlib.sha256(content + (read_bytes(path.parent.joinpath(image)) if image else b"")).hexdigest()[:12]

@@ -11,6 +11,7 @@ from typing import Any
 from gymnasium import spaces
 
 from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
@@ -19,7 +20,7 @@ from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
 from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import Lock, write_file
+from lidarnaut.envs.files import Lock, own_folder, write_file
 from lidarnaut.envs.ids import CHOOSE
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
@@ -39,7 +40,12 @@ class Evaluation:
     """All episodes of some settings, in a folder that may hold a part of them already."""
 
     def __init__(
-        self, settings: Settings, folder: Path, shard: str | None = None, given: Mapping[str, Any] | None = None
+        self,
+        settings: Settings,
+        folder: Path,
+        shard: str | None = None,
+        given: Mapping[str, Any] | None = None,
+        trust: Iterable[str] = (),
     ) -> None:
         """Make everything once, so that a wrong name comes out before any work.
 
@@ -49,6 +55,7 @@ class Evaluation:
             shard: part that `run` runs, `2/4` of four parts: of the starts in their order, every fourth; None for all.
             given: policies, worlds, robots and SLAMs of the user's own, by the names that the settings use for them.
                 With several processes they must be picklable.
+            trust: modules and names of code that learned policies may name; see `lidarnaut.agents.trust`.
 
         Raises:
             ValueError: if a name is wrong, a robot fits nowhere, or the folder holds another evaluation; says what is
@@ -60,6 +67,7 @@ class Evaluation:
         if not 1 <= number <= total:
             raise ValueError(f"shard must be I/N with I from 1 to N, such as 2/4, got {shard!r}")
         self.settings, self.folder = settings, folder
+        trust = {*trust, *named_code(settings.model_dump())}
         self._shard = f"{number}of{total}" if total > 1 else ""
         self._given = dict(given or {})
         self._robots: dict[Case, str] = {}
@@ -67,7 +75,7 @@ class Evaluation:
         self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
-                self._policies[name] = parse_policy(name, classic, self._given)
+                self._policies[name] = parse_policy(name, classic, self._given, trust)
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
@@ -133,7 +141,7 @@ class Evaluation:
             self._missing = self._not_found(self._missing)
             tasks = [replace(task, has_recording=record) for task in self._missing]
             if bags:
-                bags.mkdir(parents=True, exist_ok=True)
+                own_folder(bags)
                 tasks = [replace(task, bag=bags / f"{episode_name(task.key._asdict())}.mcap") for task in tasks]
             for result in run_all(tasks, jobs, ray):
                 if result.row is None:
@@ -143,7 +151,7 @@ class Evaluation:
                     for where, content in ((trace_path, result.trace), (recording_path, result.recording)):
                         if content:
                             path = where(self.folder, result.row)
-                            path.parent.mkdir(exist_ok=True)
+                            own_folder(path.parent)
                             write_file(path, content)
                     self._records.add(result.row)
                 on_result(result)

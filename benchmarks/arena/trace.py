@@ -12,9 +12,12 @@ import numpy as np
 from lidarnaut.baselines.episode import Episode
 from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.files import open_archive
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.navigation.costmap import known_window
+
+WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
 class Curve(NamedTuple):
@@ -72,7 +75,7 @@ class Trace:
     @classmethod
     def load(cls, path: Path) -> "Trace":
         """Read a file with what `to_bytes` returned."""
-        with np.load(path, allow_pickle=False) as file:
+        with open_archive(path, WHAT, HINT) as file:
             x, y = file["origin"]
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
             curve = Curve(*file["curve"])
@@ -146,7 +149,7 @@ def episode_name(row: Row) -> str:
 
 def load_curve(folder: Path, row: Row) -> Curve:
     """Read the curve of a row's episode, and nothing else of its trace."""
-    with np.load(trace_path(folder, row), allow_pickle=False) as file:
+    with open_archive(trace_path(folder, row), WHAT, HINT) as file:
         return Curve(*file["curve"])
 
 

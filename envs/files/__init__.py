@@ -1,23 +1,29 @@
 """Reading YAML files into checked records, archives, names into objects, and writing files that are whole or absent."""
 
-from .archives import MAX_BYTES, open_archive
+from .archives import MAX_BYTES, open_archive, read_bytes
 from .locking import Lock, LockedError
-from .names import SHORT, explain_unknown, load_object, resolve
-from .records import dump_record, explain_errors, parse_record, read_mapping, read_record
-from .writing import naming, sweep, temporary_beside, write_file, write_folder
+from .names import SHORT, explain_unknown, load_object, printable, resolve
+from .records import MAX_JSON_BYTES, dump_record, explain_errors, parse_record, read_json, read_mapping, read_record
+from .writing import append_file, naming, own_folder, sweep, temporary_beside, write_file, write_folder
 
 __all__ = [
     "MAX_BYTES",
+    "MAX_JSON_BYTES",
     "SHORT",
     "Lock",
     "LockedError",
+    "append_file",
     "dump_record",
     "explain_errors",
     "explain_unknown",
     "load_object",
     "naming",
     "open_archive",
+    "own_folder",
     "parse_record",
+    "printable",
+    "read_bytes",
+    "read_json",
     "read_mapping",
     "read_record",
     "resolve",

@@ -1,21 +1,51 @@
-"""NumPy archives of a limited size."""
+"""Files of a limited size: bytes, and NumPy archives."""
 
 import contextlib
+import stat
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .names import printable
+
 MAX_BYTES = 2**31
-"""Largest arrays of an archive together [bytes]; a small file can unpack to any size."""
+"""Largest file, and largest arrays of an archive together [bytes]; a small archive can unpack to any size."""
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Read a regular file of at most `limit` bytes.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is larger, or no regular file; names it.
+    """
+    found = path.stat()
+    if not stat.S_ISREG(found.st_mode):
+        raise ValueError(f"{path}: is no regular file")
+    if found.st_size > limit:
+        raise ValueError(f"{path}: {found.st_size:,} bytes; at most {limit:,} are allowed")
+    return path.read_bytes()
 
 
 @contextlib.contextmanager
-def open_archive(path: Path) -> Iterator[Any]:
-    """Open an archive (.npz) as `np.load` does; ValueError if it unpacks to more than `MAX_BYTES`."""
-    # NumPy leaves a file open that is no archive, but not one that was opened for it.
-    with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-        if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:
-            raise ValueError(f"unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
-        yield archive
+def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
+    """Open an archive (.npz) as `np.load` does, for a block that reads it.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: it is damaged, unpacks to more than `MAX_BYTES`, or the block raises an error; names the file, says
+            `what` it should be, and gives the hint.
+    """
+    try:
+        # NumPy leaves a file open that is no archive, but not one that was opened for it.
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
+            if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:
+                raise ValueError(f"unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")
+            yield archive
+    except OSError:
+        raise
+    except Exception as error:  # NumPy, zipfile and zlib raise many kinds
+        said = printable(" ".join(str(error).split())) or type(error).__name__
+        raise ValueError(f"{path} is no {what} ({said}); {hint}" if what else f"{path}: {said}") from error

@@ -4,6 +4,8 @@ import os
 import platform
 from pathlib import Path
 
+from .names import printable
+
 try:
     import fcntl
 except ImportError:  # Windows
@@ -26,11 +28,11 @@ class Lock:
         """Take the lock; LockedError if another process holds it."""
         if fcntl is None:
             return self
-        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT, 0o666)
+        descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(descriptor, (fcntl.LOCK_SH if self._shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
         except BlockingIOError:
-            holder = os.read(descriptor, 200).decode(errors="replace").strip() or "another process"
+            holder = printable(os.read(descriptor, 200).decode(errors="replace")).strip() or "another process"
             os.close(descriptor)
             raise LockedError(f"{self._folder} is in use: {holder} adds to it") from None
         except OSError:  # a file system without locks

@@ -16,6 +16,11 @@ SHORT = reprlib.Repr()
 SHORT.maxstring = SHORT.maxother = 200
 
 
+def printable(text: object) -> str:
+    """Return a text with its control characters escaped, except newlines and tabs: terminals obey the others."""
+    return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in str(text))
+
+
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
     """Say that a name, `shown` in the message, is unknown, which one was perhaps meant, and which are allowed."""
     allowed = list(allowed)

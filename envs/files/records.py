@@ -1,6 +1,7 @@
 """YAML files into pydantic models and dataclasses, with errors that name the file, the key and what is allowed."""
 
 import dataclasses
+import json
 import re
 import typing
 from collections import Counter
@@ -11,12 +12,15 @@ from typing import Any, TypeVar
 import yaml
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
-from .names import SHORT, explain_unknown
+from .archives import read_bytes
+from .names import SHORT, explain_unknown, printable
 
 Record = TypeVar("Record")
 
 MAX_BYTES = 8 * 2**20
 """Largest YAML file that is read."""
+MAX_JSON_BYTES = 64 * 2**20
+"""Largest JSON file that is read."""
 MAX_VALUES = 500_000
 """Most values in a YAML file, those that aliases repeat counted each time."""
 MAX_DEPTH = 50
@@ -70,16 +74,29 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     if not path.is_file():
         others = ", ".join(sorted(str(other) for other in path.parent.glob("*.yaml")))
         raise FileNotFoundError(f"{path}: no such file" + (f"; there are {others}" if others else ""))
-    if (size := path.stat().st_size) > MAX_BYTES:
-        raise ValueError(f"{path}: {size:,} bytes; at most {MAX_BYTES:,} are allowed")
+    content = read_bytes(path, MAX_BYTES)
     try:
-        text = path.read_text(encoding="utf-8")
+        text = content.decode()
         _check_size(text)
-        content = yaml.load(text, _Loader)
-        _count_values(content, {})
+        values = yaml.load(text, _Loader)
+        _count_values(values, {})
     except Exception as error:  # PyYAML raises many kinds for values that do not fit their tags
-        raise ValueError(f"{path}: not readable as YAML: {' '.join(str(error).split())}") from error
-    return _checked_mapping(content, str(path))
+        raise ValueError(f"{path}: not readable as YAML: {printable(' '.join(str(error).split()))}") from error
+    return _checked_mapping(values, str(path))
+
+
+def read_json(path: Path) -> dict[str, Any]:
+    """Read a JSON file that holds keys and values.
+
+    Raises:
+        OSError: it cannot be read.
+        ValueError: it is not JSON, holds something else, or is too large; names the file.
+    """
+    try:
+        values = json.loads(read_bytes(path, MAX_JSON_BYTES))
+    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        raise ValueError(f"{path}: not readable as JSON: {error}") from error
+    return _checked_mapping(values, str(path))
 
 
 def _check_size(text: str) -> None:
@@ -157,7 +174,7 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
             lines.append(f"{key}: {what}" if key else what)
     if len(faults) > MAX_MISTAKES:
         lines.append(f"and {len(faults) - MAX_MISTAKES} more mistakes")
-    return lines
+    return list(map(printable, lines))
 
 
 def _checked_mapping(content: Any, source: str) -> dict[str, Any]:

@@ -43,9 +43,36 @@ def _in_place_of(path: Path) -> Iterator[Path]:
     _sync_folder(path.parent)
 
 
+def append_file(path: Path, text: str) -> None:
+    """Append to a file, which is created if needed, and see it to the disk; OSError also if it is a symbolic link."""
+    with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
+        file.write(text)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def own_folder(path: Path) -> Path:
+    """Create a folder that is to be written in; return it.
+
+    Raises:
+        ValueError: an entry of the folder, or of a folder in it, is a symbolic link: a record from elsewhere could
+            let its links point to any file.
+    """
+    path.mkdir(parents=True, exist_ok=True)
+    for entry in (*path.glob("*"), *path.glob("*/*")):
+        if entry.is_symlink():
+            raise ValueError(f"{entry} is a symbolic link: nothing is written through links; remove it")
+    return path
+
+
+def _open_itself(path: str, flags: int) -> int:
+    """Open a file for writing; OSError if it is a symbolic link."""
+    return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
+
+
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there."""
-    if path.is_dir():
+    """Remove a file or a folder, if it is there; of a symbolic link, the link."""
+    if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink(missing_ok=True)
@@ -90,7 +117,7 @@ def _is_alive(pid: int) -> bool:
 
 def _write_through(path: Path, content: bytes | str) -> None:
     """Write a file and wait until it lies on the disk."""
-    with open(path, "wb") as file:
+    with open(path, "xb", opener=_open_itself) as file:
         file.write(content.encode() if isinstance(content, str) else content)
         file.flush()
         os.fsync(file.fileno())

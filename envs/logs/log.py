@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from lidarnaut.envs.files import printable
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.robots import LidarParams, Mount
 
@@ -162,7 +163,7 @@ def load_log(
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     for note in log.notes:
-        logging.getLogger(__name__).warning("%s: %s", path, note)
+        logging.getLogger(__name__).warning("%s", printable(f"{path}: {note}"))
     return log
 
 

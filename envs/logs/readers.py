@@ -173,18 +173,15 @@ def _numbers(fields: list[str]) -> list[float]:
 def read_archive(path: Path) -> Recording:
     """Read the arrays of `load_log`; ValueError if damaged, or one is missing or misshapen."""
     arrays: dict[str, Any] = {}
-    name = ""
-    try:
-        with open_archive(path) as archive:
-            if missing := _DIMENSIONS.keys() - set(archive.files):
-                raise ValueError(f"lacks the arrays {sorted(missing)}")
-            for name in (_DIMENSIONS | _OPTIONAL).keys() & set(archive.files):
+    # Arrays of objects are scans with unequal numbers of beams.
+    with open_archive(path) as archive:
+        if missing := _DIMENSIONS.keys() - set(archive.files):
+            raise ValueError(f"lacks the arrays {sorted(missing)}")
+        for name in (_DIMENSIONS | _OPTIONAL).keys() & set(archive.files):
+            try:
                 arrays[name] = archive[name]
-    except PermissionError:
-        raise
-    except Exception as error:  # NumPy and zipfile raise many kinds; objects are scans with unequal numbers of beams
-        said = " ".join(str(error).split())
-        raise ValueError(f"{path}{f', array {name}' if name else ''}: {said}") from error
+            except Exception as error:
+                raise ValueError(f"array {name}: {error}") from error
     for name, array in arrays.items():
         if not isinstance(array, np.ndarray):
             raise ValueError(f"{path}, array {name}: damaged")

@@ -5,12 +5,14 @@ verified by hand are held against the estimated ones. No common frame is needed,
 once rather than for all that follows.
 """
 
+import io
 import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from lidarnaut.envs.files import read_bytes
 from lidarnaut.envs.geometry import wrap_angle
 
 from .trajectory import between_poses
@@ -51,7 +53,7 @@ def load_relations(path: str | Path) -> np.ndarray:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # of empty files, which are refused below
-            table = np.loadtxt(path, ndmin=2)
+            table = np.loadtxt(io.BytesIO(read_bytes(Path(path))), ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: not a list of relations: {error}") from error
     if table.size == 0:
@@ -77,7 +79,7 @@ def load_labelled(path: Path) -> dict[str, np.ndarray]:
     if not mask_path.is_file():
         return {"relation error": relations}
     try:
-        mask = np.load(mask_path, allow_pickle=False)
+        mask = np.load(io.BytesIO(read_bytes(mask_path)), allow_pickle=False)
     except (ValueError, EOFError) as error:
         raise ValueError(f"{mask_path}: damaged or no array: {' '.join(str(error).split())}") from error
     if mask.shape != (len(relations),) or mask.dtype != np.bool_ or not mask.any():

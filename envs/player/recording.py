@@ -124,19 +124,12 @@ class Recording:
             ValueError: if it is something else; names it, and says what is wrong.
             OSError: if it cannot be read.
         """
-        try:
-            with open_archive(path) as archive:
-                if missing := sorted({"about", *_LAYOUT} - set(archive.files)):
-                    raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")
-                about = json.loads(archive["about"].tobytes())
-                recording = cls(about, **{name: archive[name] for name in _LAYOUT})
+        with open_archive(path, "recorded episode", "record one with `python evaluate.py ... --record`") as archive:
+            if missing := sorted({"about", *_LAYOUT} - set(archive.files)):
+                raise ValueError(f"it lacks {', '.join(missing[:3])}{', ...' * (len(missing) > 3)}")
+            about = json.loads(archive["about"].tobytes())
+            recording = cls(about, **{name: archive[name] for name in _LAYOUT})
             recording._check()
-        except OSError:
-            raise
-        except Exception as error:  # NumPy, zipfile and zlib raise many kinds
-            said = " ".join(str(error).split()) or type(error).__name__
-            hint = "record one with `python evaluate.py ... --record`"
-            raise ValueError(f"{path} is no recorded episode ({said}); {hint}") from error
         return recording
 
     def _check(self) -> None:

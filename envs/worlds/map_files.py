@@ -13,7 +13,7 @@ import yaml
 from PIL import Image
 from pydantic import BaseModel, Field
 
-from lidarnaut.envs.files import read_record, write_file
+from lidarnaut.envs.files import printable, read_record, write_file
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 
 from .raster import MAX_CELLS
@@ -183,7 +183,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
                 data[is_unknown[index]] = UNKNOWN
                 fate = "unknown, as map_savers mean it"
             text = "%s: free_thresh %g takes the grey 205 for free; it is read as %s"
-            logging.getLogger(__name__).warning(text, source, file.free_thresh, fate)
+            logging.getLogger(__name__).warning(text, printable(source), file.free_thresh, fate)
     return data
 
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 from scipy import ndimage
 
+from lidarnaut.envs.files import printable
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.geometry.distance_transform import deepest_cell
 from lidarnaut.envs.progress import Progress
@@ -79,7 +80,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
         )
         checked = check_world(world)
     level = logging.INFO if sizes[label - 1] == sizes.max() else logging.WARNING
-    logging.getLogger(__name__).log(level, "world of map %s: %s", name, text)
+    logging.getLogger(__name__).log(level, "world of map %s: %s", printable(name), text)
     return checked
 
 

@@ -50,7 +50,7 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
     folder = save_checkpoint(saved, tmp_path, keep=2)
     drawn = draw()
     other = fresh_model(seed=99)
-    loaded = load_checkpoint(folder)
+    loaded = load_checkpoint(folder, trust="tests")
     restore(other, loaded, folder)
     np.testing.assert_equal(draw(), drawn)
     assert_same(other.policy.state_dict(), model.policy.state_dict())
@@ -70,7 +70,7 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
 
 def take(folder, model):
     """Load a checkpoint, as a policy and into a model."""
-    checkpoint = load_checkpoint(folder)
+    checkpoint = load_checkpoint(folder, trust="tests")
     build_policy(checkpoint, folder)
     restore(model, checkpoint, folder)
 
@@ -141,7 +141,7 @@ def test_a_full_disk_costs_nothing_but_the_new_checkpoint(run, monkeypatch):
         return {path: path.read_bytes() for path in run.rglob("*") if path.is_file()}
 
     before = contents()
-    checkpoint = load_checkpoint(find_checkpoint(run))
+    checkpoint = load_checkpoint(find_checkpoint(run), trust="tests")
     checkpoint.record.steps += 128
 
     def full(descriptor):

@@ -36,7 +36,7 @@ def ready(explorer, env, seed=0):
 
 
 def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
-    explorer = LearnedPolicy.load(tiny_run, deterministic=False)
+    explorer = LearnedPolicy.load(tiny_run, deterministic=False, trust="tests")
     observation, _ = env.reset(seed=1)
 
     def draw(seed):
@@ -47,13 +47,13 @@ def test_drawn_actions_come_from_the_generator_alone(tiny_run, env):
     first = draw(5)
     assert np.array_equal(first, draw(5))
     assert not np.array_equal(first, draw(6))
-    mean = ready(LearnedPolicy.load(tiny_run), env)(observation)
+    mean = ready(LearnedPolicy.load(tiny_run, trust="tests"), env)(observation)
     assert np.allclose(first.mean(axis=0), mean, atol=0.15)
     assert (first.std(axis=0) > 0.3).all()
 
 
 def test_what_does_not_fit_is_reported(tiny_run, env):
-    explorer = LearnedPolicy.load(tiny_run)
+    explorer = LearnedPolicy.load(tiny_run, trust="tests")
     robot = SimpleNamespace(name="other", lidar=SimpleNamespace(num_beams=360))
     with pytest.raises(CheckpointError, match=f"needs scans of {BEAMS} beams, but the lidar of robot 'other' has 360"):
         explorer.reset(robot, 0.2, np.random.default_rng(0))
@@ -161,7 +161,7 @@ def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
         "environment": {"observations": parts["plan"], "world": "hall"},
     }
     config = tiny("PPO", "Explore", environment=reach, evaluation=evaluation)
-    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False))
+    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False), trust="tests")
     assert policy.observations == parts["plan"]
     env = gymnasium.make(reach["id"], observations=policy.observations, world="hall", robot="jackal")
     policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
@@ -183,7 +183,7 @@ def test_parts_without_bounds_are_observed_and_saved(tmp_path):
     environment = {"id": "lidarnaut/Explore-v0", "world": "rooms", "num_workers": 0, "time_limit": 1.0}
     environment["observations"] = {"motion": None, "position": f"{__name__}:Position"}
     config = tiny("PPO", "Explore", environment=environment)
-    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False))
+    policy = LearnedPolicy.load(train(config, run=tmp_path / "run", progress=False), trust="tests")
     env = gymnasium.make("lidarnaut/Explore-v0", world="rooms", physics="kinematic", observations=policy.observations)
     observation, _ = env.reset(seed=0)
     policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))

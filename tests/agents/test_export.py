@@ -60,7 +60,7 @@ def read(onnxruntime, path):
 def acts_alike(onnxruntime, config, run, path, steps=12):
     """Drive by the file, and hold each action against that of the policy in torch; return the metadata."""
     session, about = read(onnxruntime, path)
-    policy = LearnedPolicy.load(run)
+    policy = LearnedPolicy.load(run, trust="tests")
     env = make_env(evaluation_environment(config), "test")
     inner = lidar_env_of(env)
     policy.reset(inner.robot, inner.control_period, np.random.default_rng(0))
@@ -110,7 +110,7 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
         hyperparameters=hyperparameters, network={},
     )  # fmt: skip
     run = train(config, run=tmp_path / "run", progress=False)
-    main(str(run), tmp_path / "policy.onnx")
+    main(str(run), tmp_path / "policy.onnx", trust=("tests",))
     about = acts_alike(onnxruntime, config, run, tmp_path / "policy.onnx")
     assert about["inputs"].keys() == parts.keys()
     assert about["inputs"]["quadrant"] == {
@@ -153,7 +153,7 @@ def test_a_file_that_would_act_otherwise_is_not_written(onnxruntime, tmp_path):
     run = train(config, run=tmp_path / "run", progress=False)
     message = r"cannot be written as ONNX: it acts otherwise than the policy: action\[\d\] is .*, not .*, in step \d+"
     with pytest.raises(ValueError, match=message):
-        main(str(run), tmp_path / "policy.onnx")
+        main(str(run), tmp_path / "policy.onnx", trust=("tests",))
     assert not (tmp_path / "policy.onnx").exists()
 
 
@@ -166,7 +166,7 @@ def test_what_is_no_network_is_refused(onnxruntime, tmp_path):
     config = tiny("PPO", "ExploreFrontiersAbstract", network=network, evaluation=NO_REFERENCES)
     run = train(config, run=tmp_path / "run", progress=False)
     with pytest.raises(ValueError, match="its prior is a score of frontiers, which torch does not compute"):
-        main(str(run), tmp_path / "policy.onnx")
+        main(str(run), tmp_path / "policy.onnx", trust=("tests",))
 
 
 @pytest.mark.parametrize("missing", ["onnx", "onnxruntime"])

@@ -19,12 +19,13 @@ from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
 from lidarnaut.train import main
+from tests.agents.fake_env import ID
 
 ROOT = Path(__file__).parents[2]
 
 
 def newest(run):
-    return load_checkpoint(find_checkpoint(run))
+    return load_checkpoint(find_checkpoint(run), trust="tests")
 
 
 def changed(data, **changes):
@@ -62,7 +63,7 @@ def test_a_second_process_at_a_run_says_who_the_first_one_is(tiny_run, tiny_conf
     before = changes()
     with Lock(run):
         for resume in (run, list_checkpoints(run)[0]):
-            assert main(["--resume", str(resume)]) == 2
+            assert main(["--resume", str(resume), "--trust", ID]) == 2
             assert f"{run} is in use: process {os.getpid()} on " in capsys.readouterr().err
         with pytest.raises(LockedError, match=f"{run} is in use"):
             train(tiny_config, run=run, progress=False)
@@ -122,13 +123,13 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     (run,) = (tmp_path / "runs").iterdir()
     assert run.name.startswith("tiny__0__")
     source = find_checkpoint(run)
-    steps = load_checkpoint(source).record.steps
+    steps = load_checkpoint(source, trust="tests").record.steps
     assert 880 - config.checkpoints.every <= steps <= 880
     evaluated = evaluated_steps(run)
     # What a kill within a save leaves behind.
     (run / "checkpoints" / ".step_000000896.1.tmp").mkdir()
 
-    resumed = train_in_a_process(tmp_path, "--resume", str(run), "--environment.world", "rooms")
+    resumed = train_in_a_process(tmp_path, "--resume", str(run), "--trust", ID, "--environment.world", "rooms")
     assert resumed.returncode == 0, resumed.stderr
     assert str(run) in resumed.stdout
     final = newest(run).record
@@ -154,11 +155,13 @@ def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_
     (run,) = Path("runs").iterdir()
     steps = 0 if step == 1 else 384
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.partition(": ")[2] == f"stopped at step {steps}, which is saved; --resume {run} goes on"
+    assert said.partition(": ")[2] == f"stopped at step {steps}, which is saved; --resume {run} --trust {ID} goes on"
     saved = newest(run)
     assert saved.record.steps == steps
     often = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
-    whole = load_checkpoint(train(often, run=tmp_path / "whole", progress=False) / "checkpoints" / f"step_{steps:09d}")
+    whole = load_checkpoint(
+        train(often, run=tmp_path / "whole", progress=False) / "checkpoints" / f"step_{steps:09d}", trust="tests"
+    )
     for name in ("numpy_random", "evaluations"):
         assert getattr(saved.record, name) == getattr(whole.record, name)
     for mine, theirs in ((saved.policy, whole.policy), (saved.training, whole.training)):
@@ -172,14 +175,17 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
     (run,) = Path("runs").iterdir()
     good = run / "checkpoints" / "step_000000000"
     assert list_checkpoints(run) == [good]
-    load_checkpoint(good)
+    load_checkpoint(good, trust="tests")
     said = capsys.readouterr().err.strip().splitlines()[-1]
     assert said.partition(": ")[2] == (
         "the training diverged at step 128: the network's weights or outputs are not finite; "
         "lower hyperparameters.learning_rate (1e+30) or the weights of large rewards; "
-        f"{good} is good, --resume {good} goes on"
+        f"{good} is good, --resume {good} --trust {ID} goes on"
     )
-    assert main(["--resume", str(good), "--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"]) == 0
+    assert (
+        main(["--resume", str(good), "--trust", ID, "--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"])
+        == 0
+    )
 
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):

@@ -86,6 +86,7 @@ def test_train_takes_all_parts_with_an_algorithm_and_evaluate_takes_them_with_th
         value = yaml.safe_dump(OWN[name], default_flow_style=True).partition("\n")[0]
         options += [f"--arguments.{name}", value]
     options += ["--policies", "own_explorer:largest", f"learned:{run}", "--episodes", "1", "--time-limit", "3"]
+    options += ["--trust", "own_algorithm", "own_explorer"]
     assert evaluate([*options, "--no-world-sections", "--out", "results"]) == 0
     with open("results/episodes.csv", newline="") as file:
         rows = list(csv.DictReader(file))
@@ -96,4 +97,5 @@ def test_train_takes_all_parts_with_an_algorithm_and_evaluate_takes_them_with_th
 def test_train_and_evaluate_take_a_task():
     run = train_on({"id": TASK, "slam": "truth"})
     options = ["--id", TASK, "--policies", "pursuit", f"learned:{run}", "--physics", "kinematic", "--episodes", "1"]
+    options += ["--trust", "own_algorithm"]
     assert evaluate([*options, "--time-limit", "3", "--no-world-sections", "--out", "results"]) == 0

@@ -6,7 +6,16 @@ import sys
 
 import pytest
 
-from lidarnaut.envs.files import Lock, LockedError, naming, sweep, temporary_beside, write_file
+from lidarnaut.envs.files import (
+    Lock,
+    LockedError,
+    append_file,
+    naming,
+    own_folder,
+    sweep,
+    temporary_beside,
+    write_file,
+)
 
 
 def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
@@ -73,3 +82,38 @@ def test_a_lock_is_held_by_one_process_or_shared_and_ends_with_it(tmp_path):
     other.wait()
     with Lock(tmp_path), pytest.raises(LockedError):
         Lock(tmp_path).__enter__()
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege")
+def test_nothing_is_written_through_symbolic_links(tmp_path):
+    precious, folder = tmp_path / "precious", tmp_path / "folder"
+    precious.mkdir()
+    (precious / "a").write_text("years of work")
+    folder.mkdir()
+    for link in (folder / ".lock", folder / "a.csv", temporary_beside(folder / "b.csv")):
+        link.symlink_to(precious / "a")
+    for act in (lambda: Lock(folder).__enter__(), lambda: append_file(folder / "a.csv", "x")):
+        with pytest.raises(OSError, match="symbolic links"):
+            act()
+    write_file(folder / "a.csv", "x")
+    write_file(folder / "b.csv", "x")
+    for name in ("a.csv", "b.csv"):
+        assert (folder / name).read_text() == "x"
+        assert not (folder / name).is_symlink()
+    assert (precious / "a").read_text() == "years of work"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege")
+@pytest.mark.parametrize("where", ["a", "below/a"])
+@pytest.mark.parametrize("target", ["precious", "precious/a", "absent"])
+def test_a_folder_with_links_is_refused_before_anything_is_written(tmp_path, where, target):
+    (tmp_path / "precious").mkdir()
+    (tmp_path / "precious" / "a").touch()
+    folder = own_folder(tmp_path / "folder")
+    link = folder / where
+    link.parent.mkdir(exist_ok=True)
+    link.symlink_to(tmp_path / target)
+    with pytest.raises(ValueError, match=rf"{where} is a symbolic link: nothing is written through links; remove it"):
+        own_folder(folder)
+    (tmp_path / "named").symlink_to(tmp_path / "precious")
+    assert own_folder(tmp_path / "named").is_symlink()  # the caller names it

@@ -119,7 +119,7 @@ def test_no_checkpoint_of_a_killed_training_is_lost(tmp_path, row):
         for begun in (tmp_path / "runs").glob("*"):
             # A run that was killed before its first checkpoint holds nothing to go on from.
             begun.rename(run) if list_checkpoints(begun) else shutil.rmtree(begun)
-        steps = max((load_checkpoint(path).record.steps for path in list_checkpoints(run)), default=0)
+        steps = max((load_checkpoint(path, trust="tests").record.steps for path in list_checkpoints(run)), default=0)
         assert steps >= reached
         reached = steps
         if ended:

@@ -1,0 +1,96 @@
+"""Names of code in records from elsewhere: policy folders, run folders and sweeps."""
+
+import inspect
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from lidarnaut.envs.files import SHORT, load_object
+
+_TASKS, _ROBOTS = "lidarnaut.agents.frontiers.tasks", "lidarnaut.agents.robots"
+_ACTIVATIONS = ("ELU", "GELU", "LeakyReLU", "Mish", "ReLU", "SiLU", "Tanh")
+_EXTRACTORS = ("CombinedExtractor", "FlattenExtractor", "NatureCNN")
+_OPTIMIZERS = ("Adam", "AdamW", "RAdam", "RMSprop", "SGD")
+REGISTERED = {
+    *(f"{_TASKS}:{name}" for name in ("training_world", "sized_training_world")),
+    *(f"{_ROBOTS}:{name}" for name in ("SEES_AHEAD", "SEES_AROUND", "SLOW_SEES_AROUND", "SMALL_SEES_AROUND")),
+    *(f"torch.nn:{name}" for name in _ACTIVATIONS),
+    *(f"torch.optim:{name}" for name in _OPTIMIZERS),
+    *(f"stable_baselines3.common.torch_layers:{name}" for name in _EXTRACTORS),
+}
+"""Names with a colon that any record may hold."""
+_PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/].*|lidarnaut:lidarnaut/[\w-]+", re.DOTALL)
+
+
+def named_code(record: Any) -> dict[str, str]:
+    """Return the key of each text in nested mappings and lists that names code to import, by the text.
+
+    A text with a colon is such a name, `module:attribute` or `module:id`, except a path that begins with a drive and an
+    id of the package.
+    """
+    return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
+
+
+def resuming(run: Path, record: Any) -> str:
+    """Return the options of `train.py` that resume a run with a record of names."""
+    trust = sorted(set(named_code(record)) - REGISTERED)
+    return " ".join([f"--resume {run}", *(["--trust", *trust] if trust else [])])
+
+
+def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
+    """Refuse a record from elsewhere that names code, except registered names and names that the caller trusts.
+
+    Args:
+        record: nested mappings and lists.
+        source: the file, for messages.
+        trust: modules, each with the modules inside; only objects that such a module defines are trusted, not the
+            objects that it imports. Full names, `module:attribute`, are trusted as they are.
+
+    Raises:
+        ValueError: names the key and the code, and how to trust it.
+    """
+    trusted = {trust} if isinstance(trust, str) else {*trust}
+    for name, key in named_code(record).items():
+        if not _is_trusted(name, trusted):
+            module = name.partition(":")[0]
+            remedy = name if any(_covers(one, module) for one in trusted) else module
+            raise ValueError(
+                f"{source}: {SHORT.repr(key)} names the code {SHORT.repr(name)}, which is not part of the package. A "
+                f"record runs no code that you do not name. If you know this code, pass trust=[{SHORT.repr(remedy)}], "
+                f"or on the command line --trust {SHORT.repr(remedy)[1:-1]}"
+            )
+
+
+def _is_trusted(name: str, trust: set[str]) -> bool:
+    module = name.partition(":")[0]
+    if name in trust or name in REGISTERED:
+        return True
+    roots = [one for one in trust if _covers(one, module)]
+    if not roots:
+        return False
+    try:
+        found = load_object(name)
+    except ValueError:  # an id, or absent: whoever needs the object says so
+        return True
+    home = getattr(found, "__module__", None) or type(found).__module__
+    is_data = not callable(found) and not inspect.ismodule(found)
+    return is_data or any(_covers(root, str(home)) for root in roots)
+
+
+def _covers(root: str, module: str) -> bool:
+    return f"{module}.".startswith(f"{root}.")
+
+
+def _texts(value: Any, key: str) -> Iterator[tuple[str, str]]:
+    """Yield all texts in nested mappings and lists, keys of mappings too, each with its own key, such as `a.b.0`."""
+    if isinstance(value, str):
+        yield key, value
+    elif isinstance(value, Mapping):
+        for name, one in value.items():
+            below = f"{key}.{name}".lstrip(".")
+            yield from _texts(name, below)
+            yield from _texts(one, below)
+    elif isinstance(value, list | tuple | set | frozenset):
+        for index, one in enumerate(value):
+            yield from _texts(one, f"{key}.{index}".lstrip("."))

@@ -1,0 +1,82 @@
+import os
+import sys
+import zipfile
+
+import numpy as np
+import pytest
+
+from lidarnaut.benchmarks.arena.trace import Trace
+from lidarnaut.envs.files import archives, printable, read_bytes, read_json
+from lidarnaut.envs.logs import load_log
+from lidarnaut.envs.player.recording import Recording
+
+
+def bomb(path, size):
+    """Write an archive with arrays of zeros of `size` bytes."""
+    header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
+    header = header.ljust(127) + b"\n"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        for name in ("about", "curve", "t", "odo", "idx", "ranges"):
+            file.writestr(f"{name}.npy", header + bytes(size))
+
+
+def lie(path, size):
+    """Write a small archive whose header promises `size` bytes."""
+    header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
+    with zipfile.ZipFile(path, "w") as file:
+        for name in ("about", "curve", "t", "odo", "idx", "ranges", "origin", "map"):
+            file.writestr(f"{name}.npy", header.ljust(127) + b"\n")
+
+
+READERS = {r" is no trace of an episode \(": Trace.load, r" is no recorded episode \(": Recording.load, ": ": load_log}
+
+
+@pytest.mark.parametrize(("what", "load"), READERS.items(), ids=READERS)
+def test_an_archive_that_unpacks_to_too_much_is_named(tmp_path, monkeypatch, what, load):
+    monkeypatch.setattr(archives, "MAX_BYTES", 4096)
+    bomb(tmp_path / "a.npz", 1024)
+    with pytest.raises(ValueError, match=rf"a\.npz{what}unpacks to .* bytes; at most 4,096 are allowed"):
+        load(tmp_path / "a.npz")
+
+
+@pytest.mark.parametrize("make", ["cut", "text", "empty", "lie", "pickle", "npy", "other arrays"])
+@pytest.mark.parametrize(("what", "load"), READERS.items(), ids=READERS)
+def test_a_damaged_archive_is_named(tmp_path, what, load, make):
+    path = tmp_path / "a.npz"
+    np.savez(path, about=np.zeros(50), **({"x": np.array([{}])} if make == "pickle" else {}))
+    content = path.read_bytes()
+    path.write_bytes({"cut": content[:-30], "text": b"text", "empty": b""}.get(make, content))
+    if make == "lie":
+        lie(path, 10**15)
+    if make == "npy":
+        with path.open("wb") as file:
+            np.save(file, np.zeros(3))
+    with pytest.raises(ValueError, match=rf"a\.npz{what}"):
+        load(path)
+
+
+def test_files_are_read_up_to_a_size(tmp_path):
+    path = tmp_path / "a.json"
+    path.write_text("[" * 200_000)
+    with pytest.raises(ValueError, match=r"a\.json: 200,000 bytes; at most 100 are allowed"):
+        read_bytes(path, 100)
+    for text in ("[" * 200_000, "{", "\xff", "[]", "3", '{"a": Infinity'):
+        path.write_text(text, encoding="latin-1")
+        with pytest.raises(ValueError, match=r"a\.json: (not readable as JSON|must hold keys and values)"):
+            read_json(path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="there are no such files")
+def test_a_pipe_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a")
+    with pytest.raises(ValueError, match="a: is no regular file"):
+        read_bytes(tmp_path / "a")
+
+
+@pytest.mark.parametrize(
+    ("text", "shown"),
+    [("\x1b[2J", "\\x1b[2J"), ("\x9b31m", "\\x9b31m"), ("\u202egnp", "\\u202egnp"), ("a\r\b", "a\\r\\x08"),
+     ("\x00\x7f", "\\x00\\x7f"), ("\ud800", "\\ud800"), ("Sân nhỏ\n\t6 m² é", "Sân nhỏ\n\t6 m² é")],
+)  # fmt: skip
+def test_control_characters_are_shown_and_not_obeyed(text, shown):
+    assert printable(text) == shown
