@@ -58,12 +58,11 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
     """
     if arguments is None:
         for name in ("stdout", "stderr"):
-            stream = getattr(sys, name)
-            if stream is None:
-                setattr(sys, name, open(os.devnull, "w", encoding="utf-8"))  # noqa: SIM115
-            elif stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
+            stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
+            if stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
                 file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
-                setattr(sys, name, io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True))
+                stream = io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True)
+            setattr(sys, name, stream)
         arguments = sys.argv[1:]
     if "--version" in arguments:
         sys.stdout.write(f"{program_name()} {lidarnaut.__version__}\n")

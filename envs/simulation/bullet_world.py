@@ -34,9 +34,8 @@ def import_pybullet() -> ModuleType:
         import pybullet
     except Exception as error:  # a build for another Python or NumPy raises more than ImportError
         raise ImportError(
-            f"physics='bullet' needs PyBullet, which does not import here ({error}): `pip install --force-reinstall "
-            "pybullet-arm64` with Python 3.12 and 3.13, `... pybullet` with others, which builds it with g++ and "
-            "python3-dev where there is no wheel; or use physics='kinematic'"
+            f"physics='bullet' needs PyBullet, which does not import here ({error}): `pip install pybullet-arm64` with "
+            "Python 3.12 and 3.13, `pybullet` with others (a build needs g++, python3-dev), or use physics='kinematic'"
         ) from error
     finally:
         os.dup2(stderr, 2)
