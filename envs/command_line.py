@@ -54,12 +54,12 @@ class _Output(io.FileIO):
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
     """Return the options of a command: `arguments`, or those of this process; print the version for `--version`.
 
-    A process whose output nobody reads any more, or whose standard streams are closed, goes on without output.
+    The process goes on without output after the reader of a pipe has ended, and with closed standard streams.
     """
     if arguments is None:
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
-            if stream is getattr(sys, f"__{name}__") and not stream.isatty():  # nobody has redirected it
+            if stream is getattr(sys, f"__{name}__") and not stream.isatty():
                 file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
                 stream = io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True)
             setattr(sys, name, stream)

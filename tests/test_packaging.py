@@ -1,6 +1,7 @@
 """Metadata of the package: declared requirements, extras, and the versions that the project is tested with."""
 
 import ast
+import importlib
 import re
 import sys
 import tomllib
@@ -63,6 +64,13 @@ def test_extras_that_texts_name_exist():
     texts = "".join(path.read_text(encoding="utf-8") for path in paths if not path.is_relative_to(ROOT / ".venv"))
     named = set(",".join(re.findall(r"(?:lidarnaut|[\"'`]\.)\[([a-z,]+)\]", texts)).split(","))
     assert {"ray", "contrib", "export", "pettingzoo"} <= named <= set(EXTRAS)
+
+
+def test_a_missing_pettingzoo_is_named_with_its_extra(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pettingzoo", None)
+    monkeypatch.delitem(sys.modules, "lidarnaut.envs.wrappers.pettingzoo", raising=False)
+    with pytest.raises(ImportError, match=r"pip install 'lidarnaut\[pettingzoo\]'"):
+        importlib.import_module("lidarnaut.envs.wrappers.pettingzoo")
 
 
 def test_the_versions_that_are_tested_with_satisfy_the_requirements():

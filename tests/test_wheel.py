@@ -76,7 +76,7 @@ def environment(tmp_path_factory):
 
 
 def without_checkout():
-    """Return the variables of this process without the path by which processes may find a checkout."""
+    """Return the variables of this process without PYTHONPATH, which may name a checkout."""
     return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
 
 

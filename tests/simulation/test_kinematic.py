@@ -127,6 +127,6 @@ def test_a_pybullet_that_does_not_import_is_reported_with_its_cause_and_a_remedy
 
 def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(ImportError, match=r"pip install .*pybullet-arm64.*g\+\+ .*'kinematic'"):
+    with pytest.raises(ImportError, match=r"pip install pybullet-arm64.*g\+\+, .*'kinematic'"):
         make_simulator("bullet", BURGER, 0.1)
     make_simulator("kinematic", BURGER, 0.1)
