@@ -15,7 +15,6 @@ import tyro
 from pydantic import ValidationError
 from rich.console import Console
 
-import lidarnaut
 from lidarnaut.envs.files import explain_errors, printable
 
 
@@ -65,7 +64,7 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
             setattr(sys, name, stream)
         arguments = sys.argv[1:]
     if "--version" in arguments:
-        sys.stdout.write(f"{program_name()} {lidarnaut.__version__}\n")
+        sys.stdout.write(f"{program_name()} {sys.modules['lidarnaut'].__version__}\n")
         sys.exit()
     return list(arguments)
 
