@@ -99,6 +99,7 @@ def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
     page = (SITE / "tutorials" / "own_world_to_robot.html").read_text(encoding="utf-8")
     untrained, trained = map(float, re.findall(r"trained: \d+ % of the goals, .* ([\d.]+)$", page, re.M))
     assert trained > untrained  # with five seeds 0.77 to 0.88, after 0.02 to 0.52
+    assert "report.html" in page  # of the evaluation
     assert re.search(r"\d+ kB, sees_around, every 0.1 s", page)
     assert re.search(r"(reached|wall|person|time_limit) after [\d.]+ s and [\d.]+ m", page)
 
