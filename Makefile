@@ -3,12 +3,14 @@ PYTHON ?= python3.11
 unexport PYTHONDONTWRITEBYTECODE
 BIN := .venv/bin
 LIBRARIES := .venv-libraries/bin
+OTHER := .venv-$(notdir $(PYTHON))
+TESTS ?= tests
 # Python compiles what is imported when it is; to compile all that is installed takes pip a minute.
 PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints.txt
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install warm demo test test-all test-libraries test-ray coverage check format docs clean
+.PHONY: install warm demo test test-all test-libraries test-ray test-python coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -42,6 +44,16 @@ test-ray: install
 	$(PIP) --editable ".[dev,ray]"
 	$(BIN)/python -m pytest tests/test_ray.py
 
+# Environments and baselines with another Python, PYTHON=python3.13: all but torch, stable-baselines3 and their tests.
+test-python:
+	test -x $(OTHER)/bin/python || $(PYTHON) -m venv $(OTHER)
+	$(OTHER)/bin/python -c "import tomllib; needed = tomllib.load(open('pyproject.toml', 'rb'))['project']['dependencies']; \
+		print(*(one for one in needed if not one.startswith(('torch', 'stable-baselines3'))), sep='\n')" > $(OTHER)/requirements.txt
+	$(OTHER)/bin/python -m pip install --quiet --no-compile --constraint constraints.txt \
+		--requirement $(OTHER)/requirements.txt hypothesis pettingzoo pytest pytest-xdist
+	$(OTHER)/bin/python -m pip install --quiet --no-deps --editable .
+	$(OTHER)/bin/python -m pytest --numprocesses 2 --dist worksteal $(TESTS)
+
 coverage: install
 	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal --cov
 
@@ -64,4 +76,4 @@ $(DOCS_INSTALLED): $(INSTALLED)
 	touch $@
 
 clean:
-	rm -rf .venv .venv-libraries build *.egg-info docs/environments docs/examples docs/gallery
+	rm -rf .venv .venv-* build dist *.egg-info docs/environments docs/examples docs/gallery

@@ -25,7 +25,7 @@ from lidarnaut import find_configuration
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.command_line import fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, read_options
 from lidarnaut.envs.files import naming, own_folder, read_record
 
 
@@ -61,8 +61,8 @@ class Command:
 
 def main(arguments: list[str] | None = None) -> int:
     """Read the command line, evaluate and publish; return the exit status."""
+    arguments = said = begin_command(arguments)
     messages = Console(stderr=True)
-    arguments = said = sys.argv[1:] if arguments is None else arguments
     first = argparse.ArgumentParser(add_help=False, allow_abbrev=False)
     first.add_argument("--config")
     file = first.parse_known_args(arguments)[0].config

@@ -28,7 +28,7 @@ from lidarnaut import find_configuration
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
 from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, VERSIONS, CheckpointError, find_config
 from lidarnaut.agents.trust import check_names, named_code
-from lidarnaut.envs.command_line import fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, read_options
 from lidarnaut.envs.files import LockedError, read_mapping
 
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
@@ -47,7 +47,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--ray")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
-    given, others = parser.parse_known_args(arguments)
+    given, others = parser.parse_known_args(begin_command(arguments))
     if given.help:
         for kind in (TrainingConfig, EvolutionConfig):
             with contextlib.suppress(SystemExit):

@@ -1,6 +1,5 @@
 """Learning curves as pictures."""
 
-import argparse
 import csv
 import io
 import itertools
@@ -9,9 +8,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tyro
 
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.baselines.explorer import GROUND_TRUTH
+from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
@@ -109,20 +110,14 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
     _save(figure, path)
 
 
-def main() -> None:
-    """Draw the curves of several runs of one experiment into one picture."""
-    parser = argparse.ArgumentParser(prog="python -m lidarnaut.agents.curves", description=main.__doc__)
-    parser.add_argument("runs", nargs="+", type=Path, help="run folders")
-    parser.add_argument("--out", type=Path, required=True, help="PNG to write")
-    parser.add_argument("--title", default="", help="title of the figure")
-    arguments = parser.parse_args()
-    rows = {
-        f"{config.algorithm}, seed {config.seed}{str(run_rows[-1]['policy']).removeprefix(LEARNED)}": run_rows
-        for run in arguments.runs
-        for config, run_rows in [(read_record(run / "config.yaml", TrainingConfig), read_evaluations(run))]
-    }
-    draw_learning_curve(rows, arguments.title, arguments.out)
+def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path, title: str = "") -> None:
+    """Draw the curves of several run folders of one experiment into one picture, the PNG `out`."""
+    curves = {}
+    for run in runs:
+        own, rows = read_record(run / "config.yaml", TrainingConfig), read_evaluations(run)
+        curves[f"{own.algorithm}, seed {own.seed}{str(rows[-1]['policy']).removeprefix(LEARNED)}"] = rows
+    draw_learning_curve(curves, title, out)
 
 
 if __name__ == "__main__":
-    main()
+    run_command(main)

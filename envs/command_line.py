@@ -3,6 +3,7 @@
 import contextlib
 import functools
 import io
+import os
 import re
 import sys
 from collections.abc import Callable, Sequence
@@ -27,11 +28,7 @@ def _read_count(texts: list[str]) -> int:
 Count = Annotated[
     int,
     tyro.constructors.PrimitiveConstructorSpec(
-        nargs=1,
-        metavar="COUNT",
-        instance_from_str=_read_count,
-        is_instance=lambda value: isinstance(value, int),
-        str_from_instance=lambda count: [str(count)],
+        1, "COUNT", _read_count, lambda value: isinstance(value, int), lambda count: [str(count)]
     ),
 ]
 """A whole number from 1."""
@@ -41,6 +38,35 @@ def program_name() -> str:
     """Return how this program was called: `python -m MODULE`, or the name of its file or of the installed command."""
     spec = sys.modules["__main__"].__spec__  # what is run by its path has none
     return f"python -m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
+
+
+class _Output(io.FileIO):
+    """A standard stream that goes nowhere once its reader has closed the pipe, as `head` does after its lines."""
+
+    def write(self, data: Any) -> int:
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            return memoryview(data).nbytes
+
+
+def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
+    """Return the options of a command: `arguments`, or those of this process; print the version for `--version`.
+
+    The process goes on without output after the reader of a pipe has ended, and with closed standard streams.
+    """
+    if arguments is None:
+        for name in ("stdout", "stderr"):
+            stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
+            if stream is getattr(sys, f"__{name}__") and not stream.isatty():
+                file = io.BufferedWriter(_Output(stream.fileno(), "w", closefd=False))
+                stream = io.TextIOWrapper(file, stream.encoding, stream.errors, line_buffering=True)
+            setattr(sys, name, stream)
+        arguments = sys.argv[1:]
+    if "--version" in arguments:
+        sys.stdout.write(f"{program_name()} {sys.modules['lidarnaut'].__version__}\n")
+        sys.exit()
+    return list(arguments)
 
 
 def fail(error: object) -> int:
@@ -91,6 +117,7 @@ def run_command(
     arguments of its own. SystemExit, with the reason on the standard error: with status 2 if an option is wrong, with
     `status` if the function raises an error that speaks for itself, such as for a missing file.
     """
+    arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
         read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)

@@ -1,11 +1,19 @@
 import os
+import signal
 from collections import defaultdict
+from importlib.util import find_spec
 
 import pytest
 
 # No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# Jobs in the background of a script inherit an ignored SIGINT, and so would the processes that tests interrupt.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+# `make test-python` installs no torch.
+learning = ["agents", "benchmarks", "examples", "robustness", "test_every_id.py", "test_wheel.py"]
+collect_ignore = [] if find_spec("torch") else learning
 
 
 def pytest_addoption(parser):

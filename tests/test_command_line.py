@@ -113,6 +113,16 @@ def test_commands_end_with_a_message(command, says, tmp_path):
     assert "Traceback" not in done.stderr
 
 
+@pytest.mark.skipif(os.name == "nt", reason="runs in bash")
+def test_an_evaluation_goes_on_when_its_reader_has_gone(tmp_path):
+    options = "--policies random --worlds pimouse_arena --episodes 1 --physics kinematic --time-limit 1 --out out"
+    line = f"{sys.executable} -m lidarnaut.evaluate {options} --no-world-sections 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
+    assert (tmp_path / "out" / "report.html").exists()
+
+
 def test_configurations_go_by_name_or_path(tmp_path, monkeypatch):
     assert find_configuration("explore_frontiers") == ROOT / "configs" / "explore_frontiers.yaml"
     assert find_configuration("configs/mine.yaml") == Path("configs/mine.yaml")

