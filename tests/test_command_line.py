@@ -115,6 +115,7 @@ def test_commands_end_with_a_message(command, says, tmp_path):
 
 @pytest.mark.skipif(os.name == "nt", reason="runs in bash")
 def test_an_evaluation_goes_on_when_its_reader_has_gone(tmp_path):
+    pytest.importorskip("torch", reason="the version of torch is recorded")
     options = "--policies random --worlds pimouse_arena --episodes 1 --physics kinematic --time-limit 1 --out out"
     line = f"{sys.executable} -m lidarnaut.evaluate {options} --no-world-sections 2>&1 | true; exit ${{PIPESTATUS[0]}}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
