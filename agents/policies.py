@@ -112,8 +112,8 @@ class CalledPolicy:
         result = self._policy.predict(observation, **arguments)
         if not isinstance(result, tuple):
             return result
-        action, self._state = result
-        return action
+        self._state = result[1] if len(result) > 1 else None
+        return result[0]
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:

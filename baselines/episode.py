@@ -29,6 +29,13 @@ Watch = Callable[[Info], None]
 """Is called with `info` after the reset and after every step."""
 
 
+def last_info(env: gymnasium.Env[Any, Any], info: Info, *, terminated: bool, truncated: bool) -> Info:
+    """Return the `info` of a step, with what the last one of an episode has if a wrapper has ended the episode."""
+    if info.get("end_reason") or not (terminated or truncated):
+        return info
+    return {**info, **lidar_env_of(env).final_metrics(), "end_reason": "time_limit" if truncated else "terminated"}
+
+
 class Ended(NamedTuple):
     """How a loop ended."""
 
@@ -66,9 +73,7 @@ def run(
             info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
-        if (terminated or truncated) and not info.get("end_reason"):  # a wrapper has ended the episode
-            reason = "time_limit" if truncated else "terminated"
-            info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": reason}
+        info = last_info(env, info, terminated=terminated, truncated=truncated)
         watch(info)
         if terminated or truncated:
             break
