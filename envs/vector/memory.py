@@ -91,7 +91,7 @@ def kind_of(value: Any) -> Any:
     if isinstance(value, dict):
         kinds = kinds_of(value)
         return kinds if kinds and len(kinds) == len(value) else None
-    is_array = type(value) is np.ndarray and value.dtype.kind in "biufc" and value.dtype.isnative
+    is_array = type(value) is np.ndarray and value.dtype.kind in "biufc"
     return (value.dtype.str, value.shape) if is_array else None
 
 
