@@ -17,7 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.networks import flat_space, flatten
-from lidarnaut.baselines.episode import last_info
+from lidarnaut.baselines.episode import LastInfo
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.ids import arguments_of, find_spec
@@ -26,15 +26,6 @@ from lidarnaut.envs.vector import LidarVectorEnv
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
 Split = Literal["train", "test"]
-
-
-class LastInfo(gymnasium.Wrapper):
-    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
-
-    def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        *outcome, terminated, truncated, info = self.env.step(action)
-        info = last_info(self.env, info, terminated=terminated, truncated=truncated)
-        return *outcome, terminated, truncated, info
 
 
 def _make(entry: Any, **arguments: Any) -> gymnasium.Env:

@@ -29,11 +29,15 @@ Watch = Callable[[Info], None]
 """Is called with `info` after the reset and after every step."""
 
 
-def last_info(env: gymnasium.Env[Any, Any], info: Info, *, terminated: bool, truncated: bool) -> Info:
-    """Return the `info` of a step, with what the last one of an episode has if a wrapper has ended the episode."""
-    if info.get("end_reason") or not (terminated or truncated):
-        return info
-    return {**info, **lidar_env_of(env).final_metrics(), "end_reason": "time_limit" if truncated else "terminated"}
+class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
+        *outcome, terminated, truncated, info = self.env.step(action)
+        if (terminated or truncated) and not info.get("end_reason"):
+            reason = "time_limit" if truncated else "terminated"
+            info = {**info, **lidar_env_of(self.env).final_metrics(), "end_reason": reason}
+        return *outcome, terminated, truncated, info
 
 
 class Ended(NamedTuple):
@@ -62,8 +66,7 @@ def run(
     take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
     decisions [s].
     """
-    decision_times: list[float] = []
-    watch = watch or (lambda _: None)
+    env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
     while len(decision_times) < max_steps:
         began = clock()
@@ -73,7 +76,6 @@ def run(
             info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
-        info = last_info(env, info, terminated=terminated, truncated=truncated)
         watch(info)
         if terminated or truncated:
             break

@@ -66,7 +66,7 @@ class Rewards:
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
-        """By name, in the order in which the terms are summed."""
+        """Weights by name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":

@@ -84,7 +84,7 @@ SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, i
 def kind_of(value: Any) -> Any:
     """Return the type of a value in records, which Gymnasium's vector environments give its array; None for no type.
 
-    It is what `np.dtype` takes: the code of a scalar, code and shape of an array, or the `kinds_of` a dict.
+    Types have the forms that `np.dtype` takes: code of a scalar, code and shape of an array, `kinds_of` of a dict.
     """
     if (code := SCALARS.get(type(value))) is not None:
         return None if type(value) is int and not -(2**63) <= value < 2**63 else code
