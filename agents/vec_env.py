@@ -69,7 +69,8 @@ def make_vector(
             settings["context"] = "forkserver"
             multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once, not by each worker
     if mode != "native":
-        return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo], **arguments)
+        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)  # by a wrapper
+        return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
     settings["num_workers"] = config.num_workers
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
