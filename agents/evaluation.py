@@ -109,8 +109,7 @@ def run_episodes(
     starts = np.ones(vector.num_envs, dtype=np.bool_)
     while len(courses) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations, starts))
-        columns = {name: info.get(name, np.full_like(rows[0][name], math.nan)) for name in names}
-        rows.append({name: np.array(column, dtype=np.float64) for name, column in columns.items()})
+        rows.append({name: np.array(info.get(name, math.nan * rows[0][name]), dtype=np.float64) for name in names})
         starts = np.asarray(terminated) | np.asarray(truncated)
         for i in np.flatnonzero(starts).tolist():
             final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}

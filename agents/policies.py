@@ -35,7 +35,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         ValueError: if it is none of them.
     """
     is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
-    if isinstance(value, type) or (is_function and not _required(value)):
+    if isinstance(value, type) or (is_function and _takes(value, 0)):
         value = value()
     if hasattr(value, "act"):
         if not hasattr(value, "reset"):
@@ -44,7 +44,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
             setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1
         return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
-    if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
+    if callable(value) and not hasattr(value, "predict") and _takes(value, 2) and not _takes(value, 1):
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
@@ -112,8 +112,8 @@ class CalledPolicy:
         result = self._policy.predict(observation, **arguments)
         if not isinstance(result, tuple):
             return result
-        action, self._state = result
-        return action
+        self._state = result[1] if len(result) > 1 else None
+        return result[0]
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:
@@ -122,13 +122,3 @@ def _takes(function: Callable[..., Any], count: int) -> bool:
         return inspect.signature(function).bind(*range(count)) is not None
     except (TypeError, ValueError):  # built-in functions may have no signature
         return False
-
-
-def _required(function: Callable[..., Any]) -> list[str]:
-    """Return the arguments that a function cannot be called without."""
-    try:
-        parameters = inspect.signature(function).parameters.values()
-    except ValueError:  # built-in functions may have no signature
-        return ["observation"]
-    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return [p.name for p in parameters if p.kind in kinds and p.default is inspect.Parameter.empty]

@@ -29,6 +29,17 @@ Watch = Callable[[Info], None]
 """Is called with `info` after the reset and after every step."""
 
 
+class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
+        *outcome, terminated, truncated, info = self.env.step(action)
+        if (terminated or truncated) and not info.get("end_reason"):
+            reason = "time_limit" if truncated else "terminated"
+            info = {**info, **lidar_env_of(self.env).final_metrics(), "end_reason": reason}
+        return *outcome, terminated, truncated, info
+
+
 class Ended(NamedTuple):
     """How a loop ended."""
 
@@ -55,8 +66,7 @@ def run(
     take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
     decisions [s].
     """
-    decision_times: list[float] = []
-    watch = watch or (lambda _: None)
+    env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
     while len(decision_times) < max_steps:
         began = clock()
@@ -66,9 +76,6 @@ def run(
             info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": action}
             break
         observation, _, terminated, truncated, info = env.step(action)
-        if (terminated or truncated) and not info.get("end_reason"):  # a wrapper has ended the episode
-            reason = "time_limit" if truncated else "terminated"
-            info = {**info, **lidar_env_of(env).final_metrics(), "end_reason": reason}
         watch(info)
         if terminated or truncated:
             break

@@ -62,11 +62,11 @@ class Rewards:
 
     def __init__(self, weights: Mapping[str, float]) -> None:
         """Take the weights of a task; ValueError if one is not finite."""
-        self.weights = {**weights, **self.changes}
-        """By name, in the order in which the terms are summed."""
-        for name, weight in self.weights.items():
+        for name, weight in (chosen := {**weights, **self.changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+        self.weights = {name: float(weight) for name, weight in chosen.items()}
+        """Weights by name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":

@@ -14,7 +14,7 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.task import Rewards, total
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
-from lidarnaut.envs.vector import LidarEnvs
+from lidarnaut.envs.vector import LidarEnvs, LidarVectorEnv
 from tests.rollouts import assert_same_info
 
 QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "control_hz": 5.0, "slam": "odometry"}
@@ -30,6 +30,7 @@ VALUES = {
     "dict": lambda k: {"a": k, "b": {"c": float(k), "d": "x" * k}},
     "dict that grows": lambda k: {"a": 1.0} | ({"b": 2} if k > 2 else {}),
     "dict of numbers": lambda k: {"a": 0.5 * k, "b": k, "c": k > 2},
+    "dict with None": lambda k: {"a": None if k % 2 else 1.0},
     "empty dict": lambda k: {},
     "array": lambda k: k * np.arange(3),
     "array without axes": lambda k: np.array(0.5 * k),
@@ -143,7 +144,7 @@ def test_arrays_may_change_their_shapes(num_workers):
 
 
 @pytest.mark.parametrize(("mode", "num_workers"), MODES)
-@pytest.mark.parametrize("reward", [Fading, Silent, {"time": -1}])
+@pytest.mark.parametrize("reward", [Fading, Silent, {"time": -1}, {"time": np.float32(-0.1)}])
 @pytest.mark.parametrize("id", ["Explore", "ReachGoal"])
 def test_rewards_are_asked_for_once_and_may_be_of_any_kind(id, reward, mode, num_workers):
     compare(f"lidarnaut/{id}-v0", {**QUICK, "reward": reward, "time_limit": 1.4}, mode, num_workers)
@@ -185,6 +186,18 @@ def test_episodes_may_end_by_the_task_and_by_the_number_of_steps_at_once():
         env.reset(seed=1)
         flags = [np.ravel(env.step(np.zeros(env.action_space.shape))[2:4]).tolist() for _ in range(steps)]
         assert flags == [[False, False]] * (steps - 1) + [[True, True]]
+        env.close()
+
+
+def limited(**arguments):
+    return TimeLimit(LidarEnv(**arguments), 7)
+
+
+def test_environments_that_are_made_with_a_wrapper_may_have_a_limit_of_steps():
+    for limit, steps in ((np.int64(3), 3), (9, 7)):
+        env = LidarVectorEnv(limited, 1, task=Explore, max_episode_steps=limit, num_workers=1, **QUICK)
+        env.reset(seed=0)
+        assert [bool(env.step(np.zeros((1, 2)))[3][0]) for _ in range(steps)] == [False] * (steps - 1) + [True]
         env.close()
 
 

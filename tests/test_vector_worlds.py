@@ -217,9 +217,11 @@ def test_preparing_draws_from_no_other_generator_and_copies_share_what_is_prepar
 @pytest.mark.parametrize("end", ["import sys; sys.exit()", "import gc; v.self = v; del v; gc.collect()", "v.close()"])
 def test_forked_processes_leave_the_workers_of_their_parents_alone(end, tmp_path):
     code = f"""
-import os, warnings
+import multiprocessing, os, time, warnings
 warnings.simplefilter("ignore")
 import gymnasium, lidarnaut
+other = multiprocessing.get_context("fork").Process(target=time.sleep, args=(60.0,))
+other.start()
 v = gymnasium.make_vec("lidarnaut/Explore-v0", 2, num_workers=2, world="rooms", world_size=(6.0, 6.0))
 v.reset(seed=0)
 if (child := os.fork()) == 0:
@@ -227,11 +229,14 @@ if (child := os.fork()) == 0:
         v.step(v.action_space.sample())
     except RuntimeError as error:
         assert "belong to the process that forked" in str(error)
+    assert multiprocessing.active_children() == [other]  # as without workers
+    multiprocessing.process._children.clear()
     {end}
     raise SystemExit
 assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == 0
 v.step(v.action_space.sample())
 v.close()
+other.kill()
 """
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=120, check=False)
     assert done.returncode == 0

@@ -2,7 +2,7 @@
 
 import ctypes
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -82,9 +82,9 @@ SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, i
 
 
 def kind_of(value: Any) -> Any:
-    """Return how records hold a value as Gymnasium's vector environments do; None if they do not.
+    """Return the type of a value in records, which Gymnasium's vector environments give its array; None for no type.
 
-    The code of a scalar, code and shape of an array, or these by the keys of a dict.
+    Types have the forms that `np.dtype` takes: code of a scalar, code and shape of an array, `kinds_of` of a dict.
     """
     if (code := SCALARS.get(type(value))) is not None:
         return None if type(value) is int and not -(2**63) <= value < 2**63 else code
@@ -95,32 +95,23 @@ def kind_of(value: Any) -> Any:
     return (value.dtype.str, value.shape) if is_array else None
 
 
-def kinds_of(info: Mapping[Any, Any]) -> dict[str, Any]:
-    """Return how records hold the entries of an info dict, without those that they do not."""
+def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
+    """Return names and types of the entries of an info dict that fit records."""
     names = [name for name in info if type(name) is str and name != "final_obs" and name[:1] not in ("", "_")]
-    return {name: kind for name in names if (kind := kind_of(info[name])) is not None}
-
-
-def record_type(kinds: Mapping[str, Any]) -> np.dtype:
-    """Return the type of records for entries of such kinds."""
-    fields = ((name, record_type(kind) if isinstance(kind, dict) else kind) for name, kind in kinds.items())
-    return np.dtype([(name, *kind) if isinstance(kind, tuple) else (name, kind) for name, kind in fields])
+    return [(name, kind) for name in names if (kind := kind_of(info[name])) is not None]
 
 
 class Records:
-    """The `info` of sub-environments: records of the entries of fixed kinds (`kind_of`), and extras for all others."""
+    """The `info` of sub-environments: records of the entries of fixed types (`kind_of`), and extras for all others."""
 
-    def __init__(self, num_envs: int, kinds: dict[str, Any]) -> None:
-        self.kinds, self.rows, self.extras = kinds, np.zeros(num_envs, record_type(kinds)), Extras()
+    def __init__(self, num_envs: int, kinds: Sequence[tuple[str, Any]]) -> None:
+        self.kinds, self.rows, self.extras = dict(kinds), np.zeros(num_envs, [*kinds]), Extras()
 
     def note(self, i: int, info: Mapping[str, Any], names: Iterable[str] | None = None) -> None:
         """Note entries of some names, which `info` may lack, or all of them."""
-        if names is None and self.kinds.items() <= {name: kind_of(value) for name, value in info.items()}.items():
-            self.rows[i] = _to_record(info, self.kinds)
-            names = info.keys() - self.kinds.keys()
         for name in dict.fromkeys([*self.kinds, *info]) if names is None else names:
             kind = self.kinds.get(name)
-            if kind is not None and name in info and kind_of(info[name]) == kind:
+            if kind is not None and kind_of(info.get(name)) == kind:
                 self.rows[name][i] = _to_record(info[name], kind)
             else:
                 self.extras.setdefault(i, {})[name] = info.get(name, Absent)
@@ -128,11 +119,11 @@ class Records:
 
 def _to_record(value: Any, kind: Any) -> Any:
     """Return a value as it is assigned to a record."""
-    return tuple(_to_record(value[name], one) for name, one in kind.items()) if isinstance(kind, dict) else value
+    return tuple(_to_record(value[name], one) for name, one in kind) if isinstance(kind, list) else value
 
 
 def from_record(value: Any) -> Any:
     """Return a value of a record as `info` held it."""
     if value.dtype.names:
         return {name: from_record(value[name]) for name in value.dtype.names}
-    return bool(value) if isinstance(value, np.bool_) else value
+    return value.item() if isinstance(value, np.bool_ | np.float64 | np.int64) else value

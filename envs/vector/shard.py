@@ -57,7 +57,7 @@ class Shard:
         self._has_ended = np.zeros(len(self.envs), dtype=np.bool_)
         self._preparer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="worlds")
         self._preparations: list[Future[None] | None] = [None] * len(self.envs)
-        self._records = Records(len(self.envs), {})
+        self._records = Records(len(self.envs), ())
         self._batch: Batch | None = None
 
     def reset(
@@ -66,7 +66,7 @@ class Shard:
         """Start episodes of the sub-environments in `mask`, of which each has a seed.
 
         Returns:
-            Records of `info`, shape (num_envs,), and extras.
+            Records of `info`, shape (num_envs,), zeros outside of `mask`, and extras.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
@@ -74,9 +74,10 @@ class Shard:
                 self._records.note(i, self._reset(i, seed, options))
                 self._arrays.terminated[i] = self._arrays.truncated[i] = False
         self._bind(range(len(self.envs)))
-        return self._records.rows, self._records.extras
+        rows = self._records.rows
+        return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
-    def fix_kinds(self, kinds: dict[str, Any]) -> None:
+    def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
         """Hold entries of such kinds in records from now on; call it after the first reset of all sub-environments."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():

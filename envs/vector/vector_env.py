@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_options
 from lidarnaut.envs.processes import interrupts_delayed
 
-from .memory import Absent, Extras, Memory, from_record, kinds_of, record_type, whole_of
+from .memory import Absent, Extras, Memory, from_record, kinds_of, whole_of
 from .shard import Shard
 from .workers import Worker
 
@@ -145,7 +145,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         if self._dtype is None:
             kinds = kinds_of(results[0][1].get(0, {}))
             self._call("fix_kinds", [(kinds,)] * len(self._shares))
-            self._dtype = record_type(kinds)
+            self._dtype = np.dtype(kinds)
         self._has_begun = True
         return self._observations(), info
 
@@ -297,8 +297,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:
     """Return a sub-environment; one with wrappers has its steps counted as `gymnasium.make` has it."""
     env = make_env(**arguments)
-    if wrappers and max_episode_steps is not None:
-        env = gymnasium.wrappers.TimeLimit(env, max_episode_steps)
+    if max_episode_steps is not None and (wrappers or env is not env.unwrapped):
+        env = gymnasium.wrappers.TimeLimit(env, int(max_episode_steps))
     for wrapper in wrappers:
         env = wrapper(env)
     return env

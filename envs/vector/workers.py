@@ -23,8 +23,9 @@ from .shard import Shard
 SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
+_processes = weakref.WeakSet[Any]()
 if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers when it exits
-    os.register_at_fork(after_in_child=lambda: multiprocessing.process._children.clear())  # type: ignore[attr-defined]
+    os.register_at_fork(after_in_child=lambda: multiprocessing.process._children.difference_update(_processes))  # type: ignore[attr-defined]
 
 
 class Worker:
@@ -37,6 +38,7 @@ class Worker:
             self.process.start()
         except ConnectionError as error:  # of a fork server, which has imported the script
             raise RuntimeError(f"no worker process could be started{UNGUARDED}") from error
+        _processes.add(self.process)
         far_end.close()
         self.close = weakref.finalize(self, _stop, self._pipe, self.process, os.getpid())
 

@@ -13,6 +13,7 @@ try:
 except ImportError as error:
     raise ImportError("needs PettingZoo: pip install 'lidarnaut[pettingzoo]', or -e '.[pettingzoo]'") from error
 
+from lidarnaut.envs.arguments import read_options
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
@@ -80,7 +81,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
         self.agents = list(self.possible_agents)
-        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         return self._split(observation), self._infos(info)
 
@@ -97,6 +98,9 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
         agents = self.agents
         if not isinstance(actions, Mapping) or set(actions) != set(agents):
             raise ValueError(f"actions must map each of {agents} to its action, got {actions!r}")
+        for agent, action in actions.items():
+            if np.shape(action) != (2,):
+                raise ValueError(f"action of {agent} must have shape (2,), got {action!r}")
         rows = np.stack([actions[agent] for agent in agents])
         observation, reward, terminated, truncated, info = self.env.step(rows)
         split, infos = self._split(observation), self._infos(info)
@@ -143,7 +147,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
-        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         self.agents = list(self.possible_agents)
         self.rewards = dict.fromkeys(self.agents, 0.0)

@@ -102,6 +102,12 @@ def test_models_are_reset_if_they_take_what_a_reset_gives():
     assert drive(make_policy(Reseeding(), BOX))[0].tolist() == [0.0, 0.0]
 
 
+@pytest.mark.parametrize("others", [(), (None,), ("log_prob", "value")])
+def test_models_may_return_their_action_first_in_any_tuple(others):
+    model = SimpleNamespace(predict=lambda observation: (np.array([0.5, 0.0]), *others))
+    assert drive(make_policy(model, BOX))[0].tolist() == [0.5, 0.0]
+
+
 def test_levels_are_declared():
     assert level_of(lambda observation: 0) == "twist"
     assert level_of(SimpleNamespace(level="decision")) == "decision"

@@ -78,6 +78,11 @@ def test_wrong_calls_of_a_parallel_step_are_named():
     for wrong in ({"robot_0": STILL}, right | {"robot_2": STILL}, {}, [STILL, STILL], None):
         with pytest.raises(ValueError, match=r"actions must map each of \['robot_0', 'robot_1'\] to its action, got"):
             env.step(wrong)
+    for wrong in (np.zeros(3), None, 1.0, "ab"):
+        with pytest.raises(ValueError, match=r"action of robot_1 must have shape \(2,\), got"):
+            env.step(right | {"robot_1": wrong})
+    with pytest.raises(ValueError, match="options must map names to values, got 5"):
+        env.reset(options=5)
     _, _, _, truncations, _ = env.step(right)
     _, _, _, truncations, _ = env.step(right)
     assert truncations == {"robot_0": True, "robot_1": True}
