@@ -139,7 +139,8 @@ def test_a_policy_that_names_trusted_code_acts(hostile, tmp_path):
     ["hostile_code:subprocess.Popen", "hostile_code:pathlib", "hostile_code:np.load", "hostile_code:Rewards",
      "hostile_code:np.random.default_rng", "hostile_code2:Own", "hostile:Own", "os:system", ":", "a:b:c",
      "lidarnaut.envs.files:load_object", "lidarnaut.agents.robots:load_robot", "torch:load", "x=os:system",
-     "C:/os:lidarnaut/A-v0", "C:\\os:system", "os:system?x=1", "ppo:os.system", "os.path:join\n", "hostile_code.x:lidarnaut/A-v0"],
+     "C:/os:lidarnaut/A-v0", "C:\\os:system",
+     "os:system?x=1", "ppo:os.system", "os.path:join\n", "hostile_code.x:lidarnaut/A-v0"],
 )  # fmt: skip
 def test_trust_in_a_module_covers_what_it_defines(hostile, name):
     trust = ["hostile_code"] if name.startswith("hostile_code:") else ["elsewhere"]
