@@ -94,8 +94,8 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        is_unnamed = isinstance(error, OSError) and not isinstance(error, ConnectionError) and error.filename is None
-        if command and is_unnamed:  # of a full disk, libraries say no more
+        is_bare = isinstance(error, OSError) and error.errno is not None and error.filename is None
+        if command and is_bare and not isinstance(error, ConnectionError):  # of a full disk, libraries say no more
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
     if command.json:

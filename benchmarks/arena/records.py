@@ -18,6 +18,8 @@ from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, re
 
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
+MAX_TABLE_BYTES = 64 * 2**20
+"""Largest table that is read."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
@@ -197,10 +199,10 @@ class _Table:
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
     """Yield the rows of a table, but for an incomplete last line; ValueError if damaged, or of other columns."""
     try:
-        content = read_bytes(path).decode()
-    except UnicodeDecodeError as error:
+        content = read_bytes(path, MAX_TABLE_BYTES).decode()
+        header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
+    except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path} is no table: {error}") from error
-    header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
     if header and header != list(columns):
         raise ValueError(f"{path} has other columns than this version writes; choose another --out")
     for number, record in enumerate(records, start=2):
