@@ -6,8 +6,7 @@ import platform
 import re
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Executor, ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -22,7 +21,7 @@ from scipy import stats
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
 from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from lidarnaut.agents.learned import POLICY
-from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
 from lidarnaut.agents.trust import resuming
@@ -34,8 +33,6 @@ from lidarnaut.envs.progress import Progress
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
 """File of a run: the processor time that its process has taken [s], but for processes that were killed."""
-_apart: list[Executor] = []
-"""Pools of `_try_apart`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,33 +81,21 @@ def run_sweep(
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
         check_changes(found[0], "sweep", run)
-    pool: Any = contextlib.nullcontext()
-    if ray is not None:
-        pool = make_pool(None, ray, [member.config.model_dump() for member in members])
-    elif jobs > 1:
-        pool = ThreadPoolExecutor(jobs)
-    own_folder(folder)
-    write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
+    named = [member.config.model_dump() for member in members]
+    begin_pool = partial(make_pool, jobs, ray, named) if ray is not None or jobs > 1 else contextlib.nullcontext
     failures: dict[Path, str] = {}
-    bar = Progress(total=len(members), unit="training", disable=not progress)
-    calls: list[Callable[[], str]] = [partial(try_member, member, progress=progress) for member in members]
     try:
-        with bar, pool:
-            if isinstance(pool, Executor):
-                calls = [pool.submit(try_member if ray else _try_apart, member).result for member in members]
-            try:
-                for member, finish in zip(members, calls, strict=True):
-                    try:
-                        failure = finish()
-                    except Exception as error:  # of a process that has died, or did not begin
-                        failure = _explain(error)
-                    failures |= {member.run: failure} if failure else {}
-                    bar.update()
-            except BaseException:
-                for one in (pool, *_apart) if isinstance(pool, Executor) else ():
-                    stop(one)
-                    one.shutdown(wait=False, cancel_futures=True)
-                raise
+        with begin_pool() as pool, Progress(total=len(members), unit="training", disable=not progress) as bar:
+            own_folder(folder)
+            write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
+            outcomes = (try_member(member, progress=progress) for member in members)
+            if pool is not None:
+                with interrupts_held():
+                    futures = [pool.submit(try_member if ray else _try_apart, member) for member in members]
+                outcomes = (_explain(error) if (error := one.exception()) else one.result() for one in futures)
+            for member, failure in zip(members, outcomes, strict=True):
+                failures |= {member.run: failure} if failure else {}
+                bar.update()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
@@ -215,11 +200,8 @@ def try_member(member: Member, *, progress: bool = False) -> str:
 
 def _try_apart(member: Member) -> str:
     """Train one as `try_member`, in a process of its own: one that dies takes no other with it."""
-    with make_pool(1, None) as pool:
-        _apart.append(pool)
-        with interrupts_held():
-            future = pool.submit(try_member, member)
-        return future.result()
+    with make_pool(1, None) as pool, interrupts_held():
+        return pool.submit(try_member, member).result()
 
 
 def _explain(error: BaseException) -> str:

@@ -43,7 +43,7 @@ def test_the_page_about_resuming_has_the_table():
         ({"evaluation": {"every": 256, "episodes": 3, "references": ["random"]}}, "another evaluation.references"),
         (
             {"hyperparameters": {"n_steps": 32, "ent_coef": 0.1}},
-            "another hyperparameters.ent_coef: .* None, and not 0.1",
+            "another hyperparameters.ent_coef: .* 'the default', and not 0.1",
         ),
         ({"hyperparameters": {"n_steps": 32, "policy_kwargs": {"ortho_init": False}}}, "another hyper.*ortho_init"),
         ({"total_steps": 512}, "768 of total_steps, and cannot end at 512; .* these may change: total_steps, "),

@@ -130,7 +130,7 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
         ({"seeds": [1]}, "sweep, exclude and seeds may only add trainings"),
         ({"hyperparameters": {"n_steps": 16}}, "another hyperparameters.n_steps: it needs hyperparameters.n_steps: 32"),
         ({"num_envs": 2}, "another num_envs: it needs num_envs: 4, and not 2"),
-        ({"environment": {**data["environment"], "world": "caves"}}, "another environment.world: it needs .*: None, "),
+        ({"environment": {**data["environment"], "world": "caves"}}, "environment.world: it needs .*: .the default., "),
         ({"total_steps": 64}, "128 of total_steps, and cannot end at 64"),
         ({"network": {"hidden": 8}}, "another network.hidden: it needs network.hidden: 64, and not 8"),
     ):
