@@ -11,6 +11,7 @@ from lidarnaut.envs.files import SHORT, read_mapping
 MAY_CHANGE = {
     "total_steps": "training, sweep",
     "generations": "evolution, sweep",
+    **dict.fromkeys(("sweep", "seeds", "exclude"), "sweep"),
     "validate_every": "evolution",
     "num_workers": "evolution, sweep",
     "environment": "training",
@@ -24,27 +25,28 @@ MAY_CHANGE = {
 """Kinds of runs that may change a key, and the keys below it, on resume. The longest key counts; others are fixed."""
 DEFAULT = "the default"
 """Stands for the value of a key that is left out."""
-Config = TrainingConfig | EvolutionConfig
+Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
 
 def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
     """Compare the configuration that a run, or a checkpoint, is to go on with to its former one.
 
-    `kind` is one of `MAY_CHANGE`; `was` None stands for the configuration in the run.
+    `kind` is one of `MAY_CHANGE`; `was` None stands for the configuration in the run. A sweep's are mappings.
 
     Raises:
         CheckpointError: a key changes that must not; names it, both values, and the keys that may change.
     """
     was = was or parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
+    old, new = (one if isinstance(one, Mapping) else one.model_dump(mode="json") for one in (was, now))
     wrong = []
-    for key, before, value, kinds in _changes(was.model_dump(mode="json"), now.model_dump(mode="json")):
+    for key, before, value, kinds in _changes(old, new):
         if kind not in kinds:
             wrong.append(f"another {key}: it needs {key}: {SHORT.repr(before)}, and not {SHORT.repr(value)}")
-        elif key in ("total_steps", "generations") and value < min(before, done := count_done(run)):
+        elif key in ("total_steps", "generations") and value < (done := count_done(run)) and value < before:
             wrong.append(f"{done} of {key}, and cannot end at {value}")
     if wrong:
         allowed = ", ".join(key for key, kinds in MAY_CHANGE.items() if kind in kinds)
-        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume of a {kind}, these may change: {allowed}")
+        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume ({kind}), these may change: {allowed}")
 
 
 def _changes(
@@ -55,8 +57,8 @@ def _changes(
     A run's hyperparameters and network are complete; keys that `now` leaves out there are no changes.
     """
     for name in now if above.startswith(("hyperparameters.", "network.")) else {**was, **now}:
-        key, before, value = f"{above}{name}", was.get(name, DEFAULT), now.get(name, DEFAULT)
-        below = MAY_CHANGE.get(key, kinds)
+        key, value = f"{above}{name}", now.get(name, DEFAULT)
+        before, below = was.get(name, {} if isinstance(value, Mapping) else DEFAULT), MAY_CHANGE.get(key, kinds)
         if isinstance(before, Mapping) and isinstance(value, Mapping):
             yield from _changes(before, value, below, f"{key}.")
         elif value != before:

@@ -109,7 +109,7 @@ def test_hyperparameters_of_algorithms_with_a_buffer_are_named(tiny_data, tmp_pa
 
 def test_the_command_line_overrides_the_file(tmp_path, monkeypatch, tiny_config):
     configs = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: configs.append(config) or tmp_path)
     path = tmp_path / "tiny.yaml"
     path.write_text(dump_record(tiny_config))
     arguments = ["--config", str(path), "--seed", "7", "--hyperparameters.learning-rate", "1e-3"]
@@ -166,7 +166,7 @@ def test_one_name_will_do_where_several_are_allowed():
 
 def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypatch, tmp_path, capsys):
     configs = []
-    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, resume: configs.append(config) or tmp_path)
+    monkeypatch.setattr("lidarnaut.agents.training.train", lambda config, **_: configs.append(config) or tmp_path)
     assert train.main(["--algorithm", "SAC", "--environment.id", "lidarnaut/ReachCrowd-v0"]) == 0
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
