@@ -62,7 +62,7 @@ def main(arguments: list[str] | None = None) -> int:
             data, source = read_mapping(path), str(path)
             if given.resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
                 check_names(data, source, [*given.trust, *named_code(changes)])
-        run = start(change(data, changes), source, given.resume, given.ray, given.jobs)
+        run = start(change(data, changes), source, given)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -72,23 +72,23 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def start(data: dict, source: str, resume: Path | None, ray: str | None, jobs: int) -> Path:
+def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
     """Start, or go on with, what a configuration asks for; return the folder of the results. Raises as `train`."""
     # Torch takes seconds to load: mistakes in the configuration are reported at once.
     if {"sweep", "seeds"} & data.keys():
         from lidarnaut.agents.sweep import run_sweep
 
-        return run_sweep(data, source, resume=resume, ray=ray, jobs=jobs)
+        return run_sweep(data, source, resume=given.resume, ray=given.ray, jobs=given.jobs)
     config = parse_config(data, source)
     if isinstance(config, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
 
-        return evolve(config, resume=resume, ray=ray)
-    if ray is not None:
+        return evolve(config, resume=given.resume, ray=given.ray)
+    if given.ray is not None:
         raise ValueError("--ray is for sweeps and evolutions: a training by itself runs in one place")
     from lidarnaut.agents.training import train
 
-    return train(config, resume=resume)
+    return train(config, resume=given.resume, trust=given.trust)
 
 
 def read_changes(words: Sequence[str]) -> dict[str, Any]:

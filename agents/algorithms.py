@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
+from pydantic import ValidationError
 from stable_baselines3 import A2C, PPO
 from stable_baselines3.common.base_class import BaseAlgorithm
 from stable_baselines3.common.noise import NormalActionNoise
@@ -35,7 +36,7 @@ from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space
 from lidarnaut.agents.pursuit import PursuitPolicy
 from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
-from lidarnaut.envs.files import explain_unknown, load_object, parse_record
+from lidarnaut.envs.files import SHORT, explain_unknown, load_object, parse_record
 
 _PPO = {"learning_rate": "lin_0.0007", "n_steps": 128, "batch_size": 512, "n_epochs": 4}
 _ENTROPY = {"learning_rate": 1e-3, "gamma": 0.98, "ent_coef": "auto_0.05"}
@@ -93,8 +94,13 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
+    rollout_steps(config)  # which others depend on
     for name, given in config.hyperparameters.items():
-        check_hyperparameter(name, given, _read(name, given, config, env.action_space), allowed[name].annotation)
+        try:
+            check_hyperparameter(name, given, _read(name, given, config, env.action_space), allowed[name].annotation)
+        except ValueError as error:
+            said = "; ".join(one["msg"] for one in error.errors()) if isinstance(error, ValidationError) else error
+            raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(given)}") from error
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
@@ -110,22 +116,20 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     if config.checkpoints.every < (steps := rollout_steps(config)):
         raise ValueError(
             f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
-            f"{steps // config.num_envs} = {steps} steps; checkpoints can only lie between updates"
+            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints can only lie between updates"
         )
     return config
 
 
 def rollout_steps(config: TrainingConfig) -> int:
-    """Return the environment steps between two updates."""
+    """Return the environment steps between two updates; ValueError if their number is none."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
     given = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
-    units = {"train_freq": ["step", "episode"][: 2 if config.num_envs == 1 else 1]}.get(name, [])
-    is_pair = isinstance(given, list | tuple) and len(given) == 2 and given[1] in units
-    steps, unit = given if is_pair else (given, "step")
-    if type(steps) is not int or steps < 1:
-        further = "".join(f", or [number, {one}]" for one in units)
-        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {given!r}")
+    steps, unit = given if isinstance(given, list | tuple) and len(given) == 2 else (given, "step")
+    if type(steps) is not int or steps < 1 or (unit != "step" and config.num_envs > 1):
+        further = ", or [number, step], or with num_envs 1 [number, episode]" if name == "train_freq" else ""
+        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(given)}")
     return config.num_envs * (steps if unit == "step" else 1)
 
 
@@ -148,7 +152,8 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
     try:
         model = _construct(config, env)
     except Exception as error:  # libraries raise many kinds
-        raise ValueError(f"{_find_culprit(config, env)}: {' '.join(str(error).split())}") from error
+        said = " ".join(f"{type(error).__name__}: {error}".split())
+        raise ValueError(f"{_find_culprit(config, env)}: {said}") from error
     network = _read_network(config, env.parts, env.action_space)
     if isinstance(network, DecisionNetworkConfig) and network.prior_policy != RULE:
         model.policy.load_prior(FrontierScore.load(find_policy(network.prior_policy)))
@@ -159,8 +164,14 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
 
 
 def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Any:
+    """Make a model, and see that its optimizer can step."""
     arguments = _arguments(config, env.parts, env.action_space)
-    return find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
+    model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
+    weight = nn.Parameter(torch.zeros(1))
+    weight.grad = torch.zeros(1)
+    policy: Any = model.policy
+    policy.optimizer_class([weight], lr=model.lr_schedule(1.0), **policy.optimizer_kwargs).step()
+    return model
 
 
 def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> str:
@@ -299,11 +310,12 @@ def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Sp
         return NormalActionNoise(zeros, zeros + value)
     if isinstance(value, str) and value.startswith("lin_"):
         try:
-            rate, updates = float(value.removeprefix("lin_")), num_updates(config)
+            rate = float(value.removeprefix("lin_"))
             if not 0.0 <= rate < math.inf:
                 raise ValueError
         except ValueError:
-            raise ValueError(f"hyperparameters.{name}: {value!r} is not of the form lin_3e-4") from None
+            raise ValueError("not of the form lin_3e-4") from None
+        updates = num_updates(config)
         # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.
         return lambda progress: rate * min(progress + 1.0 / updates, 1.0)
     if isinstance(value, str) and ":" in value:

@@ -20,7 +20,7 @@ from torch import Tensor
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import Row, check_rows
 from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
-from lidarnaut.agents.trust import check_names
+from lidarnaut.agents.trust import check_names, resuming
 from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read_bytes, write_folder
 
 POLICY_FILE = "policy.safetensors"
@@ -151,9 +151,11 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
         write_folder(folder, {**tensors, RECORD_FILE: record.model_dump_json(indent=1)})
     except OSError as error:
         why = "no space is left on the disk" if error.errno == errno.ENOSPC else error.strerror or str(error)
-        older = list_checkpoints(run)
-        remedy = f"The newest complete one is {older[-1]}; go on from it with --resume {run}" if older else ""
-        raise CheckpointError(f"checkpoint {folder} could not be written: {why}. {remedy}".rstrip()) from error
+        message = f"checkpoint {folder} could not be written: {why}."
+        if older := list_checkpoints(run):
+            again = resuming(run, record.config.model_dump())
+            message += f" The newest complete one is {older[-1]}; go on from it with {again}"
+        raise CheckpointError(message) from error
     for old in list_checkpoints(run)[:-keep]:
         shutil.rmtree(old)
     return folder

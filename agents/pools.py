@@ -119,12 +119,11 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
     The copy is a temporary folder, which is returned. Raise a ValueError if this machine has no or another file of an
     absolute path.
     """
-    copy = None
-    there = {path: Path(folder, path) for path in files}
-    wrong = [path for path, file in there.items() if not file.is_file() or read_bytes(file) != files[path]]
+    files_here = {path: Path(folder, path) for path in files}
+    wrong = [path for path, file in files_here.items() if not file.is_file() or read_bytes(file) != files[path]]
     for path in filter(os.path.isabs, wrong):
         raise ValueError(f"{platform.node()} has no or another {path}; relative paths work on every machine")
-    sys.path[:] = [path for path in sys.path if path != folder]
+    copy = None
     if wrong or not os.path.isdir(folder):
         copy = tempfile.TemporaryDirectory(prefix="lidarnaut_", ignore_cleanup_errors=True)
         os.makedirs(copy.name + folder)
@@ -132,24 +131,26 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
             file = Path(copy.name + os.path.normpath(os.path.join(folder, path)))
             file.parent.mkdir(parents=True, exist_ok=True)
             file.write_bytes(content)
-        folder = copy.name + folder
+    sys.path[:] = [path for path in sys.path if path != folder]
+    folder = copy.name + folder if copy else folder
     os.chdir(folder)
     sys.path.append(folder)
     return copy
 
 
-def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Executor:
-    """Return processes of this machine, None for as many as there are cores, or the Ray cluster of an address.
+@contextlib.contextmanager
+def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iterator[Executor]:
+    """Yield processes of this machine, None for as many as there are cores, or the Ray cluster of an address.
 
-    `named` holds the names of files that calls on a cluster read, see `collect_files`.
+    An exception ends calls that are under way. `named` holds the names of files that calls on a cluster read, see
+    `collect_files`.
     """
-    if ray is not None:
-        return RayExecutor(ray, named)
     # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
-    return ProcessPoolExecutor(num_workers, multiprocessing.get_context("spawn"), start_worker)
-
-
-def stop(pool: Executor) -> None:
-    """End what is under way in a pool."""
-    if isinstance(pool, ProcessPoolExecutor):
-        stop_workers(pool)
+    spawn = multiprocessing.get_context("spawn")
+    with RayExecutor(ray, named) if ray is not None else ProcessPoolExecutor(num_workers, spawn, start_worker) as pool:
+        try:
+            yield pool
+        except BaseException:
+            if isinstance(pool, ProcessPoolExecutor):
+                stop_workers(pool)
+            raise

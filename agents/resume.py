@@ -11,6 +11,7 @@ from lidarnaut.envs.files import SHORT, read_mapping
 MAY_CHANGE = {
     "total_steps": "training, sweep",
     "generations": "evolution, sweep",
+    **dict.fromkeys(("sweep", "seeds", "exclude"), "sweep"),
     "validate_every": "evolution",
     "num_workers": "evolution, sweep",
     "environment": "training",
@@ -22,41 +23,43 @@ MAY_CHANGE = {
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
 """Kinds of runs that may change a key, and the keys below it, on resume. The longest key counts; others are fixed."""
-Config = TrainingConfig | EvolutionConfig
+DEFAULT = "the default"
+"""Stands for the value of a key that is left out."""
+Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
 
 def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
     """Compare the configuration that a run, or a checkpoint, is to go on with to its former one.
 
-    `kind` is one of `MAY_CHANGE`; `was` None stands for the configuration in the run. Hyperparameters that `now` leaves
-    out are not compared.
+    `kind` is one of `MAY_CHANGE`; `was` None stands for the configuration in the run. A sweep's are mappings.
 
     Raises:
         CheckpointError: a key changes that must not; names it, both values, and the keys that may change.
     """
-    if was is None:
-        was = parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
-    before, done, wrong = dict(_flatten(was.model_dump(mode="json"))), count_done(run), []
-    for key, value in _flatten(now.model_dump(mode="json")):
-        known = before.get(key)
-        if (value != known or key not in before) and kind not in _kinds(key):
-            wrong.append(f"another {key}: it needs {key}: {SHORT.repr(known)}, and not {SHORT.repr(value)}")
-        elif key in ("total_steps", "generations") and known is not None and value < min(known, done):
+    was = was or parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
+    old, new = (one if isinstance(one, Mapping) else one.model_dump(mode="json") for one in (was, now))
+    wrong = []
+    for key, before, value, kinds in _changes(old, new):
+        if kind not in kinds:
+            wrong.append(f"another {key}: it needs {key}: {SHORT.repr(before)}, and not {SHORT.repr(value)}")
+        elif key in ("total_steps", "generations") and value < (done := count_done(run)) and value < before:
             wrong.append(f"{done} of {key}, and cannot end at {value}")
     if wrong:
         allowed = ", ".join(key for key, kinds in MAY_CHANGE.items() if kind in kinds)
-        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume of a {kind}, these may change: {allowed}")
+        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume ({kind}), these may change: {allowed}")
 
 
-def _kinds(key: str) -> str:
-    """Return the kinds of runs that may change a key."""
-    while key not in MAY_CHANGE and "." in key:
-        key = key.rpartition(".")[0]
-    return MAY_CHANGE.get(key, "")
+def _changes(
+    was: Mapping[str, Any], now: Mapping[str, Any], kinds: str = "", above: str = ""
+) -> Iterator[tuple[str, Any, Any, str]]:
+    """Yield each changed key, such as `environment.world`, both values, and the kinds of runs that may change it.
 
-
-def _flatten(values: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield nested values by keys such as `environment.world`."""
-    for key, value in values.items():
-        inside = _flatten(value, f"{above}{key}.") if isinstance(value, Mapping) else [(f"{above}{key}", value)]
-        yield from inside
+    A run's hyperparameters and network are complete; keys that `now` leaves out there are no changes.
+    """
+    for name in now if above.startswith(("hyperparameters.", "network.")) else {**was, **now}:
+        key, value = f"{above}{name}", now.get(name, DEFAULT)
+        before, below = was.get(name, {} if isinstance(value, Mapping) else DEFAULT), MAY_CHANGE.get(key, kinds)
+        if isinstance(before, Mapping) and isinstance(value, Mapping):
+            yield from _changes(before, value, below, f"{key}.")
+        elif value != before:
+            yield key, before, value, below

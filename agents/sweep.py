@@ -2,14 +2,14 @@
 
 import contextlib
 import itertools
+import multiprocessing
 import platform
 import re
 import time
 import traceback
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,20 +22,18 @@ from scipy import stats
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
 from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from lidarnaut.agents.learned import POLICY
-from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
 from lidarnaut.agents.trust import resuming
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import naming, own_folder, printable, read_bytes, read_json, write_file
+from lidarnaut.envs.files import naming, own_folder, printable, read_bytes, read_json, read_mapping, write_file
 from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
 """File of a run: the processor time that its process has taken [s], but for processes that were killed."""
-_apart: list[Executor] = []
-"""Pools of `_try_apart`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,38 +77,32 @@ def run_sweep(
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
     folder = folder.absolute() if ray else folder  # for workers in other folders
-    members = expand(data, source, folder)
+    if jobs < 1:
+        raise ValueError(f"jobs must be at least 1, got {jobs}")
+    if (folder / "config.yaml").exists():
+        raise CheckpointError(f"{folder} holds a single run: sweep and seeds may not change")
+    members, record = expand(data, source, folder), yaml.safe_dump(dict(data), sort_keys=False)
     for run in sorted(path.parent for path in folder.glob("*/config.yaml")):
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
         check_changes(found[0], "sweep", run)
-    pool: Any = contextlib.nullcontext()
+    if (folder / SWEEP).exists():  # also keys that the sweep replaces
+        check_changes(yaml.safe_load(record), "sweep", folder, read_mapping(folder / SWEEP))
+    held: Any = _processes(jobs) if jobs > 1 else contextlib.nullcontext()
     if ray is not None:
-        pool = make_pool(None, ray, [member.config.model_dump() for member in members])
-    elif jobs > 1:
-        pool = ThreadPoolExecutor(jobs)
-    own_folder(folder)
-    write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
+        held = make_pool(None, ray, [member.config.model_dump() for member in members])
     failures: dict[Path, str] = {}
-    bar = Progress(total=len(members), unit="training", disable=not progress)
-    calls: list[Callable[[], str]] = [partial(try_member, member, progress=progress) for member in members]
     try:
-        with bar, pool:
-            if isinstance(pool, Executor):
-                calls = [pool.submit(try_member if ray else _try_apart, member).result for member in members]
-            try:
-                for member, finish in zip(members, calls, strict=True):
-                    try:
-                        failure = finish()
-                    except Exception as error:  # of a process that has died, or did not begin
-                        failure = _explain(error)
-                    failures |= {member.run: failure} if failure else {}
-                    bar.update()
-            except BaseException:
-                for one in (pool, *_apart) if isinstance(pool, Executor) else ():
-                    stop(one)
-                    one.shutdown(wait=False, cancel_futures=True)
-                raise
+        with held as pool, Progress(total=len(members), unit="training", disable=not progress) as bar:
+            own_folder(folder)
+            write_file(folder / SWEEP, record)
+            outcomes = (try_member(member, progress=progress) for member in members)
+            if pool is not None:
+                futures = [pool.submit(try_member if ray else _try_apart, member) for member in members]
+                outcomes = (_explain(error) if (error := one.exception()) else one.result() for one in futures)
+            for member, failure in zip(members, outcomes, strict=True):
+                failures |= {member.run: failure} if failure else {}
+                bar.update()
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
@@ -141,6 +133,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     excluded = _read_excluded(data, axes, source)
     base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
     members, measured = list[Member](), list[Any]()
+    left = {path.parent for path in folder.glob("*/config.yaml")}  # their numbers are of the sweep that began them
     for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
         if any(all(chosen[key] in rule[key] for key in rule) for rule in excluded):
@@ -160,7 +153,11 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
                 measured.append(episodes)
             name = "_".join(f"{key.rpartition('.')[2]}={value}" for key, value in chosen.items())
             group = next((str(value) for key, value in chosen.items() if isinstance(axes[key], dict)), "")
-            members.append(Member(chosen, config, folder / f"{len(members):03d}_{_slug(name)}__{seed}", group))
+            numbered = folder / f"{len(members):03d}_{_slug(name)}__{seed}"
+            alike = [run for run in left if run.name.partition("_")[2] == numbered.name.partition("_")[2]]
+            run = numbered if numbered in alike or not alike else alike[0]
+            left -= {run}
+            members.append(Member(chosen, config, run, group))
     return members
 
 
@@ -213,13 +210,23 @@ def try_member(member: Member, *, progress: bool = False) -> str:
     return ""
 
 
+@contextlib.contextmanager
+def _processes(jobs: int) -> Iterator[Executor]:
+    """Yield threads for calls of `_try_apart`; an exception ends their processes."""
+    with ThreadPoolExecutor(jobs) as pool:
+        try:
+            yield pool
+        except BaseException:
+            pool.shutdown(wait=False, cancel_futures=True)
+            for process in multiprocessing.active_children():
+                process.terminate()
+            raise
+
+
 def _try_apart(member: Member) -> str:
     """Train one as `try_member`, in a process of its own: one that dies takes no other with it."""
-    with make_pool(1, None) as pool:
-        _apart.append(pool)
-        with interrupts_held():
-            future = pool.submit(try_member, member)
-        return future.result()
+    with make_pool(1, None) as pool, interrupts_held():
+        return pool.submit(try_member, member).result()
 
 
 def _explain(error: BaseException) -> str:

@@ -1,6 +1,7 @@
 """A training from its first step, or from a checkpoint, to its last."""
 
 import contextlib
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
@@ -24,13 +25,19 @@ from lidarnaut.envs.progress import Progress
 
 
 def train(
-    config: TrainingConfig, *, run: Path | None = None, resume: Path | None = None, progress: bool = True
+    config: TrainingConfig,
+    *,
+    run: Path | None = None,
+    resume: Path | None = None,
+    trust: Iterable[str] = (),
+    progress: bool = True,
 ) -> Path:
     """Train a policy; return the run folder.
 
     `run`: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. `resume`: run folder or checkpoint
     folder to go on from, in whose run the results go, in place of `run`; see `lidarnaut.agents.resume` for the keys
-    that may change. `progress`: whether to show a progress bar.
+    that may change. `trust`: modules and names of code that the checkpoint may name, besides names in `config`.
+    `progress`: whether to show a progress bar.
 
     Raises:
         ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training
@@ -44,7 +51,8 @@ def train(
         if resume is not None:
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
             source = find_checkpoint(resume)  # again: until now another process may have added to the run
-            checkpoint = load_checkpoint(source, trust=named_code(config.model_dump()))
+            checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
+            check_changes(config, "training", source, checkpoint.record.config)  # without defaults of an algorithm
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         is_flat = takes_vectors(find_algorithm(config.algorithm))
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
@@ -55,8 +63,8 @@ def train(
                 evaluator.make_reference(name)
             run = held.enter_context(new_run(config, run))
         else:
-            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
             check_changes(config, "training", source, checkpoint.record.config)
+            check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
             restore(model, checkpoint, source)
             run = discard_after(source)
             prepare_folder(run, config)

@@ -76,7 +76,7 @@ def address(top):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(there)
         patch.setenv("RAY_TEST_MARKER", str(top / "marker"))
-        patch.setenv("PYTHONPATH", f"{ROOT}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+        patch.setenv("PYTHONPATH", os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")])))
         cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False})
     yield cluster.address
     cluster.shutdown()

@@ -22,7 +22,7 @@ from torch.utils.tensorboard import SummaryWriter
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, Row, read_evaluations
 from lidarnaut.agents.learned import POLICY
-from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
 from lidarnaut.envs.files import Lock, own_folder, read_bytes, write_file
@@ -83,7 +83,6 @@ def evolve(
                 reached = evolution.validate(config.generations)
                 bar.set_postfix(time_over_rule=f"{reached:.3f}")
         except KeyboardInterrupt:
-            stop(pool)
             done = f"after generation {len(evolution.values)}"
             raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
         record = {"generation": config.generations, "time_over_rule": reached, "seed": config.seed}

@@ -14,7 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 
-from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
 from lidarnaut.baselines.explorer import Policy as Driver
@@ -113,15 +113,10 @@ def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Re
                 # Of an episode whose machine has died: those of the episode itself are results.
                 why = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                 yield future.result() if error is None else Result(key, reason=why)
-        except (KeyboardInterrupt, GeneratorExit):
-            stop(pool)
-            raise
         except BrokenProcessPool as error:
             raise RuntimeError(
                 "a process died while it ran an episode (out of memory?); the same command goes on from there"
             ) from error
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
 
 
 class _Worker:

@@ -13,6 +13,7 @@ from lidarnaut.agents.resume import MAY_CHANGE
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.agents.training import train
 from lidarnaut.envs.files import read_record
+from lidarnaut.train import main
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 ROOT = Path(__file__).parents[2]
@@ -34,6 +35,11 @@ def test_the_page_about_resuming_has_the_table():
     [
         ({"seed": 1}, "another seed: it needs seed: 0, and not 1"),
         ({"algorithm": "A2C", "hyperparameters": {"n_steps": 32}}, "another algorithm: it needs algorithm: 'PPO', and"),
+        (
+            {"algorithm": "SAC", "hyperparameters": {"tau": 0.1}},
+            "another algorithm: it needs algorithm: 'PPO', and not",
+        ),
+        ({"environment": {"id": "lidarnaut/Navigate-v0"}}, "another environment.id: it needs environment.id: 'tests"),
         ({"num_envs": 2}, "another num_envs: it needs num_envs: 4, and not 2"),
         ({"experiment": "other"}, "another experiment"),
         (
@@ -43,7 +49,7 @@ def test_the_page_about_resuming_has_the_table():
         ({"evaluation": {"every": 256, "episodes": 3, "references": ["random"]}}, "another evaluation.references"),
         (
             {"hyperparameters": {"n_steps": 32, "ent_coef": 0.1}},
-            "another hyperparameters.ent_coef: .* None, and not 0.1",
+            "another hyperparameters.ent_coef: .* 'the default', and not 0.1",
         ),
         ({"hyperparameters": {"n_steps": 32, "policy_kwargs": {"ortho_init": False}}}, "another hyper.*ortho_init"),
         ({"total_steps": 512}, "768 of total_steps, and cannot end at 512; .* these may change: total_steps, "),
@@ -53,7 +59,7 @@ def test_a_training_that_would_mix_settings_is_refused_and_left_alone(changes, s
     run = shutil.copytree(tiny_run, tmp_path / "run")
     before = files(run)
     with pytest.raises(CheckpointError, match=says):
-        train(parse_config({**tiny_data, **changes}, "mem"), resume=run, progress=False)
+        train(parse_config({**tiny_data, **changes}, "mem"), resume=run, trust=["tests"], progress=False)
     assert files(run) == before
 
 
@@ -67,6 +73,18 @@ def test_keys_that_may_change_are_applied(tiny_run, tiny_data, tmp_path):
     assert (record.steps, record.updates) == (896, 6 * 2 + 3)
     assert record.config.hyperparameters["gamma"] == 0.9
     assert record.config.environment.arguments["time_limit"] == 3.0
+
+
+def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_data, tmp_path, capsys):
+    """The checkpoint still names it."""
+    data = {**tiny_data, "environment": {**tiny_data["environment"], "reward": "tests.own_code:Circling"}}
+    run = train(parse_config({**data, "total_steps": 128}, "mem"), run=tmp_path / "run", progress=False)
+    words = ["--resume", str(run), "--environment.reward", "None", "--total-steps", "256", "--trust"]
+    assert main([*words, "tests.agents"]) == 2
+    assert "'tests.own_code:Circling', which is not part of the package" in capsys.readouterr().err
+    assert main([*words, "tests"]) == 0, capsys.readouterr().err
+    record = load_checkpoint(find_checkpoint(run), trust="tests").record
+    assert (record.steps, record.config.environment.arguments["reward"]) == (256, None)
 
 
 @pytest.mark.parametrize(

@@ -126,11 +126,16 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
     swept = (folder / "sweep.yaml").read_text()
     for changes, says in (
         ({"sweep": {"hyperparameters.gamma": [0.9, 0.98]}}, "001_gamma=0.99__0 is no longer in the sweep: sweep, ex"),
-        ({"seeds": [0, 1]}, "sweep, exclude and seeds may only add trainings"),
         ({"seeds": [1]}, "sweep, exclude and seeds may only add trainings"),
         ({"hyperparameters": {"n_steps": 16}}, "another hyperparameters.n_steps: it needs hyperparameters.n_steps: 32"),
+        ({"seed": 1}, "another seed: it needs seed: 'the default', and not 1"),
+        ({"hyperparameters": {**data["hyperparameters"], "gamma": 0.9}}, "another hyperparameters.gamma: .*, and not"),
         ({"num_envs": 2}, "another num_envs: it needs num_envs: 4, and not 2"),
-        ({"environment": {**data["environment"], "world": "caves"}}, "another environment.world: it needs .*: None, "),
+        ({"environment": {**data["environment"], "world": "caves"}}, "environment.world: it needs .*: .the default., "),
+        (
+            {"environment": {"id": data["environment"]["id"]}},
+            "another environment.time_limit: .* 4.0, and not 'the def",
+        ),
         ({"total_steps": 64}, "128 of total_steps, and cannot end at 64"),
         ({"network": {"hidden": 8}}, "another network.hidden: it needs network.hidden: 64, and not 8"),
     ):
@@ -140,6 +145,30 @@ def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
     more = data | {"sweep": {"hyperparameters.gamma": [0.9, 0.99, 0.5]}, "checkpoints": {"every": 128}}
     run_sweep(more, "mem", resume=folder, progress=False)
     assert read_table(folder / "sweep.csv", "hyperparameters.gamma") == [[0.9], [0.99], [0.5]]
+    times = {path: path.read_text() for path in folder.glob("*/processor_time")}
+    run_sweep(more | {"seeds": [0, 1]}, "mem", resume=folder, progress=False)
+    rows = [[gamma, seed] for gamma in (0.9, 0.99, 0.5) for seed in (0, 1)]
+    assert read_table(folder / "sweep.csv", "hyperparameters.gamma", "seed") == rows
+    assert len(list(folder.glob("*/config.yaml"))) == 6
+    assert times == {path: path.read_text() for path in times}
+
+
+def test_a_single_run_does_not_become_a_sweep(data, tiny_run):
+    with pytest.raises(ValueError, match="jobs must be at least 1, got 0"):
+        run_sweep(data, "mem", resume=tiny_run, jobs=0, progress=False)
+    with pytest.raises(CheckpointError, match="tiny holds a single run: sweep and seeds may not change"):
+        run_sweep(data, "mem", resume=tiny_run, progress=False)
+    assert not (tiny_run / "sweep.yaml").exists()
+
+
+def test_trainings_whose_names_are_alike_keep_their_runs(data, tmp_path):
+    data["sweep"] = {"network": {"a" * 90: {"network": {"hidden": 8}}, "a" * 91: {"network": {"hidden": 16}}}}
+    first, other = (member.run for member in expand(data | {"seeds": [0]}, "mem", tmp_path))
+    assert first != other
+    for run in (first, other):
+        run.mkdir()
+        (run / "config.yaml").touch()
+        assert [member.run for member in expand(data | {"seeds": [0]}, "mem", tmp_path)] == [first, other]
 
 
 @pytest.mark.parametrize(
