@@ -26,7 +26,7 @@ from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.command_line import begin_command, fail, read_options
-from lidarnaut.envs.files import naming, read_record
+from lidarnaut.envs.files import naming, own_folder, read_record
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ def main(arguments: list[str] | None = None) -> int:
         failures = []
         if command.publish and command.shard is None:
             # A folder that cannot be written should not come out after the last episode.
-            (pictures := command.publish / "arena").mkdir(parents=True, exist_ok=True)
+            pictures = own_folder(command.publish, "arena")
             with naming(pictures), tempfile.TemporaryFile(dir=pictures):
                 pass
         if not command.report:
@@ -94,7 +94,8 @@ def main(arguments: list[str] | None = None) -> int:
         messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
-        if command and isinstance(error, OSError) and error.filename is None:  # of a full disk, libraries say no more
+        is_bare = isinstance(error, OSError) and error.errno is not None and error.filename is None
+        if command and is_bare and not isinstance(error, ConnectionError):  # of a full disk, libraries say no more
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
     if command.json:

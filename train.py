@@ -26,14 +26,14 @@ import yaml
 
 from lidarnaut import find_configuration
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, VERSIONS, CheckpointError, find_config
+from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, CheckpointError, find_config
 from lidarnaut.agents.trust import check_names, named_code
 from lidarnaut.envs.command_line import begin_command, fail, read_options
-from lidarnaut.envs.files import LockedError, read_mapping
+from lidarnaut.envs.files import LockedError, printable, read_mapping
 
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
 """What a training without a configuration is."""
-RECORDS = (VERSIONS, RECORD_FILE)
+RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
 """Files beside the configuration of a run or of a policy: a record that users exchange."""
 
 
@@ -68,7 +68,7 @@ def main(arguments: list[str] | None = None) -> int:
         return 130
     except (CheckpointError, LockedError, ValueError, OSError, ImportError, gymnasium.error.Error) as error:
         return fail(error)
-    print(f"results are in {run}")
+    print(f"results are in {printable(run)}")
     return 0
 
 

@@ -1,5 +1,6 @@
 """Algorithms of stable-baselines3 and sb3-contrib by name, their hyperparameters, and the models that they train."""
 
+import contextlib
 import inspect
 import math
 from pathlib import Path
@@ -28,6 +29,7 @@ from lidarnaut.agents.config import (
 )
 from lidarnaut.agents.frontiers.network import NEEDED, RULE, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
+from lidarnaut.agents.hyperparameters import check_hyperparameter
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
 from lidarnaut.agents.pursuit import PursuitPolicy
@@ -84,13 +86,15 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     """Return a configuration with the project's defaults among its hyperparameters, and the whole of its network.
 
     Raises:
-        ValueError: if the algorithm has no such hyperparameter (names the nearest), or updates are longer than the time
-            between checkpoints.
+        ValueError: if the algorithm has no such hyperparameter (names the nearest) or does not allow its value, or
+            updates are longer than the time between checkpoints.
     """
     algorithm = find_algorithm(config.algorithm)
     allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
+    for name, given in config.hyperparameters.items():
+        check_hyperparameter(name, given, _read(name, given, config, env.action_space), allowed[name].annotation)
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
@@ -115,12 +119,14 @@ def rollout_steps(config: TrainingConfig) -> int:
     """Return the environment steps between two updates."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
-    steps = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
-    if isinstance(steps, list | tuple):  # [number, "step" or "episode"]
-        steps = steps[0] if steps[1] == "step" else 1
-    if not isinstance(steps, int) or steps < 1:
-        raise ValueError(f"hyperparameters.{name} must be a whole number from 1, got {steps!r}")
-    return config.num_envs * steps
+    given = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
+    units = {"train_freq": ["step", "episode"][: 2 if config.num_envs == 1 else 1]}.get(name, [])
+    is_pair = isinstance(given, list | tuple) and len(given) == 2 and given[1] in units
+    steps, unit = given if is_pair else (given, "step")
+    if type(steps) is not int or steps < 1:
+        further = "".join(f", or [number, {one}]" for one in units)
+        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {given!r}")
+    return config.num_envs * (steps if unit == "step" else 1)
 
 
 def num_updates(config: TrainingConfig) -> int:
@@ -139,18 +145,32 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
         raise ValueError("device is 'cuda', but torch sees no GPU; allowed here are 'cpu' and 'auto'")
     torch.set_num_threads(config.torch_threads)
     config = complete(config, env)
-    arguments = _arguments(config, env.parts, env.action_space)
     try:
-        model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
-    except (TypeError, AssertionError) as error:
-        raise ValueError(f"{config.algorithm} cannot be made: {error}") from error
+        model = _construct(config, env)
+    except Exception as error:  # libraries raise many kinds
+        raise ValueError(f"{_find_culprit(config, env)}: {' '.join(str(error).split())}") from error
     network = _read_network(config, env.parts, env.action_space)
     if isinstance(network, DecisionNetworkConfig) and network.prior_policy != RULE:
-        model.policy.load_prior(FrontierScore.load(find_policy(network.prior_policy)))  # type: ignore[operator]
+        model.policy.load_prior(FrontierScore.load(find_policy(network.prior_policy)))
     if isinstance(network, GaussianNetworkConfig):
         with torch.no_grad():
             model.policy.get_parameter("action_net.bias")[::2] = network.speed
     return model
+
+
+def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Any:
+    arguments = _arguments(config, env.parts, env.action_space)
+    return find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
+
+
+def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> str:
+    """Return the first hyperparameter without which a model can be made; the algorithm if there is none."""
+    for name in config.hyperparameters:
+        others = {key: value for key, value in config.hyperparameters.items() if key != name}
+        with contextlib.suppress(Exception):
+            _construct(config.model_copy(update={"hyperparameters": others}), env)
+            return f"hyperparameters.{name}"
+    return f"{config.algorithm} cannot be made"
 
 
 class NoOptimizer:
@@ -280,6 +300,8 @@ def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Sp
     if isinstance(value, str) and value.startswith("lin_"):
         try:
             rate, updates = float(value.removeprefix("lin_")), num_updates(config)
+            if not 0.0 <= rate < math.inf:
+                raise ValueError
         except ValueError:
             raise ValueError(f"hyperparameters.{name}: {value!r} is not of the form lin_3e-4") from None
         # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.

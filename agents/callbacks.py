@@ -12,7 +12,7 @@ from stable_baselines3.common.utils import safe_mean
 from lidarnaut.agents.algorithms import rollout_steps
 from lidarnaut.agents.checkpoint import Checkpoint, save_checkpoint
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import LEARNED, Row
+from lidarnaut.agents.curves import LEARNED_NAMES, Row
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
 from lidarnaut.agents.run_folder import list_checkpoints, write_evaluations
@@ -80,7 +80,7 @@ class RunCallback(BaseCallback):
 
     def _on_rollout_start(self) -> None:
         every = self._config.evaluation.every
-        past = [int(row["steps"]) for row in self._evaluations if row["policy"] == LEARNED]
+        past = [int(row["steps"]) for row in self._evaluations if row["policy"] in LEARNED_NAMES]
         if not past or self.num_timesteps // every > past[-1] // every:
             self._evaluate()
         if not isinstance(self.model, OffPolicyAlgorithm):
@@ -121,8 +121,8 @@ class RunCallback(BaseCallback):
     def _evaluate(self) -> None:
         if not self._evaluations:
             for name in self._config.evaluation.references:
-                self._append(name, self._evaluator.reference(name))
-        row = self._append(LEARNED, self._evaluator.policy(self.model.policy))
+                self._append(self._evaluator.reference(name))
+        row = self._append(self._evaluator.policy(self.model.policy))
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
         # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
         for output in self.logger.output_formats:
@@ -130,8 +130,8 @@ class RunCallback(BaseCallback):
         title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
         write_evaluations(self._run, self._evaluations, title)
 
-    def _append(self, policy: str, summary: Row) -> Row:
-        row: Row = {"policy": policy, "steps": self.num_timesteps, **summary}
+    def _append(self, summary: Row) -> Row:
+        row: Row = {"policy": summary["policy"], "steps": self.num_timesteps, **summary}
         self._evaluations.append(row)
         return row
 

@@ -18,7 +18,7 @@ from safetensors import SafetensorError
 from torch import Tensor
 
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.agents.curves import Row
+from lidarnaut.agents.curves import Row, check_rows
 from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_checkpoints
 from lidarnaut.agents.trust import check_names
 from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read_bytes, write_folder
@@ -114,7 +114,7 @@ class Record(BaseModel):
     """Further numbers that the algorithm counts."""
     control_hz: FiniteFloat
     """Control steps per second of the environment."""
-    replay: dict[str, str] = {}
+    replay: dict[Annotated[str, Field(pattern=r"^\d{12}-\d{12}\.safetensors$")], str] = {}
     """Checksums of the replay buffer's files of transitions, oldest first; see `lidarnaut.agents.replay`."""
     evaluations: list[Row]
     """Rows of `evaluations.csv` so far."""
@@ -173,6 +173,8 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[
     try:
         # Undecodable text and broken JSON are ValueErrors alike, and so is JSON that nests too deeply for pydantic.
         record = Record.model_validate_json(read_bytes(folder / RECORD_FILE, MAX_JSON_BYTES))
+        if not policy_only:
+            check_rows(record.evaluations)
         for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
             content = read_bytes(folder / name)
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):

@@ -9,11 +9,11 @@ from stable_baselines3.common.policies import BasePolicy
 
 from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.curves import SCORES, Row
+from lidarnaut.agents.curves import LEARNED, SCORES, Row
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, run_episode
-from lidarnaut.baselines.explorer import Policy
+from lidarnaut.baselines.explorer import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.measures import Course, headline_of, measures_of
@@ -55,12 +55,14 @@ class Evaluator:
 
     def policy(self, policy: BasePolicy) -> Row:
         """Measure a policy's most likely actions; draws nothing from the global generators."""
-        return self.summarise(run_episodes(self._vector, Actor(policy), self._max_speed))
+        courses = run_episodes(self._vector, Actor(policy), self._max_speed)
+        return {"policy": marked(LEARNED, None, self._env)} | self.summarise(courses)
 
     def reference(self, name: str) -> Row:
         """Measure a classic policy, by name or `module:attribute`; ValueError if there is none for the task."""
-        episodes = [run_episode(self._env, self.make_reference(name), seed) for seed in range(self._episodes)]
-        return self.summarise([episode.course for episode in episodes])
+        policies = [self.make_reference(name) for _ in range(self._episodes)]
+        courses = [run_episode(self._env, policy, seed).course for seed, policy in enumerate(policies)]
+        return {"policy": marked(name, policies[0], self._env)} | self.summarise(courses)
 
     def make_reference(self, name: str) -> Policy:
         """Return a classic policy for the task; raises as `reference`."""
@@ -103,17 +105,17 @@ def run_episodes(
     observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all that there are have it
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
-    rows, courses = [{name: np.array(info[name]) for name in names}], dict[int, Course]()
+    rows, courses = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, Course]()
     starts = np.ones(vector.num_envs, dtype=np.bool_)
     while len(courses) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations, starts))
-        rows.append({name: np.array(info[name]) for name in names})
+        rows.append({name: np.array(info.get(name, math.nan * rows[0][name]), dtype=np.float64) for name in names})
         starts = np.asarray(terminated) | np.asarray(truncated)
         for i in np.flatnonzero(starts).tolist():
             final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}
             for name in names:
-                rows[-1][name][i] = final[name]
+                rows[-1][name][i] = final.get(name, math.nan)
             if i not in courses:
-                samples = {name: np.array([row[name][i] for row in rows], dtype=np.float64) for name in names}
+                samples = {name: np.array([row[name][i] for row in rows]) for name in names}
                 courses[i] = Course(samples, final, float(limits[i]), max_speed)
     return [courses[i] for i in range(vector.num_envs)]

@@ -34,6 +34,7 @@ from lidarnaut.agents.frontiers.score import RECORD_FILE
 from lidarnaut.agents.learned import find_policy, fingerprint
 from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
 from lidarnaut.agents.vec_env import Observations, make_env
+from lidarnaut.baselines.explorer import marked
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import write_file
@@ -81,7 +82,8 @@ def main(
     states = {"state_h": shape, "state_c": shape} if shape else {}
     with contextlib.closing(make_env(evaluation_environment(record.config), "test")) as env:
         inner: Any = lidar_env_of(env)
-        about = {"policy": policy, "sha256": fingerprint(folder), **_describe(record, inner), "states": states}
+        about = {"policy": marked(policy, None, env), "sha256": fingerprint(folder), **_describe(record, inner)}
+        about["states"] = states
         try:
             model = onnx.load_model_from_string(_trace(network, record, states))
             onnx.helper.set_model_props(model, {"lidarnaut": json.dumps(about, indent=1)})

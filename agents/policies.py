@@ -23,6 +23,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
       gets a copy, unless it has `is_team` and drives all of them.
     - A model with `predict(observation)`, which returns the action, alone or first in a tuple as in
       stable-baselines3. It is asked for `deterministic=True`, and given `action_masks` and `state`, if it takes them.
+      Its `reset(robot, control_period, rng)`, if it has one, is called before each episode.
     - Any other callable of one argument: gets the observation and returns the action.
     - A class, or a function without required arguments: makes one of these.
 
@@ -34,7 +35,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         ValueError: if it is none of them.
     """
     is_function = callable(value) and not hasattr(value, "act") and not hasattr(value, "predict")
-    if isinstance(value, type) or (is_function and not _required(value)):
+    if isinstance(value, type) or (is_function and _takes(value, 0)):
         value = value()
     if hasattr(value, "act"):
         if not hasattr(value, "reset"):
@@ -43,7 +44,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
             setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1
         return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
-    if callable(value) and not hasattr(value, "predict") and len(_required(value)) == 2:
+    if callable(value) and not hasattr(value, "predict") and _takes(value, 2) and not _takes(value, 1):
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
@@ -85,14 +86,14 @@ class CalledPolicy:
         self._state: Any = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return why it has stopped, its plan and how often it decides; None where it does not say."""
-        if name not in ("end_reason", "plan", "control_hz"):
+        """Return an optional attribute of the policy; None if the policy lacks it."""
+        if name not in ("end_reason", "plan", "control_hz", "uses_ground_truth"):
             raise AttributeError(name)
         return getattr(self._policy, name, None)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._state = None
-        if not self._predicts and hasattr(self._policy, "reset"):
+        if hasattr(self._policy, "reset") and (not self._predicts or _takes(self._policy.reset, 3)):
             self._policy.reset(robot, control_period, rng)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
@@ -111,15 +112,13 @@ class CalledPolicy:
         result = self._policy.predict(observation, **arguments)
         if not isinstance(result, tuple):
             return result
-        action, self._state = result
-        return action
+        self._state = result[1] if len(result) > 1 else None
+        return result[0]
 
 
-def _required(function: Callable[..., Any]) -> list[str]:
-    """Return the arguments that a function cannot be called without."""
+def _takes(function: Callable[..., Any], count: int) -> bool:
+    """Return True if a function can be called with `count` positional arguments."""
     try:
-        parameters = inspect.signature(function).parameters.values()
-    except ValueError:  # built-in functions may have no signature
-        return ["observation"]
-    kinds = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD, inspect.Parameter.KEYWORD_ONLY)
-    return [p.name for p in parameters if p.kind in kinds and p.default is inspect.Parameter.empty]
+        return inspect.signature(function).bind(*range(count)) is not None
+    except (TypeError, ValueError):  # built-in functions may have no signature
+        return False

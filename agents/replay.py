@@ -81,7 +81,7 @@ class ReplayFiles:
 
     def prune(self, run: Path) -> None:
         """Remove the files that no checkpoint of the run needs."""
-        needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE)["replay"]}
+        needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE).get("replay", {})}
         for path in self._folder.glob("*.safetensors"):
             if path.name not in needed:
                 path.unlink()

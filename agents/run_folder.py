@@ -16,7 +16,7 @@ from typing import Any
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.curves import Row, draw_learning_curve
-from lidarnaut.envs.files import Lock, dump_record, own_folder, sweep, write_file
+from lidarnaut.envs.files import Lock, dump_record, own_folder, read_bytes, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries whose versions a run records."""
@@ -37,6 +37,14 @@ class CheckpointError(RuntimeError):
 def list_checkpoints(run: Path) -> list[Path]:
     """Return the checkpoint folders of a run, oldest first."""
     return sorted(path for path in (run / "checkpoints").glob("step_*") if re.fullmatch(r"step_\d+", path.name))
+
+
+def count_done(path: Path) -> int:
+    """Return the generations of a run of evolution, or the steps of a checkpoint or of a run's newest; 0 if unknown."""
+    if (path / GENERATIONS).exists():
+        return read_bytes(path / GENERATIONS).count(b"\n")
+    names = [path.name, *(one.name for one in list_checkpoints(path))]
+    return max((int(name[5:]) for name in names if re.fullmatch(r"step_\d+", name)), default=0)
 
 
 def find_checkpoint(path: str | Path) -> Path:
@@ -78,9 +86,7 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
 
 
 def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
-    """Take a locked folder for a run: remove what a killed process left, write the configuration and the versions."""
-    for folder in (run, run / "checkpoints"):
-        sweep(folder)
+    """Write the configuration and the versions into a locked folder of a run."""
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))
@@ -95,15 +101,13 @@ def discard_after(checkpoint: Path) -> Path:
             aside = newer.with_name(newer.name + ".discarded")
             shutil.rmtree(aside, ignore_errors=True)
             newer.rename(aside)
-    for unfinished in (run / "checkpoints").glob(".step_*.tmp"):
-        shutil.rmtree(unfinished)
     return run
 
 
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
     """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
     write_table(run / "evaluations.csv", rows)
-    draw_learning_curve({"learned": rows}, title, run / "learning_curve.png", axis)
+    draw_learning_curve({str(rows[-1]["policy"]): rows}, title, run / "learning_curve.png", axis)
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:

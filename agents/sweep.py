@@ -2,9 +2,12 @@
 
 import contextlib
 import itertools
+import platform
 import re
 import time
+import traceback
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -17,17 +20,22 @@ from rich.text import Text
 from scipy import stats
 
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.curves import LEARNED, SCORES, draw_sweep, headline_of_rows, read_evaluations
+from lidarnaut.agents.curves import LEARNED, LEARNED_NAMES, SCORES, draw_sweep, headline_of_rows, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
-from lidarnaut.agents.run_folder import RECORD_FILE, SWEEP, CheckpointError, list_checkpoints, write_table
+from lidarnaut.agents.resume import check_changes
+from lidarnaut.agents.run_folder import SWEEP, CheckpointError, count_done, list_checkpoints, write_table
+from lidarnaut.agents.trust import resuming
 from lidarnaut.envs.command_line import make_console
-from lidarnaut.envs.files import LockedError, naming, own_folder, printable, read_bytes, read_json, write_file
+from lidarnaut.envs.files import naming, own_folder, printable, read_bytes, read_json, write_file
+from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
 """File of a run: the processor time that its process has taken [s], but for processes that were killed."""
+_apart: list[Executor] = []
+"""Pools of `_try_apart`."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,37 +72,53 @@ def run_sweep(
     run side by side on this machine; `progress`: whether to show progress bars, and to print the table.
 
     Raises:
-        ValueError: if a configuration is wrong, or trainings fail; the others go on.
+        ValueError: if a configuration is wrong, or trainings fail; the others go on. It has a line for each failure.
+        CheckpointError: if the folder holds trainings of another sweep, or a key changes that must not, see
+            `lidarnaut.agents.resume`.
         KeyboardInterrupt: on Ctrl-C; what is trained is kept, and the message names the folder.
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
+    folder = folder.absolute() if ray else folder  # for workers in other folders
     members = expand(data, source, folder)
+    for run in sorted(path.parent for path in folder.glob("*/config.yaml")):
+        if not (found := [member.config for member in members if member.run == run]):
+            raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
+        check_changes(found[0], "sweep", run)
+    pool: Any = contextlib.nullcontext()
+    if ray is not None:
+        pool = make_pool(None, ray, [member.config.model_dump() for member in members])
+    elif jobs > 1:
+        pool = ThreadPoolExecutor(jobs)
     own_folder(folder)
     write_file(folder / SWEEP, yaml.safe_dump(dict(data), sort_keys=False))
-    failures: dict[Path, Exception] = {}
+    failures: dict[Path, str] = {}
     bar = Progress(total=len(members), unit="training", disable=not progress)
-    calls: list[Callable[[], Any]] = [partial(train_member, member, progress=progress) for member in members]
+    calls: list[Callable[[], str]] = [partial(try_member, member, progress=progress) for member in members]
     try:
-        with bar, make_pool(jobs, ray) if ray or jobs > 1 else contextlib.nullcontext() as pool:
-            if pool is not None:
-                calls = [pool.submit(train_member, member).result for member in members]
+        with bar, pool:
+            if isinstance(pool, Executor):
+                calls = [pool.submit(try_member if ray else _try_apart, member).result for member in members]
             try:
                 for member, finish in zip(members, calls, strict=True):
                     try:
-                        finish()
-                    except (ValueError, CheckpointError, LockedError, OSError) as error:
-                        failures[member.run] = error
+                        failure = finish()
+                    except Exception as error:  # of a process that has died, or did not begin
+                        failure = _explain(error)
+                    failures |= {member.run: failure} if failure else {}
                     bar.update()
             except BaseException:
-                if pool is not None:
-                    stop(pool)
+                for one in (pool, *_apart) if isinstance(pool, Executor) else ():
+                    stop(one)
+                    one.shutdown(wait=False, cancel_futures=True)
                 raise
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"in a sweep; --resume {folder} goes on") from None
+        raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
     if failures:
-        said = "\n".join(f"{run.name}: {error}" for run, error in failures.items())
-        raise ValueError(f"{len(failures)} of {len(members)} trainings failed, --resume {folder} tries again:\n{said}")
+        said = "\n".join(f"{run.name}: {failure}" for run, failure in failures.items())
+        raise ValueError(
+            f"{len(failures)} of {len(members)} trainings failed, {resuming(folder, data)} tries again:\n{said}"
+        )
     return folder
 
 
@@ -123,8 +147,9 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
             continue
         settings = base
         for key, value in chosen.items():
-            is_named = isinstance(axes[key], dict)
-            settings = _merge(settings, axes[key][value]) if is_named else change(settings, {key: value})
+            if isinstance(named := axes[key], dict) and not isinstance(named[value], dict):
+                raise ValueError(f"{source}: sweep, {key}: {value} must hold settings, got {named[value]!r}")
+            settings = _merge(settings, named[value]) if isinstance(named, dict) else change(settings, {key: value})
         for seed in seeds:
             config = parse_config(change(settings, {"seed": seed}), source)
             if isinstance(config, TrainingConfig):
@@ -171,8 +196,35 @@ def is_finished(member: Member) -> bool:
     if isinstance(config, EvolutionConfig):
         record = run / POLICY / "policy.json"
         return record.exists() and read_json(record)["generation"] >= config.generations
-    saved = list_checkpoints(run)
-    return bool(saved) and read_json(saved[-1] / RECORD_FILE)["steps"] >= config.total_steps
+    return bool(list_checkpoints(run)) and count_done(run) >= config.total_steps
+
+
+def try_member(member: Member, *, progress: bool = False) -> str:
+    """Train one as `train_member`; return its failure in a line, with the file of the traceback, or an empty text."""
+    kept = member.run.with_name(f"{member.run.name}.traceback.txt")
+    if not (member.run.parent / SWEEP).exists():
+        return f"{platform.node()} does not reach {member.run.parent}, which all machines must share"
+    kept.unlink(missing_ok=True)
+    try:
+        train_member(member, progress=progress)
+    except (Exception, SystemExit) as error:
+        write_file(kept, traceback.format_exc())
+        return f"{_explain(error)} (traceback: {kept})"
+    return ""
+
+
+def _try_apart(member: Member) -> str:
+    """Train one as `try_member`, in a process of its own: one that dies takes no other with it."""
+    with make_pool(1, None) as pool:
+        _apart.append(pool)
+        with interrupts_held():
+            future = pool.submit(try_member, member)
+        return future.result()
+
+
+def _explain(error: BaseException) -> str:
+    """Return kind and text of an error in a line."""
+    return printable(" ".join(f"{type(error).__name__}: {error}".split())[:1000])
 
 
 def train_member(member: Member, *, progress: bool = False) -> None:
@@ -209,10 +261,11 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
         curves: dict[str, list[np.ndarray]] = {}
         for member in some:
             rows = read_evaluations(member.run)
-            learned, headline = [row for row in rows if row["policy"] == LEARNED], headline_of_rows(rows)
+            learned, headline = [row for row in rows if row["policy"] in LEARNED_NAMES], headline_of_rows(rows)
             last = {name: value for name, value in learned[-1].items() if name != SCORES}
             table.append({**member.values, "seed": member.config.seed, TIME: processor_time(member.run), **last})
-            curves.setdefault(member.label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
+            label = member.label + str(last["policy"]).removeprefix(LEARNED)
+            curves.setdefault(label, []).append(np.array([[row["steps"], row[headline]] for row in learned]))
         intervals = {label: interval(runs) for label, runs in curves.items()}
         picture = folder / (f"{_slug(group)}.png" if group else PICTURE)
         with naming(picture):

@@ -14,7 +14,8 @@ from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.evaluation import Evaluator
 from lidarnaut.agents.replay import ReplayFiles
-from lidarnaut.agents.run_folder import CheckpointError, discard_after, find_checkpoint, new_run, prepare_folder
+from lidarnaut.agents.resume import check_changes
+from lidarnaut.agents.run_folder import discard_after, find_checkpoint, new_run, prepare_folder
 from lidarnaut.agents.state import check_spaces, restore
 from lidarnaut.agents.trust import named_code
 from lidarnaut.agents.vec_env import make_vec_env
@@ -28,7 +29,8 @@ def train(
     """Train a policy; return the run folder.
 
     `run`: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. `resume`: run folder or checkpoint
-    folder to go on from, in whose run the results go, in place of `run`. `progress`: whether to show a progress bar.
+    folder to go on from, in whose run the results go, in place of `run`; see `lidarnaut.agents.resume` for the keys
+    that may change. `progress`: whether to show a progress bar.
 
     Raises:
         ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training
@@ -54,9 +56,7 @@ def train(
             run = held.enter_context(new_run(config, run))
         else:
             check_spaces(checkpoint.record, env.parts.spaces, env.action_space, str(source))
-            for name in ("algorithm", "network"):  # which weights and transitions must fit
-                if (asked := getattr(config, name)) != (needed := getattr(checkpoint.record.config, name)):
-                    raise CheckpointError(f"{source} holds another {name}: it needs {name}: {needed}, and not {asked}")
+            check_changes(config, "training", source, checkpoint.record.config)
             restore(model, checkpoint, source)
             run = discard_after(source)
             prepare_folder(run, config)

@@ -20,7 +20,7 @@ REGISTERED = {
     *(f"stable_baselines3.common.torch_layers:{name}" for name in _EXTRACTORS),
 }
 """Names with a colon that any record may hold."""
-_PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/].*|lidarnaut:lidarnaut/[\w-]+", re.DOTALL)
+_PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:

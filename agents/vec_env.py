@@ -3,6 +3,7 @@
 import contextlib
 import multiprocessing
 from collections.abc import Iterator, Sequence
+from functools import partial
 from itertools import chain
 from typing import Any, Literal
 
@@ -16,6 +17,7 @@ from stable_baselines3.common.vec_env import VecEnv
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
 from lidarnaut.agents.networks import flat_space, flatten
+from lidarnaut.baselines.episode import LastInfo
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.ids import arguments_of, find_spec
@@ -24,6 +26,11 @@ from lidarnaut.envs.vector import LidarVectorEnv
 Observations = dict[str, np.ndarray]
 """Observations of several environments, stacked along axis 0."""
 Split = Literal["train", "test"]
+
+
+def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
+    env = entry(**arguments)
+    return env if env is env.unwrapped else LastInfo(env)
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
@@ -53,8 +60,8 @@ def make_vector(
     entry: Any = spec.entry_point
     entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
-    if mode == "native" and isinstance(entry, type) and not hasattr(entry, "outcome"):
-        mode = "sync"  # an environment of another kind, which shards cannot step
+    if mode == "native" and (spec.additional_wrappers or (isinstance(entry, type) and not hasattr(entry, "outcome"))):
+        mode = "sync"  # wrappers of an id, or an environment of another kind, which shards cannot step
     if mode != "sync":
         # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
         settings["context"] = "spawn"
@@ -62,11 +69,13 @@ def make_vector(
             settings["context"] = "forkserver"
             multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once, not by each worker
     if mode != "native":
-        return gymnasium.make_vec(spec, num_envs, mode, settings, **arguments)
+        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)  # by a wrapper
+        return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
     settings["num_workers"] = config.num_workers
     if spec.vector_entry_point is not None:
         return gymnasium.make_vec(spec, num_envs, "vector_entry_point", **settings, **arguments)
-    return LidarVectorEnv(entry, num_envs, **settings, **{**spec.kwargs, **arguments})
+    settings["max_episode_steps"] = spec.max_episode_steps
+    return LidarVectorEnv(partial(_make, entry), num_envs, **settings, **{**spec.kwargs, **arguments})
 
 
 def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":

@@ -29,6 +29,17 @@ Watch = Callable[[Info], None]
 """Is called with `info` after the reset and after every step."""
 
 
+class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
+
+    def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
+        *outcome, terminated, truncated, info = self.env.step(action)
+        if (terminated or truncated) and not info.get("end_reason"):
+            reason = "time_limit" if truncated else "terminated"
+            info = {**info, **lidar_env_of(self.env).final_metrics(), "end_reason": reason}
+        return *outcome, terminated, truncated, info
+
+
 class Ended(NamedTuple):
     """How a loop ended."""
 
@@ -55,8 +66,7 @@ def run(
     take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
     decisions [s].
     """
-    decision_times: list[float] = []
-    watch = watch or (lambda _: None)
+    env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
     while len(decision_times) < max_steps:
         began = clock()
@@ -184,12 +194,12 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
     if is_team != getattr(policy, "is_team", False):
         hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
         raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, and not {inner.action_space}{hint}")
-    goal = None
+    goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
 
     def act(_: Observation) -> np.ndarray:
         nonlocal goal
-        if hasattr(policy, "set_goal") and goal is not inner.task.goal:
-            goal = inner.task.goal
+        if hasattr(policy, "set_goal") and goal is not (told := tell(inner.belief.pose)):
+            goal = told
             if hasattr(policy, "set_tolerances") and hasattr(inner.task, "heading_tolerance"):
                 policy.set_tolerances(inner.task.goal_tolerance, inner.task.heading_tolerance)
             policy.set_goal(goal)

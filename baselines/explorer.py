@@ -2,8 +2,9 @@
 
 import copy
 from collections.abc import Sequence
-from typing import Protocol, runtime_checkable
+from typing import Any, Protocol, runtime_checkable
 
+import gymnasium
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
@@ -17,9 +18,10 @@ class Policy(Protocol):
 
     Further attributes say more: `observations` (the parts of the observation that it needs, as environments take them),
     `control_hz` (how often it decides: where the environment steps more often, actions are repeated), `level`
-    ("decision" if it chooses frontiers). A method `set_goal(goal)` is given the goal of a task that has one, a pose in
-    the map frame, at the start and whenever it changes, and before it `set_tolerances(distance, heading)` the
-    tolerances [m, rad] of a task that may ask for a heading; `set_route(route)` a task's route.
+    ("decision" if it chooses frontiers), `uses_ground_truth` (see `marked`). A method `set_goal(goal)` is given the
+    goal of a task that has one, a pose in the map frame, at the start and whenever it changes, and before it
+    `set_tolerances(distance, heading)` the tolerances [m, rad] of a task that may ask for a heading; `set_route(route)`
+    a task's route. Of a goal whose bearing alone is given, that pose is a point in its direction.
     """
 
     @property
@@ -65,6 +67,21 @@ class Omniscient(Protocol):
         """
 
 
+GROUND_TRUTH = " (ground truth)"
+"""End of the name of a policy that uses ground truth, in rows, curves and pages; no other name ends so."""
+
+
+def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
+    """Return the name of a policy, with `GROUND_TRUTH` if it uses some.
+
+    It does if it is `Omniscient` or has `uses_ground_truth`, or if `env` has and it acts by observations, as None does.
+    """
+    uses_it = isinstance(policy, Omniscient) or getattr(policy, "uses_ground_truth", False)
+    if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
+        uses_it = uses_it or env.get_wrapper_attr("uses_ground_truth")
+    return name + GROUND_TRUTH if uses_it else name
+
+
 class OnePerRobot:
     """A team in which every robot is driven by a copy of the same explorer, by itself.
 
@@ -76,6 +93,7 @@ class OnePerRobot:
 
     def __init__(self, explorer: Explorer) -> None:
         self._explorer, self._explorers = explorer, list[Explorer]()
+        self.uses_ground_truth = getattr(explorer, "uses_ground_truth", False)
 
     @property
     def end_reason(self) -> str | None:

@@ -16,10 +16,11 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure as Picture
 
-from lidarnaut.agents.curves import LEARNED, SCORES, read_evaluations
+from lidarnaut.agents.curves import LEARNED_NAMES, SCORES, read_evaluations
 from lidarnaut.agents.run_folder import SWEEP
 from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
 from lidarnaut.agents.vec_env import make_env
+from lidarnaut.baselines.explorer import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
 from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
 from lidarnaut.benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
@@ -72,7 +73,7 @@ class Task:
     @property
     def classic(self) -> str:
         """The best classic policy."""
-        return next((name for name in self.references if name != RANDOM), "")
+        return next((name for name in self.references if name != RANDOM and not name.endswith(GROUND_TRUTH)), "")
 
     @property
     def sign(self) -> float:
@@ -103,14 +104,14 @@ def read_task(name: str, members: Sequence[Member]) -> Task:
     measure = headline_of(lidar_env_of(env).task.measures)
     env.close()
     sign = -1.0 if measure.higher_is_better else 1.0
-    rows = [row for run in done.values() for row in run if row["policy"] != LEARNED]
+    rows = [row for run in done.values() for row in run if row["policy"] not in LEARNED_NAMES]
     found = {str(row["policy"]): _numbers(row[SCORES])[None] for row in rows}
     references = dict(sorted(found.items(), key=lambda item: sign * item[1].mean()))
     steps, scores, times = dict[str, np.ndarray](), dict[str, np.ndarray](), dict[str, float]()
     finished = [member for member in members if member.run in done]
     for algorithm, some in groupby(finished, lambda member: str(member.config.algorithm)):
         runs = [member.run for member in some]
-        curves = [[row for row in done[run] if row["policy"] == LEARNED] for run in runs]
+        curves = [[row for row in done[run] if row["policy"] in LEARNED_NAMES] for run in runs]
         steps[algorithm] = np.array([row["steps"] for row in curves[0]])
         scores[algorithm] = np.array([[_numbers(row[SCORES]) for row in rows] for rows in zip(*curves, strict=True)])
         times[algorithm] = float(np.mean([processor_time(run) for run in runs]))

@@ -13,9 +13,8 @@ from typing import NamedTuple
 from rich.console import Console
 
 from lidarnaut.agents.config import TrainingConfig, change
-from lidarnaut.agents.curves import LEARNED as LEARNS
+from lidarnaut.agents.curves import LEARNED_NAMES, draw_learning_curve, read_evaluations
 from lidarnaut.agents.curves import Row as CurveRow
-from lidarnaut.agents.curves import draw_learning_curve, read_evaluations
 from lidarnaut.benchmarks.arena.episodes import Episodes
 from lidarnaut.benchmarks.arena.leaderboard import ranking_table
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Frame, Section, Table, to_html
@@ -177,8 +176,8 @@ def check_learning(evaluations: Sequence[CurveRow], task: str) -> str:
     Raises:
         RuntimeError: if it does not end above `RIVAL`.
     """
-    shares = [float(row["success"]) for row in evaluations if row["policy"] == LEARNS]
-    others = {str(row["policy"]): float(row["success"]) for row in evaluations if row["policy"] != LEARNS}
+    shares = [float(row["success"]) for row in evaluations if row["policy"] in LEARNED_NAMES]
+    others = {str(row["policy"]): float(row["success"]) for row in evaluations if row["policy"] not in LEARNED_NAMES}
     if not shares[-1] > others[RIVAL]:
         raise RuntimeError(
             f"the training did not help: in {task}, PPO reached {shares[0]:.0%} of its goals before and "

@@ -1,20 +1,32 @@
-"""Compiled kernels: where they are kept, by which process each is made, and a progress bar meanwhile."""
+"""Compiled kernels: their cache on disk, a lock so that one process compiles each, and a progress bar.
+
+The cache is optional. A kernel whose files cannot be read or written is compiled in memory, with one warning.
+"""
 
 import contextlib
+import errno
 import gc
 import hashlib
 import logging
 import multiprocessing
 import os
+import pickle
+import platform
 import re
+import stat
+import sys
+import tempfile
+import time
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
 
 import numba
 from numba.core import caching, event
+from numba.core.compiler import CompileResult
 from numba.core.compiler_lock import global_compiler_lock
 from numba.core.dispatcher import Dispatcher
+from numba.core.serialize import dumps
 from tqdm import tqdm
 
 try:
@@ -22,35 +34,89 @@ try:
 except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
+NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
+"""Wait for a process that compiles a kernel before a warning names it, and before this one compiles it, too [s]."""
 _log = logging.getLogger("lidarnaut")
+_warned: set[tuple[str, str]] = set()
+_USER = os.geteuid() if hasattr(os, "geteuid") else None
 _ROOT = os.path.dirname(os.path.dirname(os.path.dirname(os.path.abspath(__file__))))
 _OWN = re.compile(r"lidarnaut\b")
 _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*))?", re.MULTILINE)
 
 
-class SourceLocator(caching._SourceFileBackedLocatorMixin, caching._CacheLocator):
-    """Lets Numba keep kernels in the user's cache folder, by their source and that of all modules they import.
+class KernelCache(caching.NullCache):
+    """Keeps the code of a kernel in a file for each signature: the hash of the rest, then key and code, pickled.
 
-    By itself Numba keeps them beside their file and compares that file alone: each new checkout compiles all of them
-    again, and an outdated kernel stays in use where another one that it calls has changed. The folder is
-    `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`; where it cannot be written, Numba's own apply.
+    By itself Numba keeps kernels beside their source and compares that file alone: each new checkout compiles all of
+    them again, and an outdated kernel stays in use where another one that it calls has changed. The folder is
+    `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`. If it cannot be used, the folder is
+    `lidarnaut-UID` among the temporary files. Loading a kernel executes its file: other users must not write there.
     """
 
-    def __init__(self, py_func: Any, py_file: str) -> None:
-        self._py_file, self._lineno = py_file, py_func.__code__.co_firstlineno
+    def __init__(self, py_func: Any) -> None:
+        """Choose the folder. OSError if there is none, or if a source file cannot be read."""
+        source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
+        self._module = f"{_name(source)}-{_hash(source)[:16]}"
+        self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
+        home = os.environ.get("XDG_CACHE_HOME", "")
+        home = home if os.path.isabs(home) else os.path.join(os.path.expanduser("~"), ".cache")
+        named = numba.config.CACHE_DIR  # type: ignore[attr-defined]
+        self._base, self._closed = os.path.realpath(named or os.path.join(home, "lidarnaut")), 0o002
+        try:
+            if not named and not os.path.isabs(home):
+                raise OSError(errno.ENOENT, "the home folder is unknown", home)
+            self.path()
+        except OSError as error:
+            self._base, self._closed = os.path.join(tempfile.gettempdir(), f"lidarnaut-{_USER}"), 0o077
+            self.path()
+            if multiprocessing.parent_process() is None:  # a worker's parent has said so
+                _warn("compiled kernels are kept in %s: %s", self._base, error)
 
-    @classmethod
-    def from_function(cls, py_func: Any, py_file: str) -> Any:
-        """Return the locator of a function, None where it is not one of this project or nothing can be written."""
-        return super().from_function(py_func, py_file) if _OWN.match(_name(py_file)) else None
+    def path(self, key: Any = None) -> str:
+        """Return the path of a key's file, or of the lock. OSError if its folder is open to others or not made."""
+        for folder in (self._base, os.path.join(self._base, self._module)):
+            os.makedirs(folder, 0o755 & ~self._closed, exist_ok=True)
+            state = os.lstat(folder)
+            is_closed = state.st_mode & stat.S_ISVTX or not state.st_mode & self._closed
+            is_own = _USER is None or (state.st_uid in (0, _USER) and is_closed)
+            if not is_own or not stat.S_ISDIR(state.st_mode):
+                raise OSError(errno.EPERM, "it is a symbolic link, or another user owns it or may write to it", folder)
+        end = "lock" if key is None else f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}.nbc"
+        return os.path.join(folder, f"{self._kernel}.{end}")
 
-    def get_cache_path(self) -> str:
-        home = os.environ.get("XDG_CACHE_HOME") or os.path.join(os.path.expanduser("~"), ".cache")
-        folder = numba.config.CACHE_DIR or os.path.join(home, "lidarnaut")  # type: ignore[attr-defined]
-        return os.path.join(folder, f"{_name(self._py_file)}-{self.get_source_stamp()[:16]}")
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return the code for a signature; None if there is none, or its file cannot be used."""
+        target_context.refresh()
+        key, path = (sig, target_context.codegen().magic_tuple()), self._base
+        try:
+            path = self.path(key)
+            with open(path, "rb") as file:
+                digest, content = file.read(32), file.read()
+            if hashlib.sha256(content).digest() != digest:
+                raise ValueError("it is damaged")
+            kept, code = pickle.loads(content)
+            return CompileResult._rebuild(target_context, *code) if kept == key else None
+        except (FileNotFoundError, ImportError, AttributeError):  # or a record that it takes is in another module now
+            pass
+        except Exception as error:
+            _warn("%s is compiled again: %s", path, error)
+        return None
 
-    def get_source_stamp(self) -> str:
-        return _hash(self._py_file)
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the code for a signature, if its file can be written and the code has no addresses of this process."""
+        if data.library.has_dynamic_globals:
+            return
+        key, path = (sig, data.codegen.magic_tuple()), self._base
+        content = dumps((key, data._reduce()))
+        try:
+            path = self.path(key)
+            with open(f"{path}.{os.getpid()}", "wb") as file:
+                file.write(hashlib.sha256(content).digest() + content)
+            os.replace(file.name, path)
+        except OSError as error:
+            _warn("%s is not kept: %s", path, error)
+            with contextlib.suppress(OSError):
+                os.remove(f"{path}.{os.getpid()}")
 
 
 class _Progress(event.Listener):
@@ -115,50 +181,69 @@ def _name(path: str) -> str:
     return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
+def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) -> None:
+    """Give a kernel of this project its cache. Warn if no folder can be used: it is compiled in memory then."""
+    if not _OWN.match(_name(dispatcher.py_func.__code__.co_filename)):
+        return enable(dispatcher)
+    try:
+        dispatcher._cache = KernelCache(dispatcher.py_func)
+    except OSError as error:
+        _warn("compiled kernels, such as those of %s, are not kept: %s", dispatcher.py_func.__module__, error)
+
+
 def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> Any:
     """Compile a kernel in one process; others that need it, too, wait until it is kept, and load it."""
-    if not (dispatcher._cache.cache_path and _OWN.match(dispatcher.py_func.__module__)):
+    if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
-    path = os.path.join(dispatcher._cache.cache_path, f".{dispatcher._cache._impl.filename_base}")
-    with global_compiler_lock, _lock(path), _garbage_kept():  # Numba's lock first: threads take both in one order
-        return compile(dispatcher, sig)
+    with global_compiler_lock, _lock(dispatcher, sig):  # Numba's lock first: threads take both in one order
+        is_on = gc.isenabled()
+        gc.disable()  # it takes a good part of a compilation's time and finds little
+        try:
+            return compile(dispatcher, sig)
+        finally:
+            if is_on:
+                gc.enable()
 
 
 @contextlib.contextmanager
-def _lock(path: str) -> Iterator[None]:
-    """Wait until no other process holds the lock of a file, and hold it; where there are no locks, go on.
+def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
+    """Hold the lock of a kernel that is not kept yet, once no other process does; go on without it if there are none.
 
     Not by `lidarnaut.envs.files.Lock`: an edit of what this module imports would have all kernels compiled again.
     """
+    cache, begin = dispatcher._cache, time.monotonic()
+    hangs = "the lock %s stays with %s: this process compiles the kernel, too"
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError):  # a folder removed meanwhile, or a file system without locks
-            file = stack.enter_context(open(path, "w"))
-            if fcntl is not None:
-                fcntl.flock(file, fcntl.LOCK_EX)
+        with contextlib.suppress(OSError, AttributeError):  # no folder, no space, no locks; Windows
+            path, kept = cache.path(), cache.path((sig, dispatcher.targetctx.codegen().magic_tuple()))
+            descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
+            stack.callback(os.close, descriptor)
+            while not os.path.exists(kept):
+                try:
+                    fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                    os.ftruncate(descriptor, 0)
+                    os.write(descriptor, f"process {os.getpid()} on {platform.node()}".encode())
+                    break
+                except BlockingIOError:
+                    holder = os.pread(descriptor, 300, 0).decode(errors="replace") or "another process"
+                waited = time.monotonic() - begin
+                if waited > GIVE_UP_AFTER or (hangs, holder) in _warned:
+                    _warn(hangs, path, holder)
+                    break
+                if waited > NAME_HOLDER_AFTER:
+                    _warn("waiting for the lock %s of %s, which compiles a kernel", path, holder)
+                time.sleep(0.01)
         yield
 
 
-@contextlib.contextmanager
-def _garbage_kept() -> Iterator[None]:
-    """Put the garbage collector off, which takes a good part of a compilation's time and finds little."""
-    is_on = gc.isenabled()
-    gc.disable()
-    try:
-        yield
-    finally:
-        if is_on:
-            gc.enable()
+def _warn(text: str, subject: str, reason: object) -> None:
+    """Log a warning, once for each reason and not for each kernel."""
+    cause = text, str(getattr(reason, "strerror", None) or reason)
+    if cause not in _warned:
+        _warned.add(cause)
+        _log.warning(text, subject, reason)
 
 
-def _load_index(file: Any, load: Any = caching.IndexDataCacheFile._load_index) -> dict[Any, str]:
-    """Return the kernels of a file that are kept; none where a record that one takes is in another module now."""
-    try:
-        return load(file)
-    except (ImportError, AttributeError):
-        return {}
-
-
-caching.IndexDataCacheFile._load_index = _load_index  # type: ignore[method-assign]
+Dispatcher.enable_caching = _enable_caching  # type: ignore[method-assign, assignment]
 Dispatcher.compile = _compile  # type: ignore[method-assign, assignment]
-caching.CacheImpl._locator_classes.insert(0, SourceLocator)
 event.register("numba:compile", _Progress())

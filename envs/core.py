@@ -1,8 +1,10 @@
 """The environment: simulation + estimation + task + observations, for one robot or several."""
 
+import contextlib
+import copy
 import inspect
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -28,7 +30,7 @@ from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_s
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.crowd.params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
-from lidarnaut.envs.task import Task
+from lidarnaut.envs.task import Task, total
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
@@ -36,6 +38,8 @@ NO_TRACKS = np.empty((0, 5))
 """Nobody is tracked."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
 """What a vector environment does for many environments at once, if none of them does it in its own way."""
+WORLDS = 2**32 - 1
+"""Spawn key of the generator of worlds, which `Generator.spawn` does not reach."""
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -66,9 +70,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
       sees, see `lidarnaut.envs.navigation.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
+    - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
+      `DataCollector(record_infos=True)` needs. Entries of the last step are NaN, empty or `False` before it.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
+    uses_ground_truth: bool = False
+    """Whether observations hold ground truth: with a part that says so, or in a subclass of the user's own."""
 
     def __init__(
         self,
@@ -86,6 +94,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         clip_actions: bool = False,
         collision_monitor: bool = False,
         render_mode: str | None = None,
+        fixed_info: bool = False,
         **settings: Any,
     ) -> None:
         """Assemble an environment for a task, a subclass of `lidarnaut.envs.task.Task` or `module:attribute` of one.
@@ -149,13 +158,16 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             is_observed = any(isinstance(part, Tracks) for part in self.parts.values())
             if is_observed or (has_map if track_people is None else track_people):
                 one.track_people()
+        self.uses_ground_truth |= any(getattr(part, "uses_ground_truth", False) for part in self.parts.values())
         self._layout: list[tuple[str, Any, Any]] = [
             (name, space[name].shape, space[name].dtype) for name in space.spaces
         ]
         self._action_shape = (num_robots, 2) if self._is_team else (2,)
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
-        self._prepared: tuple[Mapping[str, Any], World] | None = None
-        self._has_begun = False
+        self._root: np.random.Generator | None = None
+        self._prepared: tuple[Any, ...] = (None,) * 4
+        self._has_begun, self._fixed_info = False, fixed_info
+        self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
             one.peers = [*self.robots[:k], *self.robots[k + 1 :]]
@@ -184,7 +196,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
         self._has_begun = False  # unless all of it succeeds
-        self.world = task.place(self._next_world(options, seed is not None), options.get("start"))
+        self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         if self._randomization is not None:
@@ -214,6 +226,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                     part.reset(robot)
         self._set_time_limit(usual)
         self.plans, self.tracks = [None] * num_robots, NO_TRACKS
+        for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
+            self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
         self._has_begun = True
         if self.on_period is not None:
             self.on_period(None)
@@ -225,17 +239,29 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Raises:
             ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1] and is not clipped.
-            gymnasium.error.ResetNeeded: if no episode has begun.
+            gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        outcome = self.outcome()
-        if self.render_mode == "human":
-            self.render()
-        return self.observe(), *outcome
+        with self.whole_step():
+            observation, outcome = self.observe(), self.outcome()
+            if self.render_mode == "human":
+                self.render()
+        return observation, *outcome
 
     def apply(self, action: Any) -> None:
         """Drive for one control period without an observation or outcome; raises as `step`."""
-        self.advance(self.twists(action))
+        commands = self.twists(action)
+        with self.whole_step():
+            self.advance(commands)
+
+    @contextlib.contextmanager
+    def whole_step(self) -> Iterator[None]:
+        """Require a reset before the next step if the block, a part of a step, raises an exception."""
+        try:
+            yield
+        except BaseException:
+            self._has_begun = False
+            raise
 
     def twists(self, action: Any) -> list[Twist]:
         """Return the twists that an action commands, and let the robots remember it; raises as `step`."""
@@ -261,9 +287,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return [Twist(v, w) for v, w in commands.tolist()]
 
     def check_begun(self) -> None:
-        """Raise `gymnasium.error.ResetNeeded` if no episode has begun: `reset` was not called, or failed."""
+        """Raise `gymnasium.error.ResetNeeded` if `reset` was not called, or the last reset or step has failed."""
         if not self._has_begun:
-            raise gymnasium.error.ResetNeeded(f"call reset of {type(self).__name__} first: no episode has begun")
+            message = f"call reset of {type(self).__name__} first: no episode has begun, or a step has failed"
+            raise gymnasium.error.ResetNeeded(message)
 
     def advance(self, commands: Sequence[Twist]) -> None:
         """Drive for one control period without making observation, reward or info."""
@@ -301,13 +328,21 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last control period, truncated here if `is_last`."""
         rewards = self.task.rewards.terms(self.task.quantities())
+        return self.judge(rewards, self.info(rewards), is_last)
+
+    def judge(
+        self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
+    ) -> tuple[float, bool, bool, dict[str, Any]]:
+        """Return the outcome of a step by its reward terms and info; a `reason` terminates an episode that goes on."""
         terminated, truncated = self.is_over
-        truncated = truncated or (is_last and not terminated)
-        info = self.info(rewards)
         if terminated or truncated:
-            info |= self.final_metrics()
-            info["end_reason"] = self.task.end_reason or "time_limit"
-        return sum(rewards.values()), terminated, truncated, info
+            reason = self.task.end_reason
+        else:
+            terminated = reason is not None
+        truncated |= is_last
+        if terminated or truncated:
+            info = info | self.final_metrics() | {"end_reason": reason or "time_limit"}
+        return total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
         """Return what `info` tells at the end of an episode as well: of the task, and of people where there are any."""
@@ -325,6 +360,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} has {own[0]} of its own"
+        if self._fixed_info:
+            return "info has entries of the last step in every step"
         return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
     @property
@@ -343,16 +380,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def write_part(self, name: str, out: np.ndarray) -> None:
         """Write a part of the observation."""
-        part = self.parts[name]
-        if self._is_team:
-            for robot, row in zip(self.robots, out, strict=True):
-                part.write(robot, row)
-        else:
-            part.write(self.robots[0], out)
+        part: Any = self.parts[name]
+        shows_truth = bool(getattr(part, "uses_ground_truth", False))
+        for robot, truth, row in zip(self.robots, self.truths, out if self._is_team else (out,), strict=True):
+            part.write(robot, row, *(truth,) * shows_truth)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
         """Return what there is to tell of this moment."""
-        info: dict[str, Any] = self.task.metrics()
+        info: dict[str, Any] = self._blank | self.task.metrics()
         rows = self.rows.numbers
         if self._randomization is not None:
             info["randomized"] = dict(self.randomized)
@@ -366,18 +401,20 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return info
 
     def prepare(self) -> None:
-        """Draw the world of the next episode ahead of time; a `reset` with a seed or a world throws it away.
+        """Draw the world of the next episode ahead of time, if it depends on the generator of worlds alone.
 
-        May run in another thread between two resets: nothing else draws from the environment's generator meanwhile.
+        May run in another thread between two resets. A `reset` with a seed or a world, or another sampler of the task
+        by then, discards it.
         """
-        if self._prepared is None:
-            state = self.np_random.bit_generator.state
-            self._prepared = state, self.task.draw_world(None, self.np_random)
+        sampler = self.task.sampler_ahead
+        if sampler is not None and self._root is self.np_random:
+            before, after = self._world_rng, copy.deepcopy(self._world_rng)
+            self._prepared = sampler, before, after, self.task.draw_world(None, after)
 
     @property
     def rows(self) -> Rows:
         """What the robots' readings, poses and true states are views of."""
-        return self.robots[0].rows
+        return self.simulator.rows
 
     @property
     def time(self) -> float:
@@ -449,15 +486,25 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._set_time_limit(self.time + self.task.set_goal(goal))
         self.plan = None
 
-    def _next_world(self, options: Mapping[str, Any], is_seeded: bool) -> World:
-        """Return the world of an episode: the prepared one if it is the one that would be drawn now."""
-        prepared, self._prepared = self._prepared, None
-        if prepared is not None and not is_seeded:
-            state, world = prepared
-            if "world" not in options:
-                return world
-            self.np_random.bit_generator.state = state
-        return self.task.draw_world(options.get("world"), self.np_random)
+    def _next_world(self, wanted: Any) -> World:
+        """Return the world of an episode, prepared or drawn now; `wanted` as for `Task.draw_world`.
+
+        The first one after a seed comes from the seeded generator, the following ones from a generator of their own.
+        """
+        (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
+        if self._root is not self.np_random:
+            self._root, root = self.np_random, self.np_random.bit_generator.seed_seq
+            key = (*root.spawn_key, WORLDS)  # type: ignore[attr-defined]
+            self._world_rng = np.random.default_rng(np.random.SeedSequence(root.entropy, spawn_key=key))  # type: ignore[attr-defined]
+            return self.task.draw_world(wanted, self.np_random)
+        if wanted is None and before is self._world_rng and sampler is self.task.sampler_ahead:
+            self._world_rng = after
+            return world
+        rng = copy.deepcopy(self._world_rng)  # `prepare` may copy it at this moment
+        try:
+            return self.task.draw_world(wanted, rng)
+        finally:
+            self._world_rng = rng
 
     def _set_time_limit(self, usual: float) -> None:
         if self._time_limit is None:
@@ -481,7 +528,8 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
         )
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
-        raise TypeError(f"task {kind.__name__} has no argument {explain_unknown(unknown[0], allowed)}")
+        hint = explain_unknown(unknown[0], allowed)
+        raise TypeError(f"task {kind.__name__} got an unexpected keyword argument {hint}")  # as Python words it
     made: Task = kind(**settings)
     return made
 

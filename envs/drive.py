@@ -8,8 +8,7 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     compute_velocity_command,
     update_obstacles,
 )
-from lidarnaut.envs.observations.scan import ONE
-from lidarnaut.envs.robot import SCAN
+from lidarnaut.envs.robot import ONE, SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import note_positions, update_robots

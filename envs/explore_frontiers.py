@@ -186,10 +186,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
         Raises:
             ValueError: if the action is not an integer from 0 to `max_candidates` - 1.
-            gymnasium.error.ResetNeeded: if no episode has begun.
+            gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        return self.observe(), *self.outcome()
+        with self.explore.whole_step():
+            return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
         """Drive until the next decision is due, without an observation or outcome; raises as `step`."""
@@ -197,26 +198,19 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
         self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
-        self._path_length = sum(truth.path_length for truth in self.explore.truths)
+        self._path_length = float(np.sum([truth.path_length for truth in self.explore.truths]))
         self._taken = min(int(action), len(self.candidates) - 1)
-        self._choose(self._taken)
-        self._result = self._drive()
-        is_explored = self._task.is_returning or len(self.candidates) == 0
-        if self._task.return_home and is_explored and not any(self.explore.is_over):
-            self._home_reason = self._drive_home()
+        with self.explore.whole_step():
+            self._choose(self._taken)
+            self._result = self._drive()
+            is_explored = self._task.is_returning or len(self.candidates) == 0
+            if self._task.return_home and is_explored and not any(self.explore.is_over):
+                self._home_reason = self._drive_home()
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
         """Return reward, terminated, truncated and info of the last decision; see `LidarEnv.outcome`."""
-        explore, info = self.explore, self._info()
-        terminated, truncated = explore.is_over
-        reason = explore.task.end_reason
-        if not (terminated or truncated) and self._end_reason:
-            terminated, reason = True, self._end_reason
-        truncated = truncated or (is_last and not terminated)
-        if terminated or truncated:
-            info |= explore.final_metrics()
-            info["end_reason"] = reason or "time_limit"
-        return sum(info["rewards"].values()), terminated, truncated, info
+        info = self._info()
+        return self.explore.judge(info["rewards"], info, is_last, self._end_reason)
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         """Return the observation in fresh arrays, or write it to the arrays of `out`, which may lack the `map`."""
@@ -368,7 +362,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         env.finish()
         self._note(count, num_contacts)
         reading, belief = robot.reading, robot.belief
-        if int(robot.row[at.FLAGS]) & SCAN:
+        if int(rows.numbers[0, at.FLAGS]) & SCAN:
             navigator.integrate(belief)
         if any(env.is_over):
             navigator.find_candidates(reading, belief)

@@ -23,7 +23,7 @@ def find_spec(id: str) -> EnvSpec:
         ValueError: if there is no such module, or no such id; lists those that there are.
     """
     module, _, name = id.rpartition(":")
-    if module:
+    if module and not name.startswith(("/", "\\")):  # a path that begins with a drive is no id
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
         try:

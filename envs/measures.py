@@ -38,8 +38,9 @@ class CourseRecorder:
     def watch(self, info: Mapping[str, Any]) -> None:
         """Take a sample: of the reset, or of a step."""
         if not self._rows:
-            self._names = [name for name, value in info.items() if np.asarray(value).dtype.kind in "biuf"]
-        self._rows.append([info[name] for name in self._names])
+            numbers = {name: value for name, value in info.items() if not isinstance(value, list | tuple | dict)}
+            self._names = [name for name, value in numbers.items() if np.asarray(value).dtype.kind in "biuf"]
+        self._rows.append([info.get(name, math.nan) for name in self._names])
 
     def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
         """Return the course of an episode that has ended with an `info`; see `Course` for the other arguments."""

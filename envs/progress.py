@@ -7,11 +7,17 @@ from typing import Any
 
 from tqdm import tqdm
 
+from lidarnaut.envs.files import printable
+
 
 class Progress(tqdm):
     """A bar of tqdm; where the output is no terminal, a line every ten seconds, and one at the end if it stays."""
 
     _due = 0.0
+
+    def __str__(self) -> str:
+        """Return the bar as text, with control characters of names escaped."""
+        return printable(super().__str__())
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:  # type: ignore[override]
         """Show the bar, or `msg` in its place."""

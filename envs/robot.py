@@ -1,7 +1,8 @@
 """One robot: its readings, its estimates of pose and map, the path that it took, and beside it the true one."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,7 +28,8 @@ SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """What is left to do for a robot: process its scan, which corrects the pose; remember its estimated position; remember
 its true position."""
 
-
+ONE = np.ones(1, dtype=np.bool_)
+"""Of one robot: it is active."""
 FAR, LATE = 10.0, 10.0
 """Gaps to people and times to collision beyond this count as this [m, s]."""
 
@@ -74,10 +76,8 @@ def _follows_odometry(slam: Any) -> bool:
 class Robot:
     """A robot with its sensors, odometry and estimator: a view of its row, and its map.
 
-    The row is one of `lidarnaut.envs.simulation.records`.
-
-    Holds no ground truth. What it is told of its true motion, where users ask for `slam="truth"`, reaches the estimator
-    alone.
+    The row is one of `lidarnaut.envs.simulation.records`. Public attributes show no ground truth: true motion, where
+    users ask for `slam="truth"`, reaches the estimator alone.
     """
 
     def __init__(
@@ -115,15 +115,26 @@ class Robot:
         return self.estimator.belief
 
     @property
+    def _row(self) -> np.ndarray:
+        return self._rows.numbers[self.index]
+
+    @property
     def row(self) -> np.ndarray:
-        """Its numbers, shape (ROW_SIZE,), float64; a view."""
-        return self.rows.numbers[self.index]
+        """A copy of its numbers, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for any contact."""
+        row = at.SENSED * self._row
+        row[at.TOUCHED] = row[at.TOUCHED] > 0.0
+        return row
+
+    def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
+        """Return this robot as a `Batch` of one for `RowPart.write_rows`, with the memories of these names."""
+        kept = {name: self._rows.memory[name][self.index, None] for name in memory}
+        return SimpleNamespace(robots=[self], numbers=self.row[None], ranges=self.ranges[None], memory=kept, active=ONE)
 
     @property
     def reading(self) -> Reading:
         """The last reading; made when somebody asks for it."""
-        if self._reading.time != self.row[at.TIME]:
-            self._reading = self.rows.reading(self.index)
+        if self._reading.time != self._row[at.TIME]:
+            self._reading = self._rows.reading(self.index)
         return self._reading
 
     @reading.setter
@@ -133,42 +144,42 @@ class Robot:
     @property
     def ranges(self) -> np.ndarray:
         """The last scan, as in its reading; a view that the next one overwrites."""
-        return self.rows.ranges[self.index]
+        return self._rows.ranges[self.index]
 
     @property
     def bumper(self) -> bool:
         """Whether the body touched anything during the last period."""
-        return bool(self.row[at.TOUCHED] > 0.0)
+        return bool(self._row[at.TOUCHED] > 0.0)
 
     @property
     def twist(self) -> Twist:
         """Velocity by odometry, or by the estimator where it gives one."""
-        return Twist(*self.row[at.TWIST_V : at.TWIST_W + 1].tolist())
+        return Twist(*self._row[at.TWIST_V : at.TWIST_W + 1].tolist())
 
     @property
     def action(self) -> tuple[float, float]:
         """The last action: forward speed and yaw rate over their limits."""
-        v, w = self.row[at.ACTION_V : at.ACTION_W + 1].tolist()
+        v, w = self._row[at.ACTION_V : at.ACTION_W + 1].tolist()
         return v, w
 
     @action.setter
     def action(self, action: tuple[float, float]) -> None:
-        self.row[at.ACTION_V : at.ACTION_W + 1] = action
+        self._row[at.ACTION_V : at.ACTION_W + 1] = action
 
     @property
     def collisions(self) -> int:
         """Contacts so far."""
-        return int(self.row[at.COLLISIONS])
+        return int(self._row[at.COLLISIONS])
 
     @property
     def motion(self) -> Pose2D:
         """Motion of the base during the last period, as the estimator learns of it."""
-        return Pose2D(*self.row[at.MOTION : at.MOTION + 3].tolist())
+        return Pose2D(*self._row[at.MOTION : at.MOTION + 3].tolist())
 
     @property
     def predicted_pose(self) -> Pose2D:
         """Pose estimate before the last scan was processed, and with it once it is."""
-        return Pose2D(*self.rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
+        return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
@@ -181,8 +192,8 @@ class Robot:
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
-        self.rows, self.index = rows, index
-        self.reading, row = reading, self.row
+        self._rows, self.index = rows, index
+        self.reading, row = reading, self._row
         self.trail = Trail()
         """Estimated positions so far, map frame."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
@@ -217,7 +228,7 @@ class Robot:
         Raises what `check_belief` does where no map can be made of the belief.
         """
         if self.tracker is not None:
-            self._track(self.tracker, self.ranges, Pose2D(*self.row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
+            self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
         if flags & SCAN:
             self.integrate()
             return
@@ -254,12 +265,12 @@ class Robot:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
         key_pose = self.estimator.last_key_pose if self.follows_odometry else belief.pose  # type: ignore[attr-defined]
-        self.row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
+        self._row[at.POSE : at.KEY_POSE + 3] = *belief.pose, *key_pose
         if belief.twist is not None:
-            self.row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
+            self._row[at.TWIST_V : at.TWIST_W + 1] = belief.twist
         if belief.update.redrawn and belief.path is not None:
             self.trail.replace(interpolate(belief.path[:, :2]))
-            self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+            self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
         self.pyramid.update(belief.update)
         self._remember(belief.pose)
 
@@ -267,7 +278,7 @@ class Robot:
         """Append the position to the trail, and show it on the map, if it is far enough from the last one."""
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
-            self.row[at.TRAIL : at.TRAIL + 2] = self.trail.last
+            self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
 
 
 class GroundTruth:

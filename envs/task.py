@@ -1,5 +1,7 @@
 """What an environment is made of besides simulation and estimation: a task and the parts of its observations."""
 
+import functools
+import operator
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import MappingProxyType
@@ -23,8 +25,10 @@ class ObservationPart(Protocol):
     """One entry of an observation, for each robot.
 
     A part that keeps something for an episode also has `reset(robot)`, called once the robot has processed its first
-    reading. One with `write_rows(batch, out)` writes the rows of many robots at once where `batch.active`; see
-    `lidarnaut.envs.vector.batch.Batch`.
+    reading.
+
+    One with `uses_ground_truth = True` has `write(robot, out, truth)`, which gets the robot's `GroundTruth`; policies
+    that observe it are marked, see `lidarnaut.baselines.explorer.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
@@ -34,6 +38,17 @@ class ObservationPart(Protocol):
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write what the robot senses or estimates to `out`, an array of the space's shape and dtype."""
         ...
+
+
+class RowPart:
+    """Base of parts of the package with `write_rows(batch, out)`: writes the active rows of a `Batch`, by a kernel."""
+
+    _memory: Sequence[Any] = ()  # names of entries of `batch.memory` that it reads
+    write_rows: Callable[..., None]
+
+    def write(self, robot: Robot, out: np.ndarray) -> None:
+        """Write the row of one robot to `out`."""
+        self.write_rows(robot._alone(self._memory), out[None])
 
 
 class Rewards:
@@ -47,11 +62,11 @@ class Rewards:
 
     def __init__(self, weights: Mapping[str, float]) -> None:
         """Take the weights of a task; ValueError if one is not finite."""
-        self.weights = {**weights, **self.changes}
-        """By name, in the order in which the terms are summed."""
-        for name, weight in self.weights.items():
+        for name, weight in (chosen := {**weights, **self.changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
+        self.weights = {name: float(weight) for name, weight in chosen.items()}
+        """Weights by name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
@@ -73,6 +88,11 @@ class Rewards:
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
         """Return the terms of a step by the quantities of the task, each in the unit that its weight is for."""
         return {name: weight * quantities[name] for name, weight in self.weights.items()}
+
+
+def total(terms: Mapping[str, Any]) -> Any:
+    """Return the sum of reward terms, numbers or columns, added in order. `sum` rounds otherwise since Python 3.12."""
+    return functools.reduce(operator.add, terms.values(), 0.0)
 
 
 class Task(ABC):
@@ -106,6 +126,9 @@ class Task(ABC):
     `task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators get the true motion in place of odometry's."""
+    sampler_ahead: Any = None
+    """Sampler of worlds if `draw_world` depends on it and the generator alone, and calls no code of users. A thread may
+    call `draw_world` ahead of time then. None otherwise."""
     weights: Mapping[str, float]
     """Weights of the reward terms by name, each of which is one of the `quantities`."""
     reward: Any = None
@@ -150,7 +173,7 @@ class Task(ABC):
 
     @abstractmethod
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode; called ahead of time where there is time for it.
+        """Return the world of the next episode; called ahead of time if there is a `sampler_ahead`.
 
         `world` is what users passed to `reset(options={"world": ...})`, None for the one that they constructed it with.
         """

@@ -8,10 +8,10 @@ import math
 
 import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
 from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
+from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
 from lidarnaut.envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
 from lidarnaut.envs.simulation import records as at
@@ -90,7 +90,7 @@ def update_robots(rows, people):
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = Setup(*to_fixed_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))  # type: ignore[call-arg]
+        setup = Setup(*as_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0

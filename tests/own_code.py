@@ -4,6 +4,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+from gymnasium import spaces
 
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
@@ -30,6 +31,53 @@ class Spy(Circling):
 
     def reveal(self, coverage, target_coverage):
         self.coverage = coverage
+
+
+class Admits(Circling):
+    """An explorer that has ground truth from elsewhere, and says so."""
+
+    uses_ground_truth = True
+
+
+class Truth:
+    """An observation part that shows the true pose, and says so."""
+
+    uses_ground_truth = True
+
+    def space(self, robot):
+        return spaces.Box(-np.inf, np.inf, (3,), np.float64)
+
+    def write(self, robot, out, truth):
+        out[:] = truth.state.pose
+
+
+class SeesTruth:
+    """A policy that observes the true pose."""
+
+    observations = {"truth": Truth}
+
+    def __call__(self, observation):
+        return np.array([0.5, np.cos(observation["truth"][2])])
+
+
+class FollowsTruth:
+    """A policy that observes the true shortest path, by a part of the package."""
+
+    observations = {"carrot": {"path": "shortest"}}
+
+    def __call__(self, observation):
+        return np.array([0.5, observation["carrot"][1]])
+
+
+class FollowsPlan(FollowsTruth):
+    """A policy that observes the path of a navigator."""
+
+    observations = {"carrot": {"path": "plan"}}
+
+
+def shown(observation):
+    """A policy that ignores its observation."""
+    return np.array([0.5, 0.1])
 
 
 class Leaving(Circling):

@@ -1,6 +1,7 @@
 """Episodes for tests, and vector environments beside the single environments that they must equal."""
 
 import numpy as np
+from gymnasium.utils.env_checker import data_equivalence
 
 from lidarnaut.envs.navigation.candidates import COST, FAILURES
 
@@ -53,3 +54,19 @@ def step_both(ours, theirs, actions, seed=5):
             np.testing.assert_array_equal(value, wanted)
             assert value.dtype == wanted.dtype
         yield outcome, info
+
+
+def assert_same_info(ours, theirs):
+    """Compare two of Gymnasium's info dicts: keys, masks, types and values, also those that masks leave out."""
+    assert set(ours) == set(theirs)
+    for key in theirs:
+        if isinstance(theirs[key], dict):
+            assert_same_info(ours[key], theirs[key])
+            continue
+        assert (ours[key].dtype, ours[key].shape) == (theirs[key].dtype, theirs[key].shape), key
+        mine, wanted = ours[key], theirs[key]
+        assert [type(one) for one in mine] == [type(one) for one in wanted], key
+        if key == "final_obs":
+            assert all(one is other or data_equivalence(one, other) for one, other in zip(mine, wanted, strict=True))
+        else:
+            np.testing.assert_equal(mine.tolist(), wanted.tolist(), err_msg=key)

@@ -83,8 +83,10 @@ READERS = {
 READ_ANYTHING = {
     "envs/files/archives.py", "envs/files/records.py", "envs/player/page.py", "agents/ship.py", "benchmarks/demo.py",
     "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
+    "envs/compilation.py",
 }  # fmt: skip
-"""The readers with limits; of templates of the package; of files and messages of the same command."""
+"""The readers with limits; of templates of the package; of files and messages of the same command; of code in
+folders of the user alone."""
 
 
 def test_files_of_others_are_read_by_the_readers_with_limits():

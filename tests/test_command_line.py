@@ -186,3 +186,13 @@ def test_a_process_that_is_killed_in_the_midst_of_a_bar_stops_no_other():
     program += "if not child:\n    Progress.get_lock().acquire()\n    os._exit(9)\nos.waitpid(child, 0)\n"
     program += "list(Progress(range(3)))"
     subprocess.run([sys.executable, "-c", program], cwd=ROOT, timeout=20, check=True)
+
+
+def test_names_in_bars_are_escaped(capsys):
+    with Progress(total=1, desc="\x1b[2J") as bar:
+        bar.set_postfix_str("\x1b]0;x\x07")
+        bar.update()
+    shown = capsys.readouterr().err
+    assert "\x1b" not in shown
+    assert r"\x1b[2J" in shown
+    assert r"\x1b]0;x\x07" in shown

@@ -1,13 +1,19 @@
+import contextlib
+import multiprocessing
 import os
+import pickle
+import re
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
 
 from lidarnaut.envs.compilation import sources
 
+LAST_PID = re.compile(r"process (\d+) on ")
 ROOT = Path(__file__).parents[1]
 FILES = {
     "constants": "FACTOR = 2\n",
@@ -85,9 +91,203 @@ def test_records_that_kernels_take_may_move_to_another_module(checkout):
         (checkout / "lidarnaut" / "envs" / f"{module}.py").unlink()
 
 
-def test_a_cache_that_cannot_be_written_is_done_without(checkout):
-    assert run(checkout, XDG_CACHE_HOME="/dev/null")[0] == ["7", "3", "0", "0"]
-    assert list((checkout / "lidarnaut" / "envs" / "__pycache__").glob("outer.*.nbi"))
+@pytest.fixture
+def temporary(tmp_path):
+    """Return a folder for `TMPDIR`."""
+    (tmp_path / "temporary").mkdir()
+    return tmp_path / "temporary"
+
+
+@pytest.mark.skipif(os.name == "nt", reason="home folders are named otherwise")
+@pytest.mark.parametrize(
+    ("variables", "reason"),
+    [
+        ({"XDG_CACHE_HOME": "{tmp}/file"}, "Not a directory"),
+        ({"NUMBA_CACHE_DIR": "{tmp}/file"}, "File exists"),
+        ({"XDG_CACHE_HOME": "", "HOME": "~"}, "the home folder is unknown"),
+        ({"XDG_CACHE_HOME": "relative", "HOME": "relative"}, "the home folder is unknown"),
+        ({"NUMBA_CACHE_DIR": "{tmp}/open"}, "another user owns it or may write to it"),
+    ],
+)
+def test_a_temporary_folder_of_the_user_replaces_a_cache_folder_that_cannot_be_used(
+    checkout, temporary, tmp_path, variables, reason
+):
+    (tmp_path / "file").touch()
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    variables = {name: value.format(tmp=tmp_path) for name, value in variables.items()}
+    for compiled, hit in ((1, "0"), (0, "1")):
+        result, said = run(checkout, TMPDIR=str(temporary), **variables)
+        assert result == ["7", "3", hit, hit]
+        assert said.count("compiled kernels are kept in") == 1
+        assert reason in said
+        assert len(said.splitlines()) == 1 + compiled
+    folder = temporary / f"lidarnaut-{os.geteuid()}"
+    assert str(folder) in said
+    assert folder.stat().st_mode & 0o777 == 0o700
+    assert sorted(path.name for path in checkout.iterdir()) == ["lidarnaut"]
+    assert not any((tmp_path / "open").iterdir())
+
+
+@pytest.mark.skipif(os.name == "nt", reason="folders have no such modes")
+@pytest.mark.parametrize("kind", ["open", "link", "foreign"])
+def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, temporary, tmp_path, kind):
+    other, program = tmp_path / "other", PROGRAM
+    other.mkdir(mode=0o700)
+    folder = temporary / f"lidarnaut-{os.geteuid()}"
+    if kind == "link":
+        folder.symlink_to(other)
+    elif kind == "open":
+        folder.mkdir(mode=0o755)
+    else:  # the process takes itself for another user
+        folder = temporary / "lidarnaut-54321"
+        folder.mkdir(mode=0o700)
+        program = f"import os\nos.geteuid = lambda: 54321\n{PROGRAM}"
+        if os.geteuid() == 0:
+            os.chown(folder, 12345, -1)
+    result, said = run(checkout, program, TMPDIR=str(temporary), XDG_CACHE_HOME="/dev/null")
+    assert result == ["7", "3", "0", "0"]
+    assert said.count("are not kept") == 1
+    assert len(said.splitlines()) == 2
+    assert not any(other.iterdir())
+    assert not any(folder.iterdir())
+
+
+class Bomb:
+    """Creates a file when it is unpickled."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return open, (self.path, "w")
+
+
+DAMAGE = {
+    "empty": lambda data, path: b"",
+    "half": lambda data, path: data[: len(data) // 2],
+    "flipped bit": lambda data, path: data[:-100] + bytes([data[-100] ^ 1]) + data[-99:],
+    "pickle": lambda data, path: pickle.dumps(Bomb(path)),
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_a_damaged_kernel_is_compiled_again(checkout, tmp_path, damage):
+    run(checkout)
+    files = list((tmp_path / "cache").rglob("*.nbc"))
+    assert len(files) == 3
+    for path in files:
+        path.write_bytes(DAMAGE[damage](path.read_bytes(), str(tmp_path / "executed")))
+    result, said = run(checkout)
+    assert result == ["7", "3", "0", "0"]
+    assert sum(str(path) in said for path in files) == said.count("it is damaged") == 1
+    assert not (tmp_path / "executed").exists()
+    assert run(checkout) == (["7", "3", "1", "1"], "")
+
+
+@pytest.mark.skipif(os.name == "nt", reason="files have no such modes")
+@pytest.mark.parametrize("kind", ["folder", "mode 000"])
+def test_a_kernel_that_cannot_be_read_is_compiled_again(checkout, tmp_path, kind):
+    if kind == "mode 000" and os.geteuid() == 0:
+        pytest.skip("root reads all files")
+    run(checkout)
+    for path in (tmp_path / "cache").rglob("*.nbc"):
+        if kind == "folder":
+            path.unlink()
+            path.mkdir()
+        else:
+            path.chmod(0)
+    result, said = run(checkout)
+    assert result == ["7", "3", "0", "0"]
+    assert said.count("is compiled again") == 1
+
+
+@pytest.mark.parametrize(
+    ("function", "code"), [("builtins.open", "ENOSPC"), ("builtins.open", "EROFS"), ("os.replace", "EDQUOT")]
+)
+def test_a_kernel_that_cannot_be_written_is_compiled_in_memory(checkout, tmp_path, function, code):
+    fail = f"""
+import builtins, errno, os
+whole = {function}
+def fail(path, *arguments, **options):
+    if ".nbc." in str(path):
+        raise OSError(errno.{code}, "no luck")
+    return whole(path, *arguments, **options)
+{function} = fail
+"""
+    result, said = run(checkout, fail + PROGRAM)
+    assert result == ["7", "3", "0", "0"]
+    assert said.count("is not kept") == said.count(".nbc is not kept") == 1
+    assert not list((tmp_path / "cache").rglob("*.nbc*"))
+    assert run(checkout)[0] == ["7", "3", "0", "0"]
+    assert run(checkout) == (["7", "3", "1", "1"], "")
+
+
+def test_a_cache_folder_may_disappear(checkout, tmp_path):
+    run(checkout)
+    delete = f"import shutil\nshutil.rmtree({str(tmp_path / 'cache')!r})\nprint(shifted"
+    result, said = run(checkout, PROGRAM.replace("print(shifted", delete))
+    assert result == ["7", "3", "0", "0"]
+    assert "kept" not in said
+    assert run(checkout)[0] == ["7", "3", "1", "1"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="there are no such locks")
+def test_a_process_that_hangs_with_a_lock_is_named_and_not_waited_for(checkout, tmp_path):
+    fcntl = pytest.importorskip("fcntl")
+    run(checkout)
+    with contextlib.ExitStack() as stack:
+        for path in (tmp_path / "cache").rglob("*.lock"):
+            file = stack.enter_context(path.open("r+"))
+            assert file.read().startswith(f"process {LAST_PID.search(path.read_text())[1]} on ")
+            file.seek(0)
+            file.truncate()
+            file.write("process 77 on a host")
+            file.flush()
+            fcntl.flock(file, fcntl.LOCK_EX)
+        assert run(checkout) == (["7", "3", "1", "1"], "")  # none waits for a kernel that is kept
+        for path in (tmp_path / "cache").rglob("*.nbc"):
+            path.unlink()
+        limits = "import lidarnaut.envs.compilation as own\nown.NAME_HOLDER_AFTER, own.GIVE_UP_AFTER = 0.1, 0.4\n"
+        result, said = run(checkout, limits + PROGRAM)
+    assert result == ["7", "3", "0", "0"]
+    waits, gives_up = "waiting for the lock", "stays with process 77 on a host"
+    assert said.count(waits) == said.count(gives_up) == 1
+    assert said.index(waits) < said.index(gives_up)
+    assert run(checkout)[0] == ["7", "3", "1", "1"]
+
+
+@pytest.mark.skipif(os.name == "nt", reason="links need rights there")
+def test_locks_are_not_written_through_links(checkout, tmp_path):
+    run(checkout)
+    precious = tmp_path / "precious"
+    precious.write_text("years of work")
+    for path in (tmp_path / "cache").rglob("*.*"):
+        if path.suffix in (".lock", ".nbc"):
+            path.unlink()
+        if path.suffix == ".lock":
+            path.symlink_to(precious)
+    assert run(checkout)[0] == ["7", "3", "0", "0"]
+    assert run(checkout)[0] == ["7", "3", "1", "1"]
+    assert precious.read_text() == "years of work"
+
+
+@pytest.mark.parametrize("method", ["fork", "forkserver", "spawn"])
+def test_workers_leave_it_to_their_parent_to_say_where_kernels_are_kept(checkout, method):
+    if method not in multiprocessing.get_all_start_methods():
+        pytest.skip("there is no such method")
+    (checkout / "work.py").write_text(
+        "from lidarnaut.envs import compilation\nfrom lidarnaut.envs.outer import shifted\n\n\n"
+        "def work(x):\n    return shifted(x)\n"
+    )
+    program = (
+        f"import multiprocessing, work\nwith multiprocessing.get_context({method!r}).Pool(2) as pool:\n"
+        "    print(*pool.map(work.work, [3, 4]))"
+    )
+    with tempfile.TemporaryDirectory() as temporary:  # not pytest's: paths of sockets are short
+        result, said = run(checkout, program, TMPDIR=temporary, XDG_CACHE_HOME="/dev/null")
+    assert result == ["7", "9"]
+    assert said.count("are kept in") == 1
 
 
 @pytest.mark.skipif(os.name == "nt", reason="there are no such locks")

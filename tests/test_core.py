@@ -325,3 +325,86 @@ def test_an_environment_with_sensors_pickles_between_steps():
 def test_what_is_no_sensor_is_named(sensors, culprit):
     with pytest.raises(ValueError, match=culprit):
         LidarEnv(Explore, sensors=sensors, **QUICK)
+
+
+class Device(Cliff):
+    """Fails at its fourth measurement of an episode, once."""
+
+    name = "device"
+    has_failed = False
+
+    def reset(self, world, rng):
+        self.count = 0
+
+    def measure(self, simulator, robot):
+        self.count += 1
+        if self.count == 4 and not self.has_failed:
+            self.has_failed = True
+            raise RuntimeError("no answer")
+        return np.array([1.0])
+
+
+class Failing(Rewards):
+    """Fails at its third call, once."""
+
+    count = 0
+
+    def terms(self, quantities):
+        self.count += 1
+        if self.count == 3:
+            raise RuntimeError("no answer")
+        return super().terms(quantities)
+
+
+class Mute(Speed):
+    """Fails at its fourth observation, once."""
+
+    count = 0
+
+    def write(self, robot, out):
+        self.count += 1
+        if self.count == 4:
+            raise RuntimeError("no answer")
+        super().write(robot, out)
+
+
+FAILURES = {
+    "sensor": ("Explore", {"sensors": [Device()]}),
+    "reward": ("Explore", {"reward": Failing}),
+    "part": ("Explore", {"observations": {"mute": Mute}}),
+    "decisions": ("ExploreFrontiers", {"sensors": [Device()]}),
+    "team of decisions": ("ExploreTeamFrontiers", {"sensors": [Device()]}),
+}
+
+
+@pytest.mark.parametrize("case", FAILURES)
+def test_after_an_error_in_a_step_a_reset_is_asked_for(case):
+    id, arguments = FAILURES[case]
+    env = gymnasium.make(f"lidarnaut/{id}-v0", **QUICK, **arguments, disable_env_checker=True)
+    first, _ = env.reset(seed=1)
+    action = env.action_space.sample()
+    with pytest.raises(RuntimeError, match="no answer"):
+        [env.step(action) for _ in range(5)]
+    for _ in range(2):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="or a step has failed"):
+            env.step(action)
+    assert same(env.reset(seed=1)[0], first)
+    env.step(action)
+
+
+def test_after_an_action_that_is_refused_the_episode_goes_on():
+    env, other = LidarEnv(Explore, **QUICK), LidarEnv(Explore, **QUICK)
+    for each in (env, other):
+        each.reset(seed=1)
+    with pytest.raises(ValueError, match="action must"):
+        env.step(np.full(2, 2.0))
+    assert same(env.step(STILL), other.step(STILL))
+
+
+@pytest.mark.parametrize("id", ["Explore", "ExploreFrontiers", "ExploreTeamFrontiers", "Track"])
+def test_unknown_arguments_are_named_in_pythons_words_with_a_hint(id):
+    says = "got an unexpected keyword argument 'frameskip'; allowed are .*'?control_hz"
+    with pytest.raises(TypeError, match=says):
+        gymnasium.make(f"lidarnaut/{id}-v0", frameskip=1)
+    with pytest.raises(TypeError, match=r"unexpected keyword argument 'wrld' \(did you mean 'world'\?\)"):
+        gymnasium.make(f"lidarnaut/{id}-v0", wrld="rooms")

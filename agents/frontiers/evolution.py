@@ -23,6 +23,7 @@ from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.curves import LEARNED, SCORES, Row, read_evaluations
 from lidarnaut.agents.learned import POLICY
 from lidarnaut.agents.pools import make_pool, stop
+from lidarnaut.agents.resume import check_changes
 from lidarnaut.agents.run_folder import GENERATIONS, CheckpointError, new_run, prepare_folder, write_evaluations
 from lidarnaut.envs.files import Lock, own_folder, read_bytes, write_file
 from lidarnaut.envs.progress import Progress
@@ -53,12 +54,14 @@ def evolve(
     A run goes on by replaying what its individuals reached: CMA-ES draws them again from the seed.
 
     Raises:
-        CheckpointError: if the files of a run that is to go on do not fit together.
+        CheckpointError: if the files of a run that is to go on do not fit together, or a key changes that must not, see
+            `lidarnaut.agents.resume`.
         ValueError: if a new run folder holds a run already.
         lidarnaut.envs.files.LockedError: if another process is at the run.
         KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
     """
     with contextlib.ExitStack() as held:
+        pool = held.enter_context(make_pool(config.num_workers, ray))
         if resume is None:
             run = held.enter_context(new_run(config, run))
         elif not (resume / "config.yaml").exists():
@@ -66,8 +69,8 @@ def evolve(
         else:
             run = own_folder(resume)
             held.enter_context(Lock(run))
+            check_changes(config, "evolution", run)
             prepare_folder(run, config)
-        pool = held.enter_context(make_pool(config.num_workers, ray))
         evolution = _Evolution(config, run, pool)
         bar = Progress(total=config.generations, initial=len(evolution.values), disable=not progress, unit="generation")
         try:

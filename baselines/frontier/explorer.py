@@ -45,6 +45,7 @@ class RuleExplorer:
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
+        self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
         self.end_reason: str | None = None
         """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
         self.navigator: FrontierNavigator | None = None

@@ -150,7 +150,7 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None
-    own_folder(folder / "players")
+    own_folder(folder, "players")
     headline, reference = episodes.measures.headline, recorded.reference
     references, lines = recorded.by_start(reference), []
     for policy in recorded.policies:

@@ -104,7 +104,7 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
     Pictures and tables that are there are removed. Only `text` is Markdown: names of worlds and policies may hold
     anything.
     """
-    own_folder(folder)
+    own_folder(folder.parent, folder.name)
     for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
         old.unlink()
     blocks = [f"# {title}", text.strip()]
@@ -154,9 +154,9 @@ def _plain(text: str) -> str:
 
 def to_terminal(table: Table, title: str) -> rich.table.Table:
     """Return a table for the terminal; intervals stand in brackets."""
-    shown = rich.table.Table(title=Text(title), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
+    shown = rich.table.Table(title=Text(printable(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, heading in enumerate(table.head):
-        shown.add_column(Text(heading), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
+        shown.add_column(Text(printable(heading)), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")
     for line in table.lines:
         shown_texts = [Text(printable(cell.text), style="bold" if cell.is_best else "") for cell in line]
         shown.add_row(*(text.append(f" ({c.note})", "dim") if c.note else text for text, c in zip(shown_texts, line)))

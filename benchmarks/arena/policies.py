@@ -14,12 +14,10 @@ from gymnasium import spaces
 
 from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
 from lidarnaut.baselines import CLASSIC, EXPLORERS
-from lidarnaut.baselines.explorer import Omniscient
+from lidarnaut.baselines.explorer import GROUND_TRUTH, marked
 from lidarnaut.baselines.explorer import Policy as Driver
 from lidarnaut.envs.files import explain_unknown, load_object, resolve
 
-GROUND_TRUTH = " (ground truth)"
-"""How the name of a policy ends that is given ground truth; no other name can end so."""
 Makers = Mapping[str, Callable[[], Any]]
 """The classic policies that can do a task, by name; see `baselines.policies_for`."""
 
@@ -31,9 +29,9 @@ def is_bound(policy: str) -> bool:
 
 def short(policy: str) -> str:
     """Return a policy's name for a legend: of `ppo:a/long/path` the kind and the last part."""
-    kind, _, path = policy.partition(":")
+    kind, _, path = policy.removesuffix(GROUND_TRUTH).partition(":")
     parts = [part for part in path.split("/") if part not in ("", "checkpoints")]
-    return f"{kind} {parts[-1]}" if parts and len(path) > 24 else policy
+    return f"{kind} {parts[-1]}{GROUND_TRUTH * is_bound(policy)}" if parts and len(path) > 24 else policy
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +39,7 @@ class Policy:
     """A policy that can be made in any process."""
 
     name: str
-    """As users write it, or the label that they give it; it ends with `GROUND_TRUTH` where it is `Omniscient`."""
+    """As users write it, or the label that they give it; see `lidarnaut.baselines.explorer.marked` for its end."""
     source: Any = None
     """What `lidarnaut.agents.policies.make_policy` makes it from, or its `module:attribute`."""
     checkpoint: str = ""
@@ -54,6 +52,8 @@ class Policy:
     """Modules and names of code that a learned policy may name; see `lidarnaut.agents.trust`."""
     model: str = ""
     """First 12 digits of the SHA-256 of its weights."""
+    observes: bool = False
+    """Whether it acts by observations; others get readings and beliefs."""
     level: Level | None = None
     """What it decides; None where it does not say."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
@@ -64,8 +64,8 @@ class Policy:
         if self.checkpoint:
             from lidarnaut.agents.learned import load_policy
 
-            how = {"pursuit": self.is_pursuit, "deterministic": self.deterministic, "trust": self.trust}
-            return load_policy(Path(self.checkpoint), **how)
+            how = partial(load_policy, pursuit=self.is_pursuit, deterministic=self.deterministic, trust=self.trust)
+            return how(Path(self.checkpoint))
         return make_policy(load_object(self.source) if isinstance(self.source, str) else self.source, space)
 
 
@@ -163,6 +163,6 @@ def _checked(policy: Policy, source: Any) -> Policy:
     """Return a policy with its level and arguments, and marked if it is a bound, after making it once."""
     made = make_policy(source)
     said = made if hasattr(made, "level") else source
-    name = policy.name + GROUND_TRUTH if isinstance(made, Omniscient) else policy.name
-    level = level_of(said) if hasattr(said, "level") else None
-    return replace(policy, name=name, level=level, arguments=needed_arguments(said))
+    name = policy.name + (marked("", made) or marked("", source))
+    level, observes = level_of(said) if hasattr(said, "level") else None, not hasattr(made, "act")
+    return replace(policy, name=name, level=level, observes=observes, arguments=needed_arguments(said))

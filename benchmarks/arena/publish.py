@@ -32,7 +32,7 @@ from lidarnaut.envs.slam import SLAM_NAMES
 
 TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
-    "which no competitor sees. "
+    "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
 )
 """First lines of the leaderboard's page."""
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
@@ -183,7 +183,7 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
     """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
-    console, report, measures = make_console(), evaluation.folder / "report.html", evaluation.measures
+    console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
     cases = episodes.by_case()
     for case, here in cases.items() if evaluation.settings.world_sections else ():

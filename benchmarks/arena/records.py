@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 
 from lidarnaut.agents.run_folder import commit
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, sweep, write_file
+from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, read_json, read_mapping, write_file
 
 SETTINGS_FILE = "settings.json"
 """What all rows of a folder have in common, and the versions that made the first of them."""
+MAX_TABLE_BYTES = 64 * 2**20
+"""Largest table that is read."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
@@ -84,8 +86,6 @@ class Records:
             for world, source in (worlds or {}).items()
         }
         own_folder(folder)
-        for part in (folder, folder / "episodes"):
-            sweep(part)
         self._check_settings()
         self._read()
 
@@ -199,10 +199,10 @@ class _Table:
 def read_table(path: Path, columns: Readers) -> Iterator[Row]:
     """Yield the rows of a table, but for an incomplete last line; ValueError if damaged, or of other columns."""
     try:
-        content = read_bytes(path).decode()
-    except UnicodeDecodeError as error:
+        content = read_bytes(path, MAX_TABLE_BYTES).decode()
+        header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
+    except (UnicodeDecodeError, csv.Error) as error:
         raise ValueError(f"{path} is no table: {error}") from error
-    header, *records = list(csv.reader(io.StringIO(content[: content.rfind("\n") + 1]))) or [[]]
     if header and header != list(columns):
         raise ValueError(f"{path} has other columns than this version writes; choose another --out")
     for number, record in enumerate(records, start=2):

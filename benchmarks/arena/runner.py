@@ -13,6 +13,7 @@ from gymnasium import spaces
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
+from lidarnaut.baselines.explorer import marked
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
 from lidarnaut.benchmarks.arena.records import Key, Records, Row, columns_of
@@ -75,7 +76,7 @@ class Evaluation:
         self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
-                self._policies[name] = parse_policy(name, classic, self._given, trust)
+                self._policies[name] = self._marked(parse_policy(name, classic, self._given, trust))
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
             raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
@@ -151,7 +152,7 @@ class Evaluation:
                     for where, content in ((trace_path, result.trace), (recording_path, result.recording)):
                         if content:
                             path = where(self.folder, result.row)
-                            own_folder(path.parent)
+                            own_folder(self.folder, path.parent.name)
                             write_file(path, content)
                     self._records.add(result.row)
                 on_result(result)
@@ -207,6 +208,14 @@ class Evaluation:
         self.columns = columns_of(self.measures)
         return classic
 
+    def _marked(self, policy: Policy) -> Policy:
+        """Return a policy by the name that it has in rows, marked if it observes ground truth."""
+        if not policy.observes or is_bound(policy.name):
+            return policy
+        case = replace(next(iter(self._robots)), id=self._id_for(policy))
+        with contextlib.closing(case.make_env(self._objects(case), policy.arguments)) as env:
+            return replace(policy, name=marked(policy.name, None, env))
+
     def _objects(self, case: Case) -> dict[str, Any]:
         """Return those of the given objects that the environment of a case is made of."""
         return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
@@ -218,7 +227,8 @@ class Evaluation:
                 conditions = self._robots[case], case.name("physics"), case.name("slam"), case.name("people")
                 key = Key(policy.name, case.name("world"), seed, *conditions)
                 # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
-                own = replace(case, id=self._id_for(policy), slam="truth" if is_bound(policy.name) else case.slam)
+                is_oracle = is_bound(policy.name) and not policy.observes
+                own = replace(case, id=self._id_for(policy), slam="truth" if is_oracle else case.slam)
                 # Where the usual robot is also named, it drives once.
                 tasks.setdefault(key, Task(key, policy, own, self._objects(own)))
         return list(tasks.values())

@@ -2,11 +2,12 @@
 
 import contextlib
 import logging
+import os
 import traceback
 from collections.abc import Iterator, Mapping
 from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -83,19 +84,24 @@ def explain_fault(error: BaseException) -> str:
 def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Result]:
     """Yield the results of tasks as they end, from processes of this machine or from the Ray cluster of an address.
 
-    On the machines of a cluster, checkpoints of learned policies must lie under the same path. Ray keeps its processes,
-    and with them the environments, between tasks.
+    Files that the tasks name travel to the machines of a cluster, see `lidarnaut.agents.pools.collect_files`. Ray keeps
+    its processes, and with them the environments, between tasks.
 
     Raises:
         ImportError: if Ray is not installed.
-        ConnectionError: if there is no cluster at the address.
+        ConnectionError: if no cluster answers at the address.
         RuntimeError: if a process of this machine dies.
     """
     if ray is None and (jobs == 1 or len(tasks) < 2):
         with contextlib.closing(_Worker()) as worker:
             yield from map(worker.run, tasks)
         return
-    with make_pool(min(jobs, len(tasks)), ray) as pool:
+    named: list[Any] = []
+    if ray is not None:
+        checkpoints = [one.policy.checkpoint and os.path.relpath(one.policy.checkpoint) for one in tasks]
+        tasks = [replace(one, policy=replace(one.policy, checkpoint=path)) for one, path in zip(tasks, checkpoints)]
+        named = [checkpoints, *((one.case.world, one.case.robot, one.case.slam, one.case.arguments) for one in tasks)]
+    with make_pool(min(jobs, len(tasks)), ray, named) as pool:
         try:
             with interrupts_held():
                 pending = {pool.submit(run_in_worker, task): task.key for task in tasks}

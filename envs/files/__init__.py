@@ -1,6 +1,6 @@
 """Reading YAML files into checked records, archives, names into objects, and writing files that are whole or absent."""
 
-from .archives import MAX_BYTES, open_archive, read_bytes
+from .archives import MAX_BYTES, check_file, open_archive, read_bytes
 from .locking import Lock, LockedError
 from .names import SHORT, explain_unknown, load_object, printable, resolve
 from .records import MAX_JSON_BYTES, dump_record, explain_errors, parse_record, read_json, read_mapping, read_record
@@ -13,6 +13,7 @@ __all__ = [
     "Lock",
     "LockedError",
     "append_file",
+    "check_file",
     "dump_record",
     "explain_errors",
     "explain_unknown",

@@ -14,18 +14,23 @@ MAX_BYTES = 2**31
 """Largest file, and largest arrays of an archive together [bytes]; a small archive can unpack to any size."""
 
 
-def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Read a regular file of at most `limit` bytes.
+def check_file(path: Path, limit: float = MAX_BYTES) -> None:
+    """Refuse a file that is not regular, such as a named pipe, which may never end, or larger than `limit` [bytes].
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is larger, or no regular file; names it.
+        OSError: there is no such file.
+        ValueError: it is refused; names it.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
         raise ValueError(f"{path}: is no regular file")
     if found.st_size > limit:
         raise ValueError(f"{path}: {found.st_size:,} bytes; at most {limit:,} are allowed")
+
+
+def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
+    """Read a regular file of at most `limit` bytes; raises as `check_file`."""
+    check_file(path, limit)
     return path.read_bytes()
 
 
@@ -39,6 +44,7 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
             `what` it should be, and gives the hint.
     """
     try:
+        check_file(path)
         # NumPy leaves a file open that is no archive, but not one that was opened for it.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:

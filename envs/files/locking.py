@@ -4,6 +4,7 @@ import os
 import platform
 from pathlib import Path
 
+from .archives import check_file
 from .names import printable
 
 try:
@@ -25,9 +26,11 @@ class Lock:
         self._descriptor = -1
 
     def __enter__(self) -> "Lock":
-        """Take the lock; LockedError if another process holds it."""
+        """Take the lock; LockedError if another process holds it, ValueError if the file is not regular."""
         if fcntl is None:
             return self
+        if self._path.exists():
+            check_file(self._path)
         descriptor = os.open(self._path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o666)
         try:
             fcntl.flock(descriptor, (fcntl.LOCK_SH if self._shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)

@@ -19,7 +19,7 @@ Record = TypeVar("Record")
 
 MAX_BYTES = 8 * 2**20
 """Largest YAML file that is read."""
-MAX_JSON_BYTES = 64 * 2**20
+MAX_JSON_BYTES = 16 * 2**20
 """Largest JSON file that is read."""
 MAX_VALUES = 500_000
 """Most values in a YAML file, those that aliases repeat counted each time."""
@@ -71,7 +71,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         ValueError: it is not YAML, holds something else, or is too large; names the file.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         others = ", ".join(sorted(str(other) for other in path.parent.glob("*.yaml")))
         raise FileNotFoundError(f"{path}: no such file" + (f"; there are {others}" if others else ""))
     content = read_bytes(path, MAX_BYTES)
@@ -92,9 +92,10 @@ def read_json(path: Path) -> dict[str, Any]:
         OSError: it cannot be read.
         ValueError: it is not JSON, holds something else, or is too large; names the file.
     """
+    content = read_bytes(path, MAX_JSON_BYTES)
     try:
-        values = json.loads(read_bytes(path, MAX_JSON_BYTES))
-    except (json.JSONDecodeError, UnicodeDecodeError, RecursionError) as error:
+        values = json.loads(content)
+    except (ValueError, RecursionError) as error:
         raise ValueError(f"{path}: not readable as JSON: {error}") from error
     return _checked_mapping(values, str(path))
 

@@ -5,8 +5,13 @@ import os
 import platform
 import re
 import shutil
+import time
 from collections.abc import Iterator, Mapping
 from pathlib import Path
+
+_STARTED = time.time()
+_swept: set[Path] = set()
+"""Folders that this process has swept."""
 
 
 def write_file(path: Path, content: bytes | str) -> None:
@@ -51,18 +56,20 @@ def append_file(path: Path, text: str) -> None:
         os.fsync(file.fileno())
 
 
-def own_folder(path: Path) -> Path:
-    """Create a folder that is to be written in; return it.
+def own_folder(path: Path, name: str = "") -> Path:
+    """Create a folder that is to be written in, or the folder `name` in it; return it.
 
     Raises:
-        ValueError: an entry of the folder, or of a folder in it, is a symbolic link: a record from elsewhere could
-            let its links point to any file.
+        ValueError: the folder `name`, an entry, or an entry one level below is a symbolic link: a folder from elsewhere
+            could let its links point to any file. `path` may be a link.
     """
-    path.mkdir(parents=True, exist_ok=True)
-    for entry in (*path.glob("*"), *path.glob("*/*")):
+    folder = path / name
+    if not (name and folder.is_symlink()):
+        folder.mkdir(parents=True, exist_ok=True)
+    for entry in ([folder] if name else []) + [*folder.glob("*"), *folder.glob("*/*")]:
         if entry.is_symlink():
             raise ValueError(f"{entry} is a symbolic link: nothing is written through links; remove it")
-    return path
+    return folder
 
 
 def _open_itself(path: str, flags: int) -> int:
@@ -79,15 +86,21 @@ def _remove(path: Path) -> None:
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder."""
+    """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder.
+
+    Before the first one in a folder, remove temporary files of killed processes there, see `sweep`.
+    """
+    if (folder := path.parent.absolute()) not in _swept:
+        _swept.add(folder)
+        sweep(folder)
     return path.with_name(f".{path.name}.{platform.node()}.{os.getpid()}.tmp")
 
 
 def sweep(folder: Path) -> None:
-    """Remove what `temporary_beside` named in a folder and processes of this machine that were killed left behind."""
+    """Remove temporary files and folders of `temporary_beside` whose processes, of this machine, no longer run."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
-        if match is not None and not _is_alive(int(match[1])):
+        if match is not None and not _is_alive(int(match[1]), path):
             _remove(path)
 
 
@@ -102,9 +115,11 @@ def naming(path: Path) -> Iterator[None]:
         raise OSError(error.errno, error.strerror or str(error), str(path)) from error
 
 
-def _is_alive(pid: int) -> bool:
-    """Tell whether another process with this number runs."""
+def _is_alive(pid: int, path: Path) -> bool:
+    """Return whether the process that made a temporary file runs; of an older process with this one's number, no."""
     if pid == os.getpid():
+        with contextlib.suppress(FileNotFoundError):  # another thread has just put it in its place
+            return path.stat().st_mtime > _STARTED - 1.0
         return False
     try:
         os.kill(pid, 0)

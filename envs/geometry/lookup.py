@@ -1,14 +1,18 @@
-"""Reading scattered elements of an array one by one.
+"""Reading elements of arrays in kernels, by compiled code or, under `NUMBA_DISABLE_JIT=1`, by Python's own.
 
-Compilers turn a loop over `array[index[k]]` into gather instructions. On processors whose microcode guards those
-against Downfall (most Intel servers up to Ice Lake) a gather takes several times as long as the loads it replaces.
+`load` reads scattered elements one by one. Compilers turn a loop over `array[index[k]]` into gather instructions. On
+processors whose microcode guards those against Downfall (most Intel servers up to Ice Lake) a gather takes several
+times as long as the loads it replaces.
 """
 
+import operator
 from typing import Any
 
-from numba import types
+import numpy as np
+from numba import config, types
 from numba.core import cgutils
 from numba.extending import intrinsic
+from numba.np.unsafe import ndarray
 
 
 @intrinsic
@@ -33,3 +37,13 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
 
 load: Any = _load
 """`load(array, index)`; see `_load`."""
+as_tuple: Any = ndarray.to_fixed_tuple
+"""`as_tuple(array, size)`: the first elements of an array, shape (n,), as a tuple; `size` is a constant."""
+if config.DISABLE_JIT:  # type: ignore[attr-defined]
+    load, as_tuple = operator.getitem, lambda array, size: tuple(array[:size])
+    np.seterr(all="ignore")  # as in compiled kernels, where NaN, infinity and overflowing hashes are regular
+
+
+def record_type(fields: Any) -> np.dtype:
+    """Return a structured dtype whose fields kernels read as attributes, compiled or not."""
+    return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

@@ -1,7 +1,9 @@
 """AMCL: adaptive Monte Carlo localization, as in Nav2."""
 
+import functools
 import logging
 import math
+import operator
 import weakref
 from collections import deque
 from dataclasses import replace
@@ -287,7 +289,8 @@ class Amcl:
         elif not has_converged:
             self._fits.clear()
         self.cluster_weight = weight
-        self.fit = sum(self._fits) / len(self._fits) if self._fits else math.nan
+        # Since Python 3.12 `sum` rounds otherwise.
+        self.fit = functools.reduce(operator.add, self._fits) / len(self._fits) if self._fits else math.nan
         belief, (x, y, _) = self.belief, self._origin.tolist()
         belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)
         belief.covariance = covariance

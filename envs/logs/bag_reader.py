@@ -2,6 +2,7 @@
 
 import bz2
 import contextlib
+import math
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from types import SimpleNamespace
@@ -12,6 +13,8 @@ from rosbags import rosbag1, rosbag2
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import storage_mcap
 from rosbags.typesys import Stores, get_typestore
+
+from lidarnaut.envs.files import check_file, read_mapping
 
 MAX_TEXT = 1000
 """Longest text of an error beside the path [characters]."""
@@ -107,8 +110,14 @@ def open_bag(path: Path) -> Iterator[BagReader]:
 
     Raises:
         BagError: the reader fails, now or while messages are read: the bag is damaged, or none.
+        ValueError: a file is not regular, or the metadata nest too deeply or hold too much.
         PermissionError: the file may not be read.
     """
+    if path.is_dir():
+        read_mapping(path / "metadata.yaml")
+    for file in path.glob("*") if path.is_dir() else [path]:
+        if not file.is_dir():
+            check_file(file, math.inf)
     try:
         # Storage in SQLite has no message definitions before ROS 2 Iron; the types that are read have never changed.
         where = _Folder(path) if path.is_dir() else path

@@ -82,7 +82,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
             if scans[kind]:
                 _compare(scans[kind][0], scan)
             scans[kind].append(scan)
-        except (ValueError, IndexError) as error:
+        except (ValueError, IndexError, OverflowError) as error:
             raise ValueError(f"{path}, line {number}: bad {kind} line: {error}") from error
     if not any(scans.values()):
         raise ValueError(f"{path}: holds no FLASER or ROBOTLASER1 lines with beams")

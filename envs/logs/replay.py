@@ -17,6 +17,7 @@ from tqdm import tqdm
 
 from lidarnaut.envs.command_line import make_console, run_command
 from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Reading
@@ -146,7 +147,7 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
     for ranges in log.ranges[:8]:  # compile the kernels, which must not be timed, with motions that make key scans
         slam.update(Reading.of_scan(ranges), Pose2D(1.0, 0.0, 0.5))
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
+        own_folder(out)
     runs = []
     for seed in range(options.first_seed, options.first_seed + options.seeds):
         replayed = replay(log, slam, seed, progress=sys.stderr.isatty())
@@ -169,7 +170,7 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
             "notes": log.notes,
             "runs": [asdict(run) for run in runs],
         }
-        (out / "summary.json").write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+        write_file(out / "summary.json", json.dumps(content, indent=2) + "\n")
     return runs
 
 

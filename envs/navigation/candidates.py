@@ -14,6 +14,7 @@ from pydantic import PositiveFloat
 
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OCCUPIED_FROM
+from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.astar import NO_GOAL, NUM_WAITING, SCALE, STRAIGHT, UNREACHED, begin, expand
 from lidarnaut.envs.navigation.costmap import Costmap
@@ -29,7 +30,7 @@ from lidarnaut.envs.navigation.views import (
 )
 from lidarnaut.envs.robots import RobotParams
 
-CANDIDATE = np.dtype(
+CANDIDATE = record_type(
     [
         ("viewpoint", np.float64, 2),  # from which the frontier is looked at, (x, y), map frame [m]
         ("frontier", np.float64, 2),  # the frontier cell that is seen from there, (x, y), map frame [m]
@@ -254,7 +255,7 @@ def describe(raster, table, tables, frame, theta, now, past):
             last, least = k, gap
         seen[k, 0], seen[k, 1], seen[k, 2] = x, y, since
         out.age = now - since
-        out.cost, out.size = out.travel * side / (STRAIGHT * SCALE), (out.span[1] - out.span[0]) * side
+        out.cost, out["size"] = out.travel * side / (STRAIGHT * SCALE), (out.span[1] - out.span[0]) * side
         out.group_size *= side
         for i in range(len(SHARE_RADII)):
             out.unknown[i] = unknown_share(joined, row, col, SHARE_RADII[i] / side)
@@ -291,7 +292,7 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
         out[COST_RATIO] = (table[0].cost + 1.0) / (row.cost + 1.0)
         out[RANK] = k / len(features)
         out[TURN] = row.turn / math.pi
-        out[SIZE] = row.size / (row.size + HALF_SIZE)
+        out[SIZE] = row["size"] / (row["size"] + HALF_SIZE)
         out[CLEARANCE] = row.clearance
         out[AGE] = row.age / (row.age + HALF_AGE)
         out[AHEAD] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)

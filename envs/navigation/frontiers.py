@@ -199,7 +199,7 @@ def information_gain(
 @njit(cache=True, error_model="numpy")
 def is_visible(data, row0, col0, row1, col1):
     """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
-    steps = max(abs(row1 - row0), abs(col1 - col0))
+    steps = max(abs(row1 - row0), abs(col1 - col0), 1)
     d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
     for k in range(1, steps):
         row, col = cell_along(row0, col0, d_row, d_col, k)

@@ -18,6 +18,7 @@ from dataclasses import asdict
 import numpy as np
 from numba import njit
 
+from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
 from lidarnaut.envs.navigation.params import NavigatorParams
@@ -32,7 +33,7 @@ WELL_IN_VIEW = 0.8
 """Greatest bearing that is well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
 """A stall after a contact clears remembered points up to this distance from the footprint [m]."""
-NAVIGATOR = np.dtype(
+NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
         ("goal_x", np.float64),

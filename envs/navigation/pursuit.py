@@ -14,6 +14,7 @@ import numpy as np
 from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.navigation.obstacles import free_distance, points_within
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
@@ -102,7 +103,7 @@ def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
     Handing an array to a compiled function takes 0.3 us, a named tuple 0.1 us for each number in it.
     """
     fields = [(name, np.float64, np.shape(value)) for name, value in numbers.items()]
-    return np.array([tuple(numbers.values())], dtype=fields)
+    return np.array([tuple(numbers.values())], dtype=record_type(fields))
 
 
 @njit(cache=True, error_model="numpy")
@@ -296,7 +297,7 @@ class PathFollower:
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
         """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
-        self._state = np.zeros(1, dtype=FOLLOWER_FIELDS)
+        self._state = np.zeros(1, dtype=record_type(FOLLOWER_FIELDS))
         self._state["side"] = 1.0
         self._path = np.empty((0, 2))
         self.blocked = False

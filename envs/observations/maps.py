@@ -61,6 +61,6 @@ class MapCrop:
         robot.pyramid.crop(*robot.belief.pose, self.resolution, out)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the crops of many robots; see `ObservationPart`."""
+        """Write the crops of many robots; see `RowPart`."""
         levels, sizes, origins, side = batch.levels(self.resolution)
         crop_levels(levels, sizes, origins, batch.numbers, side, self.resolution / side, batch.active, out)

@@ -13,8 +13,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
-
-from .scan import ONE
+from lidarnaut.envs.task import RowPart
 
 GOAL_RANGE = 32.0
 """Distance to the goal, or to the start, that is shown as 1 [m]."""
@@ -66,8 +65,10 @@ def write_goals(rows, goals, tells_distance, active, out):
             out[k, tells_distance], out[k, tells_distance + 1] = math.cos(bearing), math.sin(bearing)
 
 
-class NearGoal:
+class NearGoal(RowPart):
     """Where a goal is, near ones finely: distance over 10 m, cosine and sine of the bearing, 1 m / (1 m + distance)."""
+
+    _memory = (GOAL_MEMORY,)
 
     def __init__(self, tells_distance: bool = True) -> None:
         """Choose whether the distance is told, or cosine and sine of the bearing alone."""
@@ -77,13 +78,8 @@ class NearGoal:
         """Return `Box(-1, 1, (4,), float32)`, or of shape (2,)."""
         return spaces.Box(-1.0, 1.0, (2 + 2 * self._tells_distance,), np.float32)
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the goal to `out`."""
-        goals = robot.rows.memory[GOAL_MEMORY][robot.index, None]
-        write_goals(robot.row[None], goals, self._tells_distance, ONE, out[None])
-
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the goals of many robots; see `ObservationPart`."""
+        """Write the goals of many robots; see `RowPart`."""
         write_goals(batch.numbers, batch.memory[GOAL_MEMORY], self._tells_distance, batch.active, out)
 
 

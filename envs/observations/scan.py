@@ -7,16 +7,14 @@ import numpy as np
 from gymnasium import spaces
 from numba import njit
 
-from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
+from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
 """Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
 SPEED_RANGE = 2.0
 """Greatest forward speed of a robot that is shown as 1 [m/s]."""
-
-ONE = np.ones(1, dtype=np.bool_)
 
 
 @njit(cache=True, error_model="numpy")
@@ -33,19 +31,15 @@ def scale_scans(ranges, range_max, active, scans):
                 scans[k, i] = np.float32(0.0) if math.isnan(r) else min(r * scale, np.float32(1.0))
 
 
-class Scan:
+class Scan(RowPart):
     """Ranges over the lidar's greatest range; 1 for no return; 0 for a lost beam or an obstacle that is too near."""
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(0, 1, (num_beams,), float32)`."""
         return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the last scan to `out`."""
-        scale_scans(robot.ranges[None], robot.params.lidar.range_max, ONE, out[None])
-
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the last scans of many robots; see `ObservationPart`."""
+        """Write the last scans of many robots; see `RowPart`."""
         scale_scans(batch.ranges, batch.robots[0].params.lidar.range_max, batch.active, out)
 
 
@@ -61,7 +55,7 @@ def scale_motions(rows, limits, active, out):
             out[k, 5] = min(row[at.TIME] / TIME_RANGE, 1.0)
 
 
-class Limits:
+class Limits(RowPart):
     """What the robot can do, in five numbers, for policies that drive robots of several kinds.
 
     Greatest forward speed over 2 m/s and yaw rate over 4 rad/s, forward acceleration over 5 m/s2 and yaw acceleration
@@ -72,19 +66,14 @@ class Limits:
         """Return `Box(0, 1, (5,), float32)`."""
         return spaces.Box(0.0, 1.0, (5,), np.float32)
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the robot's limits to `out`."""
-        params = robot.params
+    def write_rows(self, batch: Any, out: np.ndarray) -> None:
+        """Write the limits of many robots; see `RowPart`."""
+        params = batch.robots[0].params
         limits = params.max_v / SPEED_RANGE, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
         out[:] = np.minimum((*limits, params.radius / 0.5), 1.0)
 
-    def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the limits of many robots; see `ObservationPart`."""
-        self.write(batch.robots[0], out[0])
-        out[:] = out[0]
 
-
-class Motion:
+class Motion(RowPart):
     """How the robot moves, in six numbers.
 
     Forward speed and yaw rate by odometry over the robot's limits, the last action (2), whether the bumper is pressed
@@ -95,11 +84,7 @@ class Motion:
         """Return `Box(-1, 1, (6,), float32)`."""
         return spaces.Box(-1.0, 1.0, (6,), np.float32)
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the robot's own motion to `out`."""
-        scale_motions(robot.row[None], (robot.params.max_v, robot.params.max_w), ONE, out[None])
-
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the motions of many robots; see `ObservationPart`."""
+        """Write the motions of many robots; see `RowPart`."""
         params = batch.robots[0].params
         scale_motions(batch.numbers, (params.max_v, params.max_w), batch.active, out)

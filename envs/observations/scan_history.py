@@ -14,8 +14,7 @@ from lidarnaut.envs.geometry.rows import write_row
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
-
-from .scan import ONE
+from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
 """Gap between footprint and obstacle that is shown as a half [m]."""
@@ -158,7 +157,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
                 out[i, j * count + k] = shown if is_seen else out[i, k]
 
 
-class ScanHistory:
+class ScanHistory(RowPart):
     """The last scans, each pooled to the least ranges of equal sectors, newest first, beside each other.
 
     A range r is shown as 0.5 m / (max(r - radius of the footprint, 0) + 0.5 m): 1 at the footprint, 0 without a return,
@@ -184,7 +183,7 @@ class ScanHistory:
         if not (is_whole(num_sectors) and num_sectors >= 1):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
-        self._memory = "scan_history", self._ages, self._num_sectors
+        self._memory = (("scan_history", self._ages, self._num_sectors),)
         self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -203,17 +202,12 @@ class ScanHistory:
             raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
         self._shown = lags, sectors, self._compensates
-        ring = robot.rows.remember(self._memory, (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
+        ring = robot._rows.remember(self._memory[0], (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
         ring[0, :MOTION] = 0.0
         pool_scan(robot.ranges, sectors.beams, ring[0, MOTION:])
         ring[:] = ring[0]
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the scans to `out`."""
-        memory = robot.rows.memory[self._memory][robot.index, None]
-        write_history(robot.row[None], robot.ranges[None], memory, ONE, out[None], *self._shown)
-
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the scans of many robots; see `ObservationPart`."""
-        memory = batch.memory[self._memory]
+        """Write the scans of many robots; see `RowPart`."""
+        memory = batch.memory[self._memory[0]]
         write_history(batch.numbers, batch.ranges, memory, batch.active, out, *self._shown)

@@ -21,8 +21,7 @@ from lidarnaut.envs.navigation.goal_navigator import EAGER
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
-
-from .scan import ONE
+from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
 """Forward speeds of the table over the robot's limit."""
@@ -158,13 +157,12 @@ def look_ahead(now, limits, points, people, twists, out):
 
 
 @njit(cache=True, error_model="numpy")
-def write_trajectories(rows, ranges, memory, active, frame, tracker, twists, out):
+def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
     """Track people for active rows, once in a control period, and write what twists lead to: shape (n, ...), float32.
 
-    `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`, and
-    whether the lidar sees what is behind.
+    `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`;
+    `limits`: see `look_ahead`.
     """
-    frame, sees_behind = frame[:3], frame[3]
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
     states, all_tracks, all_scans, all_poses = memory
@@ -179,13 +177,11 @@ def write_trajectories(rows, ranges, memory, active, frame, tracker, twists, out
             state[STEPS] = row[at.STEPS]
         found = people[: write_bodies(state, tracks, tracker, people)]
         count = find_walls(ranges[i], frame, found, points)
-        robot = at.unpack_robot(row[at.ROBOT :])
-        limits = robot.max_v, robot.max_w, robot.max_acc_v, robot.max_acc_w, robot.radius, sees_behind
         now = row[at.TWIST_V], row[at.TWIST_W]
         look_ahead(now, limits, points[:, :count], found, twists, out[i])
 
 
-class Trajectories:
+class Trajectories(RowPart):
     """What each of 66 twists would lead to: eight numbers for each, by the last scan, and by people tracked in scans.
 
     A twist, one of six forward speeds and eleven yaw rates (`TWISTS`), is approached with the robot's accelerations
@@ -208,23 +204,18 @@ class Trajectories:
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode: forget all people."""
-        lidar, memory = robot.params.lidar, robot.rows.remember
+        params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(BEHIND))
-        frame = lidar.mount.x, lidar.mount.y, lidar.directions, sees_behind
-        self._fixed = frame, tracker_numbers(lidar, EAGER), TWISTS
+        limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
+        self._fixed = (lidar.mount.x, lidar.mount.y, lidar.directions), limits, tracker_numbers(lidar, EAGER), TWISTS
         num_scans = num_kept_scans(EAGER)
-        self._keys = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
+        self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4
-        for key, size in zip(self._keys, sizes, strict=True):
+        for key, size in zip(self._memory, sizes, strict=True):
             memory(key, size, np.float32 if key[1] == "scans" else np.float64)[robot.index] = 0.0
-        memory(self._keys[0], STATE)[robot.index, STEPS] = -1.0
-
-    def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write what twists lead to."""
-        memory = tuple(robot.rows.memory[key][robot.index, None] for key in self._keys)
-        write_trajectories(robot.row[None], robot.ranges[None], memory, ONE, *self._fixed, out[None])
+        memory(self._memory[0], STATE)[robot.index, STEPS] = -1.0
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write what the twists of many robots lead to; see `ObservationPart`."""
-        memory = tuple(batch.memory[key] for key in self._keys)
+        """Write the outcomes of the twists of many robots; see `RowPart`."""
+        memory = tuple(batch.memory[key] for key in self._memory)
         write_trajectories(batch.numbers, batch.ranges, memory, batch.active, *self._fixed, out)

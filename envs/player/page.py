@@ -10,6 +10,8 @@ from string import Template
 
 import numpy as np
 
+from lidarnaut.envs.files import printable
+
 from .recording import NO_RETURN, RANGE_STEPS, Recording
 
 MAX_EPISODES = 2
@@ -27,7 +29,7 @@ def build_page(recordings: Sequence[Recording]) -> str:
     explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
     worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
     return Template(texts["page.html"]).substitute(
-        title=html.escape(f"{explorers} in {', '.join(worlds)}"),
+        title=html.escape(printable(f"{explorers} in {', '.join(worlds)}")),
         style=texts["page.css"],
         script="\n".join(texts[name] for name in SCRIPTS),
         data=base64.b64encode(pack(recordings)).decode(),

@@ -25,6 +25,9 @@ failed, and the score by which the explorer chose, NaN where it has none."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
 """Ends of what belongs to each sample, or decision, and the array that they count in."""
 
+_FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
+"""Least of the keys of `about`."""
+
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
     """Return where each part ends when all are joined, shape (n,)."""
@@ -135,6 +138,8 @@ class Recording:
     def _check(self) -> None:
         if self.about["format"] != FORMAT:
             raise ValueError(f"it has format {self.about['format']}, this version reads {FORMAT}")
+        if missing := sorted(set(_FACTS) - self.about.keys()):
+            raise ValueError(f"about lacks {', '.join(missing)}")
         sizes: dict[str | int, int] = {}
         for name, (kind, *shape) in _LAYOUT.items():
             array = getattr(self, name)

@@ -6,9 +6,10 @@ from functools import lru_cache
 from operator import attrgetter
 from typing import Any
 
+import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
@@ -88,6 +89,10 @@ PERIOD = ROBOT + RobotRecord._fields.index("period")
 """The control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 """Number of entries of a row."""
+SENSED = np.ones(ROW_SIZE)
+"""Shape (ROW_SIZE,), float64: NaN for entries that hold ground truth, which a robot does not know, and 1 for others."""
+SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
+SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
 
 @lru_cache(maxsize=64)
@@ -124,4 +129,4 @@ def unpack_robot(numbers):
 
     Handing an array to a compiled function takes 0.1 us, a named tuple 0.1 us for each number in it.
     """
-    return RobotRecord(*to_fixed_tuple(numbers, RECORD_SIZE))  # type: ignore[call-arg]
+    return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

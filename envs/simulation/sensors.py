@@ -45,7 +45,7 @@ def disturb_ranges(ranges, draws, robot):
     for k in range(num_beams):
         exact = float(ranges[k])
         measured = exact + robot.range_std * draws[k]
-        if robot.range_resolution > 0.0:
+        if robot.range_resolution > 0.0 and exact < np.inf:
             measured = robot.range_resolution * math.floor(measured / robot.range_resolution + 0.5)
         if robot.dropout > 0.0 and draws[num_beams + k] < robot.dropout:
             ranges[k] = np.nan

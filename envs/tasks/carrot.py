@@ -13,8 +13,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.observations.plan import look_ahead
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
-from lidarnaut.envs.observations.scan import ONE
-from lidarnaut.envs.robot import Robot
+from lidarnaut.envs.robot import ONE, GroundTruth, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.simulation import records as at
@@ -109,7 +108,7 @@ class PlannedCarrot:
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
         """Write the carrot to `out`."""
-        goal, navigator = self._task.goal[:2], self._navigator
+        goal, navigator = self._task.tell_goal(robot.belief.pose)[:2], self._navigator
         if robot.reading is not self._reading:
             self._reading = robot.reading
             if navigator.goal != goal:
@@ -129,16 +128,18 @@ class ShortestCarrot(PlannedCarrot):
     For training: no robot knows that path, but kernels find it without planning.
     """
 
+    uses_ground_truth = True
+
     def reset(self, robot: Robot) -> None:
         """Begin an episode."""
 
-    def write(self, robot: Robot, out: np.ndarray) -> None:
+    def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
         """Write the carrot to `out`."""
-        own = robot.rows.memory[GOAL_MEMORY][robot.index, None]
-        write_carrots(robot.row[None], own, self._task.arrays, self._ahead, ONE, out[None])
+        rows = truth._rows
+        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], self._task.arrays, self._ahead, ONE, out[None])
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the carrots of many robots; see `ObservationPart`."""
+        """Write the carrots of many robots; see `RowPart`."""
         write_carrots(batch.numbers, batch.memory[GOAL_MEMORY], batch.task_arrays[0], self._ahead, batch.active, out)
 
 

@@ -1,5 +1,6 @@
 """Reaching a goal in an unknown world."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -7,8 +8,9 @@ from typing import Any, ClassVar, Literal
 
 import numpy as np
 
-from lidarnaut.envs.estimation import Estimator
+from lidarnaut.envs.estimation import ORIGIN, Estimator
 from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
+from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.measures import REACH, Measure, barn_metric
 from lidarnaut.envs.observations import NearGoal
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
@@ -27,6 +29,8 @@ from .starts import UnknownWorldTask
 
 CELL = 0.1
 """Side of the cells of the geodesic distance, or of those of the traversable area where these are larger [m]."""
+TOLD_RANGE, TOLD_STEP = 2.0, 0.5
+"""With `goal_given="bearing"` controllers get a point this far away towards the goal, anew once it moves by a step [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in worlds that belong to a benchmark, BARN's [s]."""
 BARN_SPEED = 2.0
@@ -73,8 +77,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
 
     Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 0.8 m ahead on the path of a navigator that plans by what the
-    robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training.
-    `trajectories` (`Box(-inf, inf, (66, 8))`): what driving by each of 66 twists would lead to, see
+    robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training:
+    policies evaluated with it are marked. `trajectories` (`Box(-inf, inf, (66, 8))`): what driving by each of 66 twists would lead to, see
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
@@ -113,7 +117,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     |---|---|---|
     | `slam` | `"odometry"` | where the pose comes from: `"odometry"` or `"truth"`, neither of which keeps a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
-    | `goal_given` | `"pose"` | what is told of the goal: `"pose"`, or `"bearing"` without the distance |
+    | `goal_given` | `"pose"` | information about the goal: `"pose"`, or `"bearing"` without the distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` get a point 2 m away in its direction, anew once it has moved by 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
     | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
     | `contact` | `"ends"` | whether contact `"ends"` the episode or `"costs"` |
@@ -166,7 +170,17 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ) -> float:
         """Start an episode; see `Task`."""
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
+        self._told = ORIGIN
         return super().reset(simulator, robots, rng, options)
+
+    def tell_goal(self, pose: Pose2D) -> Pose2D:
+        """Return the goal that controllers are given at an estimated pose, map frame; see `TOLD_RANGE`."""
+        if self.goal_given == "pose":
+            return self.goal
+        bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
+        told = pose._replace(x=pose.x + TOLD_RANGE * math.cos(bearing), y=pose.y + TOLD_RANGE * math.sin(bearing))
+        self._told = told if math.dist(told[:2], self._told[:2]) > TOLD_STEP else self._told
+        return self._told
 
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]

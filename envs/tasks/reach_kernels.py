@@ -52,7 +52,7 @@ def measure_goal(row, own, lengths):
     for i in range(max(middle_row - 1, 0), min(middle_row + 2, lengths.shape[0])):
         for j in range(max(middle_col - 1, 0), min(middle_col + 2, lengths.shape[1])):
             straight = distance(left + (j + 0.5) * side - x, low + (i + 0.5) * side - y)
-            best = min(best, lengths[i, j] + straight)
+            best = min(best, float(lengths[i, j]) + straight)
     if best < np.inf:
         own[LEFT] = best
     own[SUCCESS] = own[DISTANCE] <= own[TOLERANCE]

@@ -17,7 +17,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.slam import DEFAULT_SLAM, make_slam
 from lidarnaut.envs.task import Task
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area, world_sampler
-from lidarnaut.envs.worlds.library import WorldSampler
+from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
@@ -61,6 +61,12 @@ class WorldTask(Task):
     def _sampler(self, world: Any) -> WorldSampler:
         settings: dict[str, Any] = {"split": self.split, "size": self.world_size, "radius": self.robot.radius}
         return world_sampler(world, **settings, difficulty=self.difficulty, num_worlds=self.num_worlds)
+
+    @property
+    def sampler_ahead(self) -> Any:
+        """The sampler of worlds if it and `draw_world` are the package's own; see `Task`."""
+        is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
+        return self._sample if is_own and has_no_effects(self._sample) else None
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
         """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""

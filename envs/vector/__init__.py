@@ -1,6 +1,5 @@
 """Many environments as one: shards of them in worker processes."""
 
-from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -23,13 +22,7 @@ def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **
     return LidarVectorEnv(load_env_creator(entry_point), num_envs, physics=physics, **arguments)
 
 
-LidarEnvs: Callable[..., LidarVectorEnv] = partial(_make, "lidarnaut.envs.core:LidarEnv")
-ExploreFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(
-    _make, "lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv"
-)
-ExploreFrontiersAbstractEnvs: Callable[..., LidarVectorEnv] = partial(
-    _make, "lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv"
-)
-ExploreTeamFrontiersEnvs: Callable[..., LidarVectorEnv] = partial(
-    _make, "lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv"
-)
+LidarEnvs = partial(_make, "lidarnaut.envs.core:LidarEnv")
+ExploreFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv")
+ExploreFrontiersAbstractEnvs = partial(_make, "lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv")
+ExploreTeamFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv")

@@ -3,7 +3,8 @@
 What the kernel leaves, each sub-environment does itself, in the cache that it needs for it: see `LidarEnv.finish`.
 """
 
-from collections.abc import Sequence
+import itertools
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,11 +15,13 @@ from lidarnaut.envs.estimation.dead_reckoning import DeadReckoning
 from lidarnaut.envs.robot import SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
-from lidarnaut.envs.task import Rewards
+from lidarnaut.envs.task import Rewards, total
 from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
 
-from .memory import Arrays, Extras
+from .memory import SCALARS, Arrays, Records
 
+OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
+"""Entries of `info` that are not the task's."""
 MOST_POSITIONS = 256
 """Positions of robots without a map that are kept for their trails before their objects get them."""
 
@@ -60,12 +63,15 @@ class Batch:
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
         self._time_limits, self._period = np.zeros(len(envs)), env.control_period
-        self._part_writes_rows = {name: _has_own(part, "write_rows", "write") for name, part in env.parts.items()}
+        self._part_writes_rows = {
+            name: _has_own(part, "write_rows", "write", of="lidarnaut.") for name, part in env.parts.items()
+        }
         self._has_own_parts = not all(self._part_writes_rows.values())
         self._are_alike = np.zeros((len(envs), 3), dtype=np.bool_)
         self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
         self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
-        self._names: tuple[str, ...] = ()
+        self._own_info = OWN_INFO | ({"randomized"} if hasattr(env, "randomized") else set())
+        self._names: Iterable[str] = ()  # of quantities
         self._levels: dict[float, Any] = {}
         self.around: Any = None
         """Walls, circles and `People.arrays` of each environment, as a list for kernels."""
@@ -97,12 +103,11 @@ class Batch:
         alike: Any = self._are_alike.all(axis=0)
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
-    def step(self, active: np.ndarray, is_last: np.ndarray, records: np.ndarray, extras: Extras) -> np.ndarray:
-        """Step active environments, of which there is one, by their rows of the actions; write `records` and `extras`.
+    def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
+        """Step active environments, at least one, by their rows of the actions; note rewards and `info`.
 
-        `active`, `is_last`: shape (num_envs,), bool; the latter's episodes end here whatever happens. `records`: what
-        `info` holds at every step; `extras`: what else it holds. Returns which episodes of active environments are
-        over, shape (num_envs,), bool.
+        `active`, `is_last`: shape (num_envs,), bool; the latter's episodes end with this step. Returns True for active
+        environments whose episodes are over, shape (num_envs,): their outcome is left to `LidarEnv.outcome`.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -123,11 +128,15 @@ class Batch:
         self._finish(chosen)
         self._is_behind = (self._is_behind | idle) & ~busy
         self._observe(np.flatnonzero(active).tolist())
-        self._judge(active, columns or self._columns(chosen, len(active)), records)
         if not self._updates_rows:
-            self._note_metrics(chosen, records, extras)
             for i in chosen:
                 is_over[i] |= self._envs[i].task.end_reason is not None
+        going = active & ~is_over
+        if going.any():
+            chosen = np.flatnonzero(busy & going).tolist()
+            self._judge(going, chosen, columns, records)
+            if not self._updates_rows:
+                self._note_metrics(chosen, records)
         return is_over
 
     def catch_up(self) -> None:
@@ -204,48 +213,52 @@ class Batch:
                 sizes[k], origins[k] = (level.height, level.width), robot.belief.grid.origin
         return words, sizes, origins, side
 
-    def _judge(self, active: np.ndarray, columns: Sequence[dict[str, np.ndarray]], records: np.ndarray) -> None:
-        """Write rewards and records of active environments, by the quantities and metrics of their tasks."""
-        num_envs, numbers, (quantities, metrics) = len(active), self.numbers, columns
-        terms, where = self._terms(quantities), slice(None) if active.all() else active
-        self._arrays.rewards[where] = sum(terms.values())[where]  # type: ignore[index]
-        rewards = records["rewards"]
-        for name, term in terms.items():
-            rewards[name][where] = term[where]
+    def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
+        """Write rewards and records of environments that go on.
+
+        `columns`: quantities and metrics of the tasks; None takes quantities from the objects of those in `chosen`.
+        """
+        tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
+        rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
+        self._names = next(iter(rows.values()), self._names)
+        quantities, metrics = columns or (self._at_rest(), {})
+        weights = tasks[0].rewards.weights if self._has_columns else ()
+        if weights and {type(row[name]) for row in rows.values() for name in weights} <= {float, np.float64}:
+            for name in weights if rows else ():
+                quantities[name][chosen] = [row[name] for row in rows.values()]
+            terms = tasks[0].rewards.terms(quantities)
+            self._arrays.rewards[where] = total(terms)[where]
+            for name, term in terms.items():
+                records.rows["rewards"][name][where] = term[where]
+        else:
+            for i in np.flatnonzero(going).tolist():
+                row = rows.get(i) or {name: float(column[i]) for name, column in quantities.items()}
+                terms = tasks[i].rewards.terms(row)
+                self._arrays.rewards[i] = total(terms)
+                records.note(i, {"rewards": terms}, ("rewards",))
         told = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
         told |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
         for name, column in told.items():
-            records[name][where] = column.reshape(num_envs, *records.dtype[name].shape)[where]
+            records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
-    def _columns(self, chosen: list[int], num_envs: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-        """Return the quantities of tasks, those chosen by their objects and others at rest, and no metrics."""
-        touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(num_envs, -1).sum(axis=1)
-        columns = {"time": np.full(num_envs, self._period), "collision": self._period * touching}
-        rows = [self._envs[i].task.quantities() for i in chosen]
-        self._names = tuple(rows[0]) if rows else self._names
-        quantities = {name: columns.get(name, np.zeros(num_envs)) for name in self._names}
-        for name, column in quantities.items():
-            column[chosen] = [row[name] for row in rows]
-        return quantities, {}
+    def _at_rest(self) -> dict[str, np.ndarray]:
+        """Return the quantities of tasks at rest as columns; see `Task.rests_between_scans`."""
+        touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
+        passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
+        return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
 
-    def _note_metrics(self, chosen: list[int], records: np.ndarray, extras: Extras) -> None:
-        """Write to records and extras the metrics of the tasks of environments."""
-        metrics = [self._envs[i].task.metrics() for i in chosen]
-        names = [name for name in metrics[0] if name in (records.dtype.names or ())] if metrics else []
-        for name in names:
-            records[name][chosen] = [row[name] for row in metrics]
-        for i, row in zip(chosen, metrics, strict=True):
-            if len(row) > len(names):
-                extras[i] = {name: row[name] for name in row if name not in names}
-
-    def _terms(self, quantities: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-        """Return the reward terms of environments as columns."""
-        tasks = [env.task for env in self._envs]
-        if self._has_columns:
-            return tasks[0].rewards.terms(quantities)
-        values = zip(*(column.tolist() for column in quantities.values()), strict=True)
-        rows = [task.rewards.terms(dict(zip(quantities, row, strict=True))) for task, row in zip(tasks, values)]
-        return {name: np.array([row[name] for row in rows]) for name in rows[0]}
+    def _note_metrics(self, chosen: list[int], records: Records) -> None:
+        """Note the metrics of the tasks of environments."""
+        rows = [self._envs[i].task.metrics() for i in chosen]
+        for name in dict.fromkeys(itertools.chain(records.kinds, *rows)):
+            values, kind = [row.get(name) for row in rows], records.kinds.get(name)
+            if name in self._own_info:
+                continue
+            if kind in (SCALARS[float], SCALARS[bool]) and {SCALARS.get(one) for one in {*map(type, values)}} == {kind}:
+                records.rows[name][chosen] = values
+            else:
+                for i, row in zip(chosen, rows, strict=True):
+                    records.note(i, row, (name,))
 
 
 def _around(env: Any) -> tuple[Any, ...]:
@@ -253,8 +266,8 @@ def _around(env: Any) -> tuple[Any, ...]:
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 
-def _has_own(thing: Any, by_rows: str, *one_by_one: str) -> bool:
-    """Tell whether something does its work for many rows at once, and does not overwrite how it does it for one."""
+def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
+    """Return True if the first class with one of these methods has `by_rows`, and its module begins with `of`."""
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
-    return by_rows in vars(kind)
+    return by_rows in vars(kind) and kind.__module__.startswith(of)

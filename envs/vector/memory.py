@@ -2,14 +2,14 @@
 
 import ctypes
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from gymnasium import spaces
 
 Extras = dict[int, dict[str, Any]]
-"""By sub-environment: what `info` holds only now and then, such as `end_reason`, `final_obs` and `final_info`."""
+"""By sub-environment: entries of `info` that its record does not hold, such as `end_reason` and `final_info`."""
 WHOLE = ""
 """Name of an observation that is no `Dict`."""
 
@@ -73,21 +73,57 @@ class Memory:
         return Arrays(dict(zip(self._names, views, strict=False)), *views[len(self._names) :])
 
 
-def record_type(info: Mapping[str, Any]) -> np.dtype:
-    """Return the type of records that hold an info dict: numbers, texts, arrays, and dicts of them."""
-    fields: list[Any] = []
-    for name, value in info.items():
-        if isinstance(value, Mapping):
-            fields.append((name, record_type(value)))
-        elif isinstance(value, str):
-            fields.append((name, "U32"))
-        else:
-            array = np.asarray(value)
-            fields.append((name, array.dtype, array.shape))
-    return np.dtype(fields)
+class Absent:
+    """Stands in extras for an entry of the records that `info` lacks."""
 
 
-def to_record(info: Mapping[str, Any], dtype: np.dtype) -> tuple[Any, ...]:
-    """Return an info dict as what is assigned to a record."""
-    values = ((name, info[name]) for name in dtype.names or ())
-    return tuple(to_record(value, dtype[name]) if isinstance(value, dict) else value for name, value in values)
+SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
+"""Codes of scalars in records. `np.bool_` is not one of them: Gymnasium puts it in arrays of objects."""
+
+
+def kind_of(value: Any) -> Any:
+    """Return the type of a value in records, which Gymnasium's vector environments give its array; None for no type.
+
+    Types have the forms that `np.dtype` takes: code of a scalar, code and shape of an array, `kinds_of` of a dict.
+    """
+    if (code := SCALARS.get(type(value))) is not None:
+        return None if type(value) is int and not -(2**63) <= value < 2**63 else code
+    if isinstance(value, dict):
+        kinds = kinds_of(value)
+        return kinds if kinds and len(kinds) == len(value) else None
+    is_array = type(value) is np.ndarray and value.dtype.kind in "biufc"
+    return (value.dtype.str, value.shape) if is_array else None
+
+
+def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
+    """Return names and types of the entries of an info dict that fit records."""
+    names = [name for name in info if type(name) is str and name != "final_obs" and name[:1] not in ("", "_")]
+    return [(name, kind) for name in names if (kind := kind_of(info[name])) is not None]
+
+
+class Records:
+    """The `info` of sub-environments: records of the entries of fixed types (`kind_of`), and extras for all others."""
+
+    def __init__(self, num_envs: int, kinds: Sequence[tuple[str, Any]]) -> None:
+        self.kinds, self.rows, self.extras = dict(kinds), np.zeros(num_envs, [*kinds]), Extras()
+
+    def note(self, i: int, info: Mapping[str, Any], names: Iterable[str] | None = None) -> None:
+        """Note entries of some names, which `info` may lack, or all of them."""
+        for name in dict.fromkeys([*self.kinds, *info]) if names is None else names:
+            kind = self.kinds.get(name)
+            if kind is not None and kind_of(info.get(name)) == kind:
+                self.rows[name][i] = _to_record(info[name], kind)
+            else:
+                self.extras.setdefault(i, {})[name] = info.get(name, Absent)
+
+
+def _to_record(value: Any, kind: Any) -> Any:
+    """Return a value as it is assigned to a record."""
+    return tuple(_to_record(value[name], one) for name, one in kind) if isinstance(kind, list) else value
+
+
+def from_record(value: Any) -> Any:
+    """Return a value of a record as `info` held it."""
+    if value.dtype.names:
+        return {name: from_record(value[name]) for name in value.dtype.names}
+    return value.item() if isinstance(value, np.bool_ | np.float64 | np.int64) else value

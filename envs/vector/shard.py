@@ -13,7 +13,7 @@ from gymnasium.vector import AutoresetMode
 from lidarnaut.envs.core import LidarEnv
 
 from .batch import Batch
-from .memory import Extras, Memory, parts_of, record_type, to_record, whole_of
+from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
 """Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
@@ -57,7 +57,7 @@ class Shard:
         self._has_ended = np.zeros(len(self.envs), dtype=np.bool_)
         self._preparer = ThreadPoolExecutor(max_workers=1, thread_name_prefix="worlds")
         self._preparations: list[Future[None] | None] = [None] * len(self.envs)
-        self._records: np.ndarray | None = None
+        self._records = Records(len(self.envs), ())
         self._batch: Batch | None = None
 
     def reset(
@@ -66,49 +66,56 @@ class Shard:
         """Start episodes of the sub-environments in `mask`, of which each has a seed.
 
         Returns:
-            What `info` holds at every step, a record for each sub-environment, and extras.
+            Records of `info`, shape (num_envs,), zeros outside of `mask`, and extras.
         """
-        extras: Extras = {}
+        self._records.extras = {}
         for i, seed in enumerate(seeds):
             if mask[i]:
-                self._note(i, self._reset(i, seed, options), extras)
+                self._records.note(i, self._reset(i, seed, options))
                 self._arrays.terminated[i] = self._arrays.truncated[i] = False
         self._bind(range(len(self.envs)))
-        assert self._records is not None
-        return self._records, extras
+        rows = self._records.rows
+        return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
+
+    def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
+        """Hold entries of such kinds in records from now on; call it after the first reset of all sub-environments."""
+        first, self._records = self._records.extras, Records(len(self.envs), kinds)
+        for i, info in first.items():
+            self._records.note(i, info)
+        self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
         """Step every sub-environment with its row of the actions; returns as `reset`."""
-        assert self._records is not None
-        arrays, extras, ended = self._arrays, Extras(), self._has_ended.copy()
+        arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
+        records.extras = {}
         self._steps += ~ended
         is_last, is_left = self._steps == self._max_steps, np.ones_like(ended)
         if self._batch is not None and not ended.all():
-            is_left = ended | self._batch.step(~ended, is_last, self._records, extras)
+            is_left = ended | self._batch.step(~ended, is_last, records)
             arrays.terminated[:] = arrays.truncated[:] = False
         for i in np.flatnonzero(is_left).tolist():
             if ended[i]:
                 info = self._reset(i, None, None)
                 arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = 0.0, False, False
-                self._note(i, info, extras)
+                records.note(i, info)
                 continue
             reward, terminated, truncated, info = self._outcome(i, bool(is_last[i]))
             arrays.rewards[i], arrays.terminated[i], arrays.truncated[i] = reward, terminated, truncated
             if terminated or truncated:
-                self._close_episode(i, info, extras)
+                self._close_episode(i, info)
             else:
-                self._note(i, info, extras)
-        return self._records, extras
+                records.note(i, info)
+        return records.rows, records.extras
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
         """Step a sub-environment, but for one of a batch, which has been stepped; see `LidarEnv.outcome`."""
-        env = self.envs[i]
+        env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
         if self._is_wrapped:
-            observation, *outcome = env.step(self._arrays.actions[i])
+            observation, *outcome = env.step(action)
             self._write(i, observation)
             return outcome
         if self._batch is None:
-            env.apply(self._arrays.actions[i])
+            env.apply(action)
             env.observe(self._rows[i])
         return env.outcome(is_last)
 
@@ -143,8 +150,9 @@ class Shard:
     def _reset(self, i: int, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
         """Start an episode and return its first info."""
         env, preparation = self.envs[i], self._preparations[i]
-        if preparation is not None:
-            preparation.result()
+        if preparation is not None and not preparation.cancel():
+            with _preparing:  # Not `wait`: in a forked process it would wait for a thread that is not there.
+                pass
         observation, info = env.reset(seed=seed, options=options)
         self._write(i, observation)
         self._steps[i], self._has_ended[i] = 0, False
@@ -160,7 +168,7 @@ class Shard:
 
     def _bind(self, indices: Sequence[int]) -> None:
         """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
-        if self._records is None:
+        if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
         if self._is_wrapped or not all(isinstance(env, LidarEnv) and env.is_fused for env in changed):
@@ -170,27 +178,18 @@ class Shard:
             self._batch, indices = Batch(self.envs, self._arrays), range(len(self.envs))
         self._batch.bind(indices)
 
-    def _close_episode(self, i: int, info: dict[str, Any], extras: Extras) -> None:
+    def _close_episode(self, i: int, info: dict[str, Any]) -> None:
         """Take note of an episode's last info, and start the next one where that is due at once."""
         if self._mode == AutoresetMode.SAME_STEP:
             final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
-            extras[i] = {"final_obs": final, "final_info": info}
+            self._records.extras[i] = {"final_obs": final, "final_info": info}
             info = self._reset(i, None, None)
         else:
             self._has_ended[i] = True
-        self._note(i, info, extras)
-
-    def _note(self, i: int, info: dict[str, Any], extras: Extras) -> None:
-        """Write to the records what `info` holds at every step, and to the extras what else it holds."""
-        if self._records is None:
-            self._dtype = record_type(info)
-            self._records = np.zeros(len(self.envs), self._dtype)
-        self._records[i] = to_record(info, self._dtype)
-        names = self._dtype.names or ()
-        if len(info) > len(names):
-            extras[i] = {name: info[name] for name in info if name not in names} | extras.get(i, {})
+        self._records.note(i, info)
 
 
 def _prepare(env: Any) -> None:
-    with _preparing:
+    """Prepare an episode. Errors are left to the reset, which draws another world then."""
+    with _preparing, contextlib.suppress(Exception):
         env.prepare()

@@ -17,7 +17,7 @@ from gymnasium.vector.utils import batch_space
 from lidarnaut.envs.arguments import clip_hint, is_whole, read_action, read_options
 from lidarnaut.envs.processes import interrupts_delayed
 
-from .memory import Extras, Memory, whole_of
+from .memory import Absent, Extras, Memory, from_record, kinds_of, whole_of
 from .shard import Shard
 from .workers import Worker
 
@@ -52,7 +52,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             num_envs: number of sub-environments.
             autoreset_mode: when a sub-environment whose episode has ended starts the next one: with the step after
                 (`NEXT_STEP`), at once (`SAME_STEP`), or when `reset` is called with a `reset_mask` (`DISABLED`).
-            max_episode_steps: truncates episodes after so many steps, besides the time limit.
+            max_episode_steps: number of steps that truncates an episode, besides the time limit; None or -1 for none.
             num_workers: processes that step sub-environments, this one among them; 0 is the same as 1. None takes as
                 many as there are cores that this process may use.
             context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
@@ -67,8 +67,10 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self.closed = True  # until there is something to close
         if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
             raise ValueError(f"num_envs must be whole and from 1 to {MAX_ENVS:,}, got {num_envs!r}")
+        if max_episode_steps == -1:  # as in `gymnasium.make`
+            max_episode_steps = None
         if max_episode_steps is not None and not (is_whole(max_episode_steps) and max_episode_steps >= 1):
-            raise ValueError(f"max_episode_steps must be whole and at least 1, or None, got {max_episode_steps!r}")
+            raise ValueError(f"max_episode_steps must be whole and at least 1, -1 or None, got {max_episode_steps!r}")
         if num_workers is not None and not (is_whole(num_workers) and num_workers >= 0):
             raise ValueError(f"num_workers must be whole and not negative, or None, got {num_workers!r}")
         if arguments.get("render_mode") == "human":
@@ -92,7 +94,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
-        """Of what `info` holds at every step."""
+        """Of the records of `info`; None before the first reset."""
+        self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
         self._shares = [slice(first, last) for first, last in itertools.pairwise(bounds)]
@@ -122,7 +125,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """
         seeds: list[Any] = [None] * self.num_envs
         if is_whole(seed):
-            seeds = [seed + i for i in range(self.num_envs)]
+            seeds = [int(seed) + i for i in range(self.num_envs)]
         elif seed is not None:
             seeds = list(seed) if np.iterable(seed) else []
         if len(seeds) != self.num_envs or not all(one is None or is_whole(one) for one in seeds):
@@ -138,8 +141,13 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._has_begun = False  # unless all of them succeed
         shares = [(seeds[share], mask[share].tolist(), options or None) for share in self._shares]
         results = self._call("reset", shares)
-        self._dtype, self._has_begun = results[0][0].dtype, True
-        return self._observations(), self._info(results)
+        info = self._info(results, mask)
+        if self._dtype is None:
+            kinds = kinds_of(results[0][1].get(0, {}))
+            self._call("fix_kinds", [(kinds,)] * len(self._shares))
+            self._dtype = np.dtype(kinds)
+        self._has_begun = True
+        return self._observations(), info
 
     def step(
         self, actions: np.ndarray
@@ -169,7 +177,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         with interrupts_delayed():
             results = self._exchange(itertools.repeat(b"s"), self._shard.step)
             self._has_begun = True
-        info = self._info(results)
+        info = self._info(results, np.ones(self.num_envs, dtype=np.bool_))
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
@@ -180,6 +188,16 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Call a method of every sub-environment, or return an attribute that is none."""
         self._check_open()
         return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
+
+    @property
+    def np_random_seed(self) -> Any:
+        """The seeds of the sub-environments, a tuple."""
+        return self.get_attr("np_random_seed")
+
+    @property  # type: ignore[misc]
+    def np_random(self) -> Any:
+        """The generators of the sub-environments, a tuple; those of worker processes are copies."""
+        return self.get_attr("np_random")
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         """Return an attribute of every sub-environment."""
@@ -203,7 +221,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the workers."""
         self._shard.close()
-        for worker in self._workers:
+        for worker in self._workers if os.getpid() == self._owner else ():
             if self._is_under_way:  # it may be at work for long, or wait for the rest of a message
                 worker.process.kill()  # whatever handler it has inherited
             worker.close()
@@ -211,6 +229,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def _check_open(self) -> None:
         if self.closed:
             raise gymnasium.error.ClosedEnvironmentError("the vector environment is closed")
+        if self._workers and os.getpid() != self._owner:
+            raise RuntimeError("the workers of the vector environment belong to the process that forked this one")
         if self._is_under_way:
             raise RuntimeError("the vector environment was interrupted in a call; close it and make another one")
 
@@ -260,20 +280,25 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def _observations(self) -> Any:
         return whole_of({name: array.copy() for name, array in self._arrays.observations.items()})
 
-    def _info(self, results: Sequence[tuple[np.ndarray, Extras]]) -> dict[str, Any]:
+    def _info(self, results: Sequence[tuple[np.ndarray, Extras]], mask: np.ndarray) -> dict[str, Any]:
+        """Return the `info` of the sub-environments in `mask`, by the rules of Gymnasium's vector environments."""
         records = np.concatenate([records for records, _ in results])
-        info = _columns(records, np.ones(self.num_envs, dtype=np.bool_))
-        for share, (_, extras) in zip(self._shares, results, strict=True):
-            for i, extra in extras.items():
-                info = self._add_info(info, extra, share.start + i)
+        shares = zip(self._shares, results, strict=True)
+        extras = {share.start + i: extra for share, (_, found) in shares for i, extra in found.items()}
+        names = records.dtype.names or () if extras else ()
+        unfit = [name for name in names if any(name in extra for extra in extras.values())]
+        info = _columns(records, mask, unfit)
+        for i in np.flatnonzero(mask).tolist() if unfit else sorted(extras):
+            entries = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
+            self._add_info(info, {name: value for name, value in entries.items() if value is not Absent}, i)
         return info
 
 
 def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:
     """Return a sub-environment; one with wrappers has its steps counted as `gymnasium.make` has it."""
     env = make_env(**arguments)
-    if wrappers and max_episode_steps is not None:
-        env = gymnasium.wrappers.TimeLimit(env, max_episode_steps)
+    if max_episode_steps is not None and (wrappers or env is not env.unwrapped):
+        env = gymnasium.wrappers.TimeLimit(env, int(max_episode_steps))
     for wrapper in wrappers:
         env = wrapper(env)
     return env
@@ -286,14 +311,12 @@ def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], A
     return gymnasium.make_vec(id, num_envs, **arguments)
 
 
-def _columns(records: np.ndarray, everyone: np.ndarray) -> dict[str, Any]:
-    """Return records as a dict of arrays with their masks."""
+def _columns(records: np.ndarray, mask: np.ndarray, without: Sequence[str] = ()) -> dict[str, Any]:
+    """Return records as a dict of arrays with their masks, except for the entries named in `without`."""
     info: dict[str, Any] = {}
     for name in records.dtype.names or ():
-        column = records[name]
-        if column.dtype.names:
-            info[name] = _columns(column, everyone)
-        else:
-            info[name] = column.astype(object) if column.dtype.kind == "U" else column.copy()
-        info[f"_{name}"] = everyone.copy()
+        if name not in without:
+            column = records[name]
+            info[name] = _columns(column, mask) if column.dtype.names else column.copy()
+            info[f"_{name}"] = mask.copy()
     return info

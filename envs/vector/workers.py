@@ -1,6 +1,7 @@
 """Worker processes, each with a shard."""
 
 import contextlib
+import multiprocessing
 import os
 import pickle
 import select
@@ -22,6 +23,9 @@ from .shard import Shard
 SPIN_TIME = 0.002
 """How long a process waits for the others before it sleeps [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
+_processes = weakref.WeakSet[Any]()
+if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers when it exits
+    os.register_at_fork(after_in_child=lambda: multiprocessing.process._children.difference_update(_processes))  # type: ignore[attr-defined]
 
 
 class Worker:
@@ -34,8 +38,9 @@ class Worker:
             self.process.start()
         except ConnectionError as error:  # of a fork server, which has imported the script
             raise RuntimeError(f"no worker process could be started{UNGUARDED}") from error
+        _processes.add(self.process)
         far_end.close()
-        self.close = weakref.finalize(self, _stop, self._pipe, self.process)
+        self.close = weakref.finalize(self, _stop, self._pipe, self.process, os.getpid())
 
     def send(self, request: bytes) -> None:
         with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # `receive` tells that the worker has died
@@ -61,7 +66,9 @@ class Worker:
         return content
 
 
-def _stop(pipe: Any, process: Any) -> None:
+def _stop(pipe: Any, process: Any, owner: int) -> None:
+    if os.getpid() != owner:  # a process forked from the owner, which ends or collects its copy
+        return
     # Not only closed: workers that were forked later hold copies of this end.
     with contextlib.suppress(OSError):
         pipe.send_bytes(b"q")
@@ -88,6 +95,7 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
     Each answer is one byte, "." for a step without extras, "+" for a pickled result, "!" for an error, and its bytes.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent closes its workers.
+    multiprocessing.current_process().daemon = False  # users' code may have processes of its own
     follow_parent()
     shard: Shard | None = None
     with contextlib.suppress(EOFError, ConnectionError):

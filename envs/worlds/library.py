@@ -182,3 +182,9 @@ def _sample(sample: WorldSampler, rng: np.random.Generator) -> World:
 
 def _same(world: World, rng: np.random.Generator) -> World:
     return world
+
+
+def has_no_effects(sample: WorldSampler) -> bool:
+    """Return True if a sampler calls no code of users: its worlds depend on the generator alone."""
+    kind = getattr(sample, "func", None)
+    return kind in (_draw, _same) or (kind is _draw_one_of and all(map(has_no_effects, sample.args[0])))  # type: ignore[attr-defined]

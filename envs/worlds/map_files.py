@@ -13,7 +13,7 @@ import yaml
 from PIL import Image
 from pydantic import BaseModel, Field
 
-from lidarnaut.envs.files import printable, read_record, write_file
+from lidarnaut.envs.files import check_file, printable, read_record, write_file
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 
 from .raster import MAX_CELLS
@@ -34,6 +34,8 @@ MAX_YAW = 1e-6
 """Maps that are turned by less are not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
 """Of images of maps."""
+MAX_IMAGE_BYTES = 4 * MAX_CELLS
+"""Largest image of a map: digits in text for each cell."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
 """Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
 
@@ -144,7 +146,8 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
         raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", Image.DecompressionBombWarning)  # there is a limit of ours
+            warnings.simplefilter("ignore")  # of damaged files, and of large images: there is a limit of ours
+            check_file(path, MAX_IMAGE_BYTES)
             with Image.open(path, formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > MAX_CELLS:
                     raise ValueError(f"{image.width} x {image.height} pixels; at most {MAX_CELLS:,} are allowed")

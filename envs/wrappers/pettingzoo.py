@@ -1,7 +1,10 @@
 """Teams as PettingZoo's `ParallelEnv` and `AECEnv`; needs the extra `[pettingzoo]`."""
 
+import copy
+from collections.abc import Mapping
 from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 from gymnasium import spaces
 
@@ -10,6 +13,7 @@ try:
 except ImportError as error:
     raise ImportError("needs PettingZoo: pip install 'lidarnaut[pettingzoo]', or -e '.[pettingzoo]'") from error
 
+from lidarnaut.envs.arguments import read_options
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_team_frontiers import ExploreTeamFrontiersEnv
 from lidarnaut.envs.tasks.explore import ExploreTeam
@@ -21,7 +25,36 @@ OPTIONS = ("world", "start")
 """Options of `reset`."""
 
 
-class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
+class _Team:
+    """Methods of both interfaces."""
+
+    env: Any
+    agents: list[str]
+    observation_spaces: dict[str, spaces.Space]
+    action_spaces: dict[str, spaces.Space]
+
+    def observation_space(self, agent: str) -> spaces.Space:
+        """Return the observation space of an agent; always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> spaces.Space:
+        """Return the action space of an agent; always the same object."""
+        return self.action_spaces[agent]
+
+    def render(self) -> np.ndarray | None:
+        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
+        return self.env.render()
+
+    def close(self) -> None:
+        """Release the physics engine and the window."""
+        self.env.close()
+
+    def _check_begun(self) -> None:
+        if not self.agents:
+            raise gymnasium.error.ResetNeeded("call reset first: no episode has begun, or all agents have ended")
+
+
+class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     """`ExploreTeam-v0` with an agent per robot: "robot_0", "robot_1", ...
 
     Each agent gets its own row of actions, observations and of what `info` has per robot. The reward is the team's, the
@@ -43,28 +76,31 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
         self.observation_spaces = {agent: spaces.Dict(rows) for agent in self.possible_agents}
         self.action_spaces = {agent: _row(action) for agent in self.possible_agents}
 
-    def observation_space(self, agent: str) -> spaces.Space:
-        """Return the observation space of an agent; always the same object."""
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space:
-        """Return the action space of an agent; always the same object."""
-        return self.action_spaces[agent]
-
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
         """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
         self.agents = list(self.possible_agents)
-        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         return self._split(observation), self._infos(info)
 
     def step(
         self, actions: dict[str, np.ndarray]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drive for one control period; actions of the agents have shape (2,). Raises as `LidarEnv.step`."""
+        """Drive for one control period; actions of the agents have shape (2,).
+
+        Raises:
+            ValueError: if `actions` lacks an agent or names another; or as `LidarEnv.step`.
+            gymnasium.error.ResetNeeded: if no episode has begun, the last one has ended, or a step has failed.
+        """
+        self._check_begun()
         agents = self.agents
+        if not isinstance(actions, Mapping) or set(actions) != set(agents):
+            raise ValueError(f"actions must map each of {agents} to its action, got {actions!r}")
+        for agent, action in actions.items():
+            if np.shape(action) != (2,):
+                raise ValueError(f"action of {agent} must have shape (2,), got {action!r}")
         rows = np.stack([actions[agent] for agent in agents])
         observation, reward, terminated, truncated, info = self.env.step(rows)
         split, infos = self._split(observation), self._infos(info)
@@ -73,26 +109,19 @@ class TeamParallelEnv(ParallelEnv[str, Observation, np.ndarray]):
         ended = dict.fromkeys(agents, bool(terminated)), dict.fromkeys(agents, bool(truncated))
         return split, dict.fromkeys(agents, float(reward)), *ended, infos
 
-    def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
-        return self.env.render()
-
     def state(self) -> np.ndarray:
         """Return the shared map, shape (height, width), int8: -1 unknown, 0 to 100 percent occupied. It grows."""
         return self.env.belief.grid.data.copy()
-
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.env.close()
 
     def _split(self, observation: Observation) -> dict[str, Observation]:
         return {agent: {name: rows[k] for name, rows in observation.items()} for k, agent in enumerate(self.agents)}
 
     def _infos(self, info: dict[str, Any]) -> dict[str, dict[str, Any]]:
-        return {agent: info | {name: info[name][k] for name in PER_ROBOT} for k, agent in enumerate(self.agents)}
+        rows = ({name: info[name][k] for name in PER_ROBOT} for k in range(len(self.agents)))
+        return {agent: copy.deepcopy(info | own) for agent, own in zip(self.agents, rows, strict=True)}
 
 
-class TeamFrontiersAECEnv(AECEnv[str, Observation, np.int64]):
+class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     """`ExploreTeamFrontiers-v0` with an agent per robot: the one is selected whose decision is due.
 
     An agent is observed as it was when it had to decide last. The reward is the team's, and goes to all agents at each
@@ -114,18 +143,11 @@ class TeamFrontiersAECEnv(AECEnv[str, Observation, np.int64]):
         self.possible_agents = [f"robot_{k}" for k in range(len(self.env.explore.robots))]
         self.observation_spaces = dict.fromkeys(self.possible_agents, self.env.observation_space)
         self.action_spaces = dict.fromkeys(self.possible_agents, self.env.action_space)
-
-    def observation_space(self, agent: str) -> spaces.Space:
-        """Return the observation space of an agent; always the same object."""
-        return self.observation_spaces[agent]
-
-    def action_space(self, agent: str) -> spaces.Space:
-        """Return the action space of an agent; always the same object."""
-        return self.action_spaces[agent]
+        self.agents = []
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
         """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
-        known = {name: value for name, value in (options or {}).items() if name in OPTIONS}
+        known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         self.agents = list(self.possible_agents)
         self.rewards = dict.fromkeys(self.agents, 0.0)
@@ -134,13 +156,19 @@ class TeamFrontiersAECEnv(AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Drive until the next decision is due. Raises as `ExploreTeamFrontiersEnv.step`."""
+        """Drive until the next decision is due.
+
+        Raises:
+            ValueError: if the action is no integer from 0 to `max_candidates` - 1, or, after the end, is not None.
+            gymnasium.error.ResetNeeded: if no episode has begun, all agents have ended, or a step has failed.
+        """
+        self._check_begun()
         agent = self.agent_selection
         if self.terminations[agent] or self.truncations[agent]:
             self._was_dead_step(action)
             return
+        observation, reward, terminated, truncated, info = self.env.step(action)
         self._cumulative_rewards[agent] = 0.0
-        observation, reward, terminated, truncated, info = self.env.step(np.int64(action))
         self.rewards = dict.fromkeys(self.agents, float(reward))
         self._accumulate_rewards()
         self._take(observation, info, terminated=terminated, truncated=truncated)
@@ -149,19 +177,11 @@ class TeamFrontiersAECEnv(AECEnv[str, Observation, np.int64]):
         """Return what an agent saw when it had to decide last; zeros before."""
         return self._seen[agent]
 
-    def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
-        return self.env.render()
-
-    def close(self) -> None:
-        """Release the physics engine and the window."""
-        self.env.close()
-
     def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:
         """Select the agent whose decision is due."""
         self.agent_selection = f"robot_{info['robot']}"
         self._seen[self.agent_selection] = observation
-        self.infos = dict.fromkeys(self.agents, info)
+        self.infos = {agent: copy.deepcopy(info) for agent in self.agents}
         self.terminations = dict.fromkeys(self.agents, bool(terminated))
         self.truncations = dict.fromkeys(self.agents, bool(truncated))
 

@@ -46,7 +46,8 @@ def test_a_checkpoint_comes_back_bit_for_bit(fresh_model, tiny_config, tmp_path)
     model = fresh_model()
     model.learn(256)
     np.random.standard_normal()  # noqa: NPY002  (leaves half a pair behind: the hidden part of the state)
-    saved = capture(model, tiny_config, [{"policy": "learned", "steps": 256, "progress": 0.1}], 5.0)
+    row = {"policy": "learned", "steps": 256, "progress": 0.1, "success": 0.5, "spl": 0.1, "spl_q25": 0.1, "scores": ""}
+    saved = capture(model, tiny_config, [row], 5.0)
     folder = save_checkpoint(saved, tmp_path, keep=2)
     drawn = draw()
     other = fresh_model(seed=99)
@@ -116,6 +117,10 @@ POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkp
         (replace_text, RECORD, ('"high": 255.0', '"high": 1e30'), r"observation\..*1e\+30 lie outside of uint8"),
         (replace_text, RECORD, ('"MT19937"', '"MT19938"'), "checkpoint.json: numpy_random.*MT19937"),
         (replace_text, RECORD, ('"hidden": 64', '"hidden": 9999'), "network: hidden: .*less than or equal to 8192"),
+        (replace_text, RECORD, ('"policy"', '"polcy"'), "damaged row: KeyError: 'policy'"),
+        (replace_text, RECORD, ("_q25", "_q26"), r"damaged row: KeyError: '\*_q25'"),
+        (replace_text, RECORD, ('"scores": "', '"scores": "x '), "damaged row: .*'x'"),
+        (replace_text, RECORD, ('"replay": {', '"replay": {"../../a-1.safetensors": ""'), "replay.*match pattern"),
         (change_tensors, POLICY, lambda t: t.pop("log_std"), "policy.safetensors lacks the tensor 'log_std'"),
         (change_tensors, POLICY, lambda t: t["log_std"].fill_(torch.nan), "'log_std' holds numbers that are not"),
         (change_tensors, TRAINING, lambda t: t.update(x=torch.zeros(1)), "has an unknown tensor 'x'"),

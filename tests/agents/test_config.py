@@ -50,6 +50,19 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
         ("hyperparameters.learning_rate", "lin_fast", r"learning_rate: 'lin_fast' is not of the form lin_3e-4"),
         ("hyperparameters.n_steps", "many", r"n_steps must be a whole number from 1, got 'many'"),
         ("hyperparameters.gamma", "no:such", r"there is no module 'no'"),
+        ("hyperparameters.n_epochs", 0, r"hyperparameters\.n_epochs must be a whole number from 1, got 0"),
+        ("hyperparameters.batch_size", -1, r"hyperparameters\.batch_size must be a whole number from 1, got -1"),
+        ("hyperparameters.batch_size", 64.0, r"hyperparameters\.batch_size must be a whole number from 1, got 64.0"),
+        ("hyperparameters.batch_size", 1, r"hyperparameters\.batch_size: `batch_size` must be greater than 1"),
+        ("hyperparameters.gamma", 2, r"hyperparameters\.gamma must be float from 0 to 1, got 2"),
+        ("hyperparameters.gamma", float("nan"), r"hyperparameters\.gamma must be float from 0 to 1, got nan"),
+        ("hyperparameters.clip_range", "x", r"hyperparameters\.clip_range must be float .* from 0, got 'x'"),
+        ("hyperparameters.learning_rate", "lin_-1", r"learning_rate: 'lin_-1' is not of the form lin_3e-4"),
+        ("hyperparameters.normalize_advantage", "yes", r"hyperparameters\.normalize_advantage must be bool, got 'yes'"),
+        ("hyperparameters.policy_kwargs", 3, r"hyperparameters\.policy_kwargs must be dict"),
+        ("hyperparameters.policy_kwargs", {"foo": 1}, r"hyperparameters\.policy_kwargs: .*argument 'foo'"),
+        ("hyperparameters.policy_kwargs", {"net_arch": [-1]}, r"hyperparameters\.policy_kwargs: .*negative dimension"),
+        ("hyperparameters.policy_kwargs", {"log_std_init": float("inf")}, r"policy_kwargs must be .* finite numbers"),
         ("network.speedd", 1.0, r"network: unknown key 'speedd' \(did you mean 'speed'\?\); allowed are .*pursuit"),
         ("network.pursuit", 1.0, r"network.pursuit needs the observation `plan`"),
         ("checkpoints.every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
@@ -59,6 +72,25 @@ def test_mistakes_are_named_with_what_is_allowed_and_leave_no_run_behind(tiny_da
     data = copy.deepcopy(tiny_data)
     *section, key = key.split(".")
     (data.setdefault(section[0], {}) if section else data)[key] = value
+    with pytest.raises(ValueError, match=message):
+        training.train(parse_config(data, "mem"), run=tmp_path / "run", progress=False)
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("train_freq", [4], r"train_freq must be a whole number from 1, got \[4\]"),
+        ("train_freq", [1, "episode"], r"train_freq must be a whole number from 1, or \[number, step\], got \[1, "),
+        ("buffer_size", 10**13, r"hyperparameters\.buffer_size: Unable to allocate"),
+        ("gradient_steps", -2, r"hyperparameters\.gradient_steps must be a whole number from -1, got -2"),
+        ("ent_coef", "abc", r"hyperparameters\.ent_coef: could not convert string to float: 'abc'"),
+        ("action_noise", -0.1, r"hyperparameters\.action_noise must be float .* from 0, got -0.1"),
+        ("replay_buffer_kwargs", {"foo": 1}, r"hyperparameters\.replay_buffer_kwargs: .*argument 'foo'"),
+    ],
+)
+def test_hyperparameters_of_algorithms_with_a_buffer_are_named(tiny_data, tmp_path, name, value, message):
+    data = tiny_data | {"algorithm": "SAC", "hyperparameters": {name: value}}
     with pytest.raises(ValueError, match=message):
         training.train(parse_config(data, "mem"), run=tmp_path / "run", progress=False)
     assert not (tmp_path / "run").exists()

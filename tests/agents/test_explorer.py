@@ -11,6 +11,7 @@ from gymnasium import spaces
 from lidarnaut.agents.algorithms import Actor, build_model
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
+from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.pursuit import BACK, SPIN, TURN, pursue
@@ -18,6 +19,8 @@ from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vector
 from lidarnaut.baselines.episode import run_episode
+from lidarnaut.benchmarks.arena.runner import Evaluation
+from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.robots import load_robot
@@ -167,6 +170,26 @@ def test_who_runs_a_policy_sees_what_its_evaluations_see(tmp_path):
     policy.reset(env.unwrapped.robot, 0.1, np.random.default_rng(0))
     assert env.action_space.contains(policy(env.reset(seed=0)[0]))
     env.close()
+
+
+@pytest.mark.parametrize("path", ["shortest", "plan"])
+def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in_evaluations(tmp_path, path):
+    parts = {name: {"goal": None, "carrot": {"path": name}} for name in ("shortest", "plan")}
+    reach = {"world": "hall", "world_size": [6, 6], "robot": "jackal", "time_limit": 1.0, "num_workers": 0}
+    reach |= {"id": "lidarnaut/ReachGoal-v0", "observations": parts["shortest"]}
+    evaluation = {"every": 16, "episodes": 1, "references": ["pursuit", "tests.own_code:shown"]}
+    evaluation["environment"] = {"observations": parts[path], "world": "hall"}
+    config = tiny("PPO", "Explore", environment=reach, evaluation=evaluation)
+    run = train(config, run=tmp_path / "run", progress=False)
+    mark = " (ground truth)" if path == "shortest" else ""
+    names = [row["policy"] for row in read_evaluations(run)]
+    assert names[:2] == ["pursuit", f"tests.own_code:shown{mark}"]
+    assert set(names[2:]) == {f"learned{mark}"}
+    brief = {"id": reach["id"], "worlds": ("hall",), "robots": ("jackal",), "time_limit": 0.5, "episodes": 1}
+    settings = Settings(policies=(f"ppo:{run}", f"mine=ppo:{run}"), **brief)
+    evaluated = Evaluation(settings, tmp_path / "out", trust=["tests.own_code"])
+    assert evaluated.run() == []
+    assert [row["policy"] for row in evaluated.rows()] == [f"ppo:{run}{mark}", f"mine{mark}"]
 
 
 class Position:

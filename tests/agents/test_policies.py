@@ -82,6 +82,32 @@ def test_reset_plan_and_reason_of_a_policy_are_used():
     assert policy.end_reason is policy.plan is None
 
 
+def test_models_are_reset_if_they_take_what_a_reset_gives():
+    class Predicting:
+        robot = None
+
+        def predict(self, observation):
+            return np.array([0.0, float(self.robot == "robot")])
+
+        def reset(self, robot, control_period, rng=None):
+            self.robot = robot.name
+
+    class Reseeding(Predicting):
+        """Has a `reset` of another kind, as models of other libraries may."""
+
+        def reset(self, seed=None):
+            self.robot = "robot"
+
+    assert drive(make_policy(Predicting(), BOX))[0].tolist() == [0.0, 1.0]
+    assert drive(make_policy(Reseeding(), BOX))[0].tolist() == [0.0, 0.0]
+
+
+@pytest.mark.parametrize("others", [(), (None,), ("log_prob", "value")])
+def test_models_may_return_their_action_first_in_any_tuple(others):
+    model = SimpleNamespace(predict=lambda observation: (np.array([0.5, 0.0]), *others))
+    assert drive(make_policy(model, BOX))[0].tolist() == [0.5, 0.0]
+
+
 def test_levels_are_declared():
     assert level_of(lambda observation: 0) == "twist"
     assert level_of(SimpleNamespace(level="decision")) == "decision"

@@ -1,9 +1,6 @@
 import csv
 import json
 import sys
-from concurrent.futures import Future
-from functools import partial
-from types import SimpleNamespace
 from unittest.mock import Mock
 
 import numpy as np
@@ -12,7 +9,7 @@ import pytest
 from lidarnaut import train
 from lidarnaut.agents import sweep
 from lidarnaut.agents.config import EvolutionConfig
-from lidarnaut.agents.frontiers.evolution import evolve
+from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.sweep import expand, interval, run_sweep
 from lidarnaut.envs.files import LockedError
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
@@ -60,6 +57,91 @@ def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
     assert len(read_table(tmp_path / "sweep" / "sweep.csv")) == 1
 
 
+BUGS = """
+import os, pathlib, sys
+from lidarnaut.agents.networks import ExplorerFeatures
+
+class Unpicklable(Exception):
+    def __init__(self, one, two):
+        super().__init__("two lines\\nof it")
+
+def reward_fault():
+    kind = pathlib.Path("bug").read_text()
+    if kind == "kill":
+        os.kill(os.getpid(), 9)
+    if kind == "exit":
+        sys.exit("gone")
+    if kind == "odd":
+        raise Unpicklable(1, 2)
+    if kind == "key":
+        raise KeyError("a bug of mine")
+
+class Features(ExplorerFeatures):
+    def forward(self, observations):
+        reward_fault()
+        return super().forward(observations)
+"""
+
+
+@pytest.mark.parametrize(
+    ("bug", "jobs", "says"),
+    [
+        ("key", 1, "KeyError: 'a bug of mine' (traceback: "),
+        ("exit", 1, "SystemExit: gone (traceback: "),
+        ("odd", 1, "Unpicklable: two lines of it (traceback: "),
+        ("kill", 2, "BrokenProcessPool: A process in the process pool was terminated abruptly"),
+    ],
+)
+def test_a_bug_of_any_kind_fails_one_training_until_it_is_fixed(bug, jobs, says, data, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delitem(sys.modules, "bugs", raising=False)
+    (tmp_path / "bugs.py").write_text(BUGS)
+    (tmp_path / "bug").write_text(bug)
+    own = {"policy_kwargs": {"features_extractor_class": "bugs:Features"}}
+    data["sweep"] = {"kind": {"bad": {"hyperparameters": own}, "good": {}}}
+    (tmp_path / "tiny.yaml").write_text(json.dumps(data | {"seeds": [0]}))
+    assert train.main(["--config", "tiny.yaml", "--jobs", str(jobs)]) == 2
+    (folder,) = (tmp_path / "runs").iterdir()
+    first, second = capsys.readouterr().err.strip().splitlines()[-2:]
+    again = f"--resume {folder.relative_to(tmp_path)} --trust bugs:Features tests.agents.fake_env:Fake-v0"
+    assert f"1 of 2 trainings failed, {again} tries again:" in first
+    assert second.startswith(f"000_kind=bad__0: {says}")
+    assert (folder / "001_kind=good__0" / "checkpoints" / "step_000000128").is_dir()
+    kept = folder / "000_kind=bad__0.traceback.txt"
+    assert kept.exists() == (bug != "kill")
+    if kept.exists():
+        assert "bugs.py" in kept.read_text()
+
+    good = (folder / "001_kind=good__0" / "processor_time").read_text()
+    (tmp_path / "bug").write_text("")
+    assert train.main(["--resume", str(folder), "--trust", "bugs", "tests"]) == 0
+    assert (folder / "000_kind=bad__0" / "checkpoints" / "step_000000128").is_dir()
+    assert (folder / "001_kind=good__0" / "processor_time").read_text() == good
+    assert not kept.exists()
+
+
+def test_a_sweep_goes_on_with_more_trainings_and_with_no_others(data, tmp_path):
+    folder, data = tmp_path / "sweep", data | {"seeds": [0]}
+    run_sweep(data, "mem", resume=folder, progress=False)
+    swept = (folder / "sweep.yaml").read_text()
+    for changes, says in (
+        ({"sweep": {"hyperparameters.gamma": [0.9, 0.98]}}, "001_gamma=0.99__0 is no longer in the sweep: sweep, ex"),
+        ({"seeds": [0, 1]}, "sweep, exclude and seeds may only add trainings"),
+        ({"seeds": [1]}, "sweep, exclude and seeds may only add trainings"),
+        ({"hyperparameters": {"n_steps": 16}}, "another hyperparameters.n_steps: it needs hyperparameters.n_steps: 32"),
+        ({"num_envs": 2}, "another num_envs: it needs num_envs: 4, and not 2"),
+        ({"environment": {**data["environment"], "world": "caves"}}, "another environment.world: it needs .*: None, "),
+        ({"total_steps": 64}, "128 of total_steps, and cannot end at 64"),
+        ({"network": {"hidden": 8}}, "another network.hidden: it needs network.hidden: 64, and not 8"),
+    ):
+        with pytest.raises(CheckpointError, match=says):
+            run_sweep(data | changes, "mem", resume=folder, progress=False)
+    assert (folder / "sweep.yaml").read_text() == swept
+    more = data | {"sweep": {"hyperparameters.gamma": [0.9, 0.99, 0.5]}, "checkpoints": {"every": 128}}
+    run_sweep(more, "mem", resume=folder, progress=False)
+    assert read_table(folder / "sweep.csv", "hyperparameters.gamma") == [[0.9], [0.99], [0.5]]
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -68,6 +150,7 @@ def test_a_training_that_fails_leaves_the_others_alone(data, tmp_path):
         ({"sweep": {"experiment.name": [1]}}, "--experiment.name: experiment is 'tiny', and holds no keys"),
         ({"exclude": [{"hyperparameters.gamma": [0.8]}]}, r"exclude must hold .*gamma: \[0.8\]; .* has \[0.9, 0.99\]"),
         ({"exclude": [{"algorithm": ["PPO"]}]}, r"exclude must hold .* got algorithm: \['PPO'\]; algorithm has \[\]"),
+        ({"sweep": {"hyperparameters": {"gamma": [0.9]}}}, r"hyperparameters: gamma must hold settings, got \[0.9\]"),
         ({"sweep": {"task": {"a": {"totl_steps": 1}}}}, r"unknown key 'totl_steps' \(did you mean 'total_steps'\?\)"),
         ({"seeds": 3}, "seeds must be a list of whole numbers, got 3"),
     ],
@@ -107,36 +190,19 @@ def test_trainings_side_by_side_count_their_time_and_draw_a_picture_for_each_tas
     assert read_table(folder / "sweep.csv", "steps", "processor_time") == table
 
 
-def test_evolutions_are_swept_as_well_and_a_ray_cluster_takes_them(tmp_path, monkeypatch):
-    """A stand-in for Ray, which calls at once."""
-    calls = []
-
-    def remote(**resources):
-        def call(function, *args):
-            calls.append(function.__name__)
-            future = Future()
-            future.set_result(function(*args))
-            return SimpleNamespace(future=lambda: future)
-
-        return lambda function: SimpleNamespace(remote=partial(call, function))
-
-    ray = SimpleNamespace(init=lambda **how: calls.append(how["address"]), remote=remote, shutdown=lambda: None)
-    monkeypatch.setitem(sys.modules, "ray", ray)
-    tiny = EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1}
-    swept = tiny | {"sweep": {"sigma": [0.05]}, "seeds": [3]}
-    folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", ray="auto", progress=False)
-    assert calls == ["auto", "train_member"]
+def test_evolutions_are_swept_as_well(tmp_path):
+    swept = EVOLUTION | {"tasks": 1, "validation_tasks": 1, "generations": 1, "sweep": {"sigma": [0.05]}, "seeds": [3]}
+    folder = run_sweep(swept, "mem", resume=tmp_path / "sweep", progress=False)
     assert read_table(folder / "sweep.csv", "sigma", "steps") == [[0.05, 1]]
     assert all(isinstance(member.config, EvolutionConfig) for member in expand(swept, "mem", folder))
-
-    calls.clear()
-    evolve(EvolutionConfig(**tiny), run=tmp_path / "alone", ray="auto", progress=False)
-    assert set(calls) == {"auto", "feature_variances", "compare"}
+    run_sweep(swept | {"num_workers": 2}, "mem", resume=folder, progress=False)
+    with pytest.raises(CheckpointError, match=r"000_sigma=0.05__3 holds another tasks: it needs tasks: 1, and not 2"):
+        run_sweep(swept | {"tasks": 2}, "mem", resume=folder, progress=False)
 
 
 def test_a_run_that_another_process_is_at_counts_as_failed(data, tmp_path, monkeypatch):
     monkeypatch.setattr(sweep, "train_member", Mock(side_effect=LockedError("in use")))
-    with pytest.raises(ValueError, match="4 of 4 trainings failed"):
+    with pytest.raises(ValueError, match=r"4 of 4 trainings failed(.|\n)*LockedError: in use"):
         run_sweep(data, "mem", resume=tmp_path / "sweep", progress=False)
 
 

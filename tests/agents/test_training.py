@@ -1,5 +1,6 @@
 import copy
 import os
+import platform
 import shutil
 import subprocess
 import sys
@@ -109,6 +110,13 @@ def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny
     assert not all(torch.equal(first[key], third[key]) for key in first)
 
 
+def dead_pid():
+    """Return the number of a process that has ended."""
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    return dead.pid
+
+
 def train_in_a_process(folder, *arguments):
     command, environment = [sys.executable, str(ROOT / "train.py"), *arguments], {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=300)
@@ -127,7 +135,8 @@ def test_a_killed_training_goes_on_from_its_last_checkpoint(tiny_data, tmp_path)
     assert 880 - config.checkpoints.every <= steps <= 880
     evaluated = evaluated_steps(run)
     # What a kill within a save leaves behind.
-    (run / "checkpoints" / ".step_000000896.1.tmp").mkdir()
+    killed_save = run / "checkpoints" / f".step_000000896.{platform.node()}.{dead_pid()}.tmp"
+    killed_save.mkdir()
 
     resumed = train_in_a_process(tmp_path, "--resume", str(run), "--trust", ID, "--environment.world", "rooms")
     assert resumed.returncode == 0, resumed.stderr

@@ -14,6 +14,7 @@ from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import PRETRAINED
 from lidarnaut.agents.trust import REGISTERED, check_names
 from lidarnaut.envs.files import load_object
+from lidarnaut.envs.ids import find_spec
 
 HOSTILE = """
 import pathlib, subprocess
@@ -81,7 +82,6 @@ def run_folder(folder):
     config = yaml.safe_load((PRETRAINED / "reach" / "config.yaml").read_text())
     name_reward(config)
     (run / "config.yaml").write_text(yaml.safe_dump(config))
-    (run / "versions.json").write_text("{}")
     return run
 
 
@@ -139,6 +139,7 @@ def test_a_policy_that_names_trusted_code_acts(hostile, tmp_path):
     ["hostile_code:subprocess.Popen", "hostile_code:pathlib", "hostile_code:np.load", "hostile_code:Rewards",
      "hostile_code:np.random.default_rng", "hostile_code2:Own", "hostile:Own", "os:system", ":", "a:b:c",
      "lidarnaut.envs.files:load_object", "lidarnaut.agents.robots:load_robot", "torch:load", "x=os:system",
+     "C:/os:lidarnaut/A-v0", "C:\\os:system",
      "os:system?x=1", "ppo:os.system", "os.path:join\n", "hostile_code.x:lidarnaut/A-v0"],
 )  # fmt: skip
 def test_trust_in_a_module_covers_what_it_defines(hostile, name):
@@ -148,6 +149,16 @@ def test_trust_in_a_module_covers_what_it_defines(hostile, name):
             check_names(record, "f.yaml", trust)
     check_names({"a": name}, "f.yaml", [name])
     check_names({"a": ["hostile_code:Own", "hostile_code:SETTINGS"]}, "f.yaml", ["hostile_code"])
+
+
+@pytest.mark.parametrize("id", ["h:/Own-v0", "h:\\Own-v0"])
+def test_a_path_with_a_drive_is_no_id(tmp_path, monkeypatch, id):
+    (tmp_path / "h.py").write_text(HOSTILE)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(tmp_path)
+    with pytest.raises(ValueError, match="unknown id"):
+        find_spec(id)
+    assert not (tmp_path / "imported").exists()
 
 
 @pytest.mark.parametrize("name", sorted(REGISTERED))

@@ -4,16 +4,21 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from gymnasium.envs.registration import EnvSpec, WrapperSpec
 from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import TimeLimit
 from stable_baselines3 import PPO
 from stable_baselines3.common.callbacks import CheckpointCallback
 from stable_baselines3.common.evaluation import evaluate_policy
 from stable_baselines3.common.vec_env import VecNormalize
 
 from lidarnaut.agents.config import EnvironmentConfig, TrainingConfig
-from lidarnaut.agents.evaluation import Evaluator
+from lidarnaut.agents.evaluation import Evaluator, run_episodes
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_vec_env, make_vector
+from lidarnaut.envs.core import LidarEnv
+from lidarnaut.envs.ids import arguments_of
 from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.tasks.explore import Explore
 
 QUICK = EnvironmentConfig(world="rooms", world_size=(6.0, 6.0), control_hz=5.0, time_limit=3.0)
 KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
@@ -49,6 +54,40 @@ def test_sub_environments_give_what_single_environments_give():
                 assert info == {**other, "episode": pytest.approx(other["episode"])}
     assert ended == 6
     ours.close()
+
+
+class Limited(LidarEnv):
+    def __init__(self, **arguments):
+        super().__init__(Explore, **arguments)
+
+
+def wrapped(**arguments):
+    return TimeLimit(Limited(**arguments), 8)
+
+
+WRAPPER = WrapperSpec("TimeLimit", "gymnasium.wrappers:TimeLimit", {"max_episode_steps": 8})
+VECTOR = {"vector_entry_point": "lidarnaut.envs.vector:LidarEnvs", "kwargs": {"task": Explore}}
+LIMITED = {
+    "package": {"entry_point": LidarEnv, "max_episode_steps": 8, **VECTOR},
+    "class": {"entry_point": Limited, "max_episode_steps": 8},
+    "function": {"entry_point": wrapped},
+    "wrappers": {"entry_point": Limited, "additional_wrappers": (WRAPPER,)},
+}
+"""Registrations of environments whose episodes end after 8 steps."""
+
+
+@pytest.mark.parametrize("vectorization", ["native", "sync"])
+@pytest.mark.parametrize("case", LIMITED)
+def test_episodes_that_a_number_of_steps_ends_are_measured_in_trainings(case, vectorization, monkeypatch):
+    monkeypatch.setitem(gymnasium.registry, "test/Limited-v0", EnvSpec("test/Limited-v0", **LIMITED[case]))
+    arguments_of.cache_clear()
+    config = EnvironmentConfig(id="test/Limited-v0", vectorization=vectorization, num_workers=0, **QUICK.arguments)
+    env = make_vector(config, "test", 2)
+    for course in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
+        assert course.samples["time"][-1] == pytest.approx(1.6)
+        assert course.final["end_reason"] == "time_limit"
+        assert 0.0 < course.final["map_iou"] < 1.0
+    env.close()
 
 
 def test_other_autoresets_are_refused():

@@ -167,3 +167,64 @@ def test_who_drives_one_robot_says_how_it_drives_a_team():
         decide_with(ScriptedExplorer(), env)
     decide_with(OnePerRobot(ScriptedExplorer()), env)
     env.close()
+
+
+class Patience(gymnasium.Wrapper):
+    """Ends episodes after 8 steps, by a flag."""
+
+    flag = "truncated"
+
+    def reset(self, **arguments):
+        self.count = 0
+        return super().reset(**arguments)
+
+    def step(self, action):
+        observation, reward, _, _, info = super().step(action)
+        self.count += 1
+        flags = {"terminated": False, "truncated": False} | {self.flag: self.count == 8}
+        return observation, reward, *flags.values(), info
+
+
+class Impatience(Patience):
+    flag = "terminated"
+
+
+SHORT = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "slam": "odometry"}
+
+
+@pytest.mark.parametrize(
+    ("id", "arguments", "wrapper", "reason"),
+    [
+        ("Explore", {"max_episode_steps": 8}, None, "time_limit"),
+        ("Explore", {"max_episode_steps": 8, "fixed_info": True}, None, "time_limit"),
+        ("Explore", {}, Patience, "time_limit"),
+        ("Explore", {}, Impatience, "terminated"),
+        ("ReachGoal", {"max_episode_steps": 8}, None, "time_limit"),
+    ],
+)
+def test_episodes_that_wrappers_end_are_measured_at_that_moment(id, arguments, wrapper, reason):
+    env, seen = gymnasium.make(f"lidarnaut/{id}-v0", **SHORT, **arguments), []
+    env = env if wrapper is None else wrapper(env)
+    policy = policies_for(env)["random"]()
+    episode = run_episode(env, policy, 0, seen.append)
+    assert (episode.end_reason, len(episode.decision_times)) == (reason, 8)
+    assert episode.duration == pytest.approx(0.8)
+    inner = env.unwrapped.final_metrics()
+    assert inner.items() <= seen[-1].items()
+    assert all(getattr(episode, name) == value for name, value in inner.items() if name in episode.values)
+
+
+class Vanishing(Explore):
+    """Has a number that vanishes, and a list that grows."""
+
+    def metrics(self):
+        count = len(getattr(self, "_seen", ()))
+        self._seen = [0.0] * (count + 1)
+        return super().metrics() | {"seen": self._seen} | ({"early": 1.0} if count < 3 else {})
+
+
+def test_entries_of_info_may_vanish_and_change_their_size():
+    env = LidarEnv(Vanishing, time_limit=1.0, **SHORT)
+    course = run_episode(env, policies_for(env)["random"](), 0).course
+    assert "seen" not in course.samples
+    np.testing.assert_array_equal(course.samples["early"], [1.0] * 3 + [math.nan] * 8)

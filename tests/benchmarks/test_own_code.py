@@ -64,6 +64,37 @@ def test_whoever_takes_ground_truth_is_a_bound_in_every_row_and_page(own_folder,
         assert shown.count(name.removesuffix(" (ground truth)")) == shown.count(name) > 3
 
 
+GOALS = ["--id", "lidarnaut/ReachGoal-v0", "--worlds", "rooms", "hall", "--no-world-sections", *BRIEF]
+
+
+def test_what_observes_ground_truth_or_says_that_it_uses_some_is_a_bound_too(own_folder, no_overview):
+    uses = [
+        "own_explorers:FollowsTruth",
+        "own_explorers:SeesTruth",
+        "mine=own_explorers:SeesTruth",
+        "own_explorers:Admits",
+    ]
+    policies, out = ["pursuit", "own_explorers:FollowsPlan", *uses, "ppo:pretrained/reach"], own_folder / "out"
+    assert main([*GOALS, "--policies", *policies, "--out", str(out)]) == 0
+    names = {f"{name.partition('=')[0]} (ground truth)" for name in uses}
+    rows = read_rows(out)
+    assert {row["policy"] for row in rows} == {"pursuit", "own_explorers:FollowsPlan", *names, "ppo:pretrained/reach"}
+    assert {row["slam"] for row in rows} == {"odometry"}
+    page = (out / "leaderboard.md").read_text().replace("\\_", "_")
+    for name in names:
+        assert f"| bound: {name} |" in page, name
+    assert "1. " in page
+    assert "4. " not in page
+
+
+def test_the_observation_of_the_environment_marks_those_that_look_at_it(own_folder, no_overview):
+    out, shortest = own_folder / "out", ["--arguments.observations", "{carrot: {path: shortest}}"]
+    policies = ["pursuit", "own_explorers:shown", "own_explorers:FollowsPlan", "own_explorers:Circling", "random"]
+    assert main([*GOALS, *shortest, "--policies", *policies, "--out", str(out)]) == 0
+    marked = {row["policy"] for row in read_rows(out)} - set(policies)
+    assert marked == {"own_explorers:shown (ground truth)"}
+
+
 def test_worlds_robots_and_slams_of_a_users_module_are_taken(own_folder, no_overview):
     own = ["--worlds", "home=own_explorers:WORLD", "--robot", "own_explorers:ROBOT", "--slam", "own_explorers:my_slam"]
     assert main([*BRIEF, "--policies", "nearest", *own, "--no-world-sections", "--out", str(own_folder / "out")]) == 0

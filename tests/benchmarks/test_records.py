@@ -105,6 +105,10 @@ def test_damaged_tables_name_the_file_and_the_row(tmp_path):
     path.write_bytes(b"\xff\xfe\n")
     with pytest.raises(ValueError, match=r"episodes\.csv is no table"):
         records_of(tmp_path)
+    for content in (f"{header}\n{'x' * 200_000}\n", f"{header}\n" + "x" * 2**26):
+        path.write_text(content)
+        with pytest.raises(ValueError, match=r"episodes\.csv( is no table: field larger|: .* bytes; at most)"):
+            records_of(tmp_path)
     path.write_bytes(b"")
     for content in ("[1]", "{", "[" * 100_000):
         (tmp_path / SETTINGS_FILE).write_text(content)

@@ -185,26 +185,3 @@ def test_the_bound_uses_the_true_pose_whatever_it_bounds(tmp_path):
     errors = {row["policy"]: row["position_rmse"] for row in evaluation.rows()}
     assert errors["oracle (ground truth)"] < 1e-9 < errors["nearest"]
     assert {row["slam"] for row in evaluation.rows()} == {"odometry"}
-
-
-@pytest.fixture(scope="module")
-def address():
-    pytest.importorskip("ray", reason="needs the extra `ray`")
-    from ray.cluster_utils import Cluster
-
-    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 1, "include_dashboard": False})
-    yield cluster.address
-    cluster.shutdown()
-
-
-def test_a_cluster_gives_the_episodes_that_this_process_gives(address, whole, tmp_path):
-    import ray
-
-    there = Evaluation(SETTINGS, tmp_path)
-    assert there.run(ray=address) == []
-    assert not ray.is_initialized()
-    here, rows = (sorted(deterministic(evaluation.rows()), key=str) for evaluation in (whole, there))
-    assert here == rows
-    assert {path.name for path in (tmp_path / "episodes").iterdir()} == {
-        path.name for path in (whole.folder / "episodes").iterdir()
-    }

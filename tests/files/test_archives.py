@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.benchmarks.arena.trace import Trace
-from lidarnaut.envs.files import archives, printable, read_bytes, read_json
+from lidarnaut.envs.files import Lock, archives, printable, read_bytes, read_json
 from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.player.recording import Recording
 
@@ -60,7 +60,7 @@ def test_files_are_read_up_to_a_size(tmp_path):
     path.write_text("[" * 200_000)
     with pytest.raises(ValueError, match=r"a\.json: 200,000 bytes; at most 100 are allowed"):
         read_bytes(path, 100)
-    for text in ("[" * 200_000, "{", "\xff", "[]", "3", '{"a": Infinity'):
+    for text in ("[" * 200_000, "{", "\xff", "[]", "3", '{"a": Infinity', '{"a": ' + "9" * 5000 + "}"):
         path.write_text(text, encoding="latin-1")
         with pytest.raises(ValueError, match=r"a\.json: (not readable as JSON|must hold keys and values)"):
             read_json(path)
@@ -71,6 +71,23 @@ def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "a")
     with pytest.raises(ValueError, match="a: is no regular file"):
         read_bytes(tmp_path / "a")
+    for load, name in ((Recording.load, "a.npz"), (load_log, "b.npz"), (load_log, "a.bag"), (load_log, "a.mcap")):
+        os.mkfifo(tmp_path / name)
+        with pytest.raises(ValueError, match=f"{name}: is no regular file"):
+            load(tmp_path / name)
+    os.mkfifo(tmp_path / ".lock")
+    with pytest.raises(ValueError, match=r"\.lock: is no regular file"), Lock(tmp_path):
+        pass
+
+
+def test_the_files_of_a_bag_folder_are_checked(tmp_path):
+    (tmp_path / "metadata.yaml").write_text("a: " + "[" * 1000)
+    with pytest.raises(ValueError, match=r"metadata\.yaml: .*nested deeper than"):
+        load_log(tmp_path)
+    (tmp_path / "metadata.yaml").write_text("a: 1")
+    (tmp_path / "zero.mcap").symlink_to("/dev/zero")
+    with pytest.raises(ValueError, match=r"zero\.mcap: is no regular file"):
+        load_log(tmp_path)
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import sys
 
 import pytest
 
+from lidarnaut.envs import files
 from lidarnaut.envs.files import (
     Lock,
     LockedError,
@@ -16,6 +17,7 @@ from lidarnaut.envs.files import (
     temporary_beside,
     write_file,
 )
+from lidarnaut.envs.logs.bag_writer import BagWriter
 
 
 def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
@@ -34,6 +36,26 @@ def test_what_killed_processes_left_is_swept_and_nothing_else(tmp_path):
     assert temporary_beside(tmp_path / "a.csv").name == f".a.csv.{node}.{os.getpid()}.tmp"
 
 
+@pytest.mark.parametrize("write", ["write_file", "write_folder", "BagWriter"])
+def test_the_next_writer_in_a_folder_sweeps_it_but_for_what_others_write(write, tmp_path):
+    dead = subprocess.Popen([sys.executable, "-c", ""])
+    dead.wait()
+    node = platform.node()
+    (tmp_path / f".old.mcap.{node}.{dead.pid}.tmp").mkdir()
+    (tmp_path / f".old.csv.{node}.{dead.pid}.tmp").write_text("half")
+    # A process that had the number of this one, and what another thread of this one, and its parent, are writing.
+    (earlier := tmp_path / f".earlier.csv.{node}.{os.getpid()}.tmp").write_text("half")
+    os.utime(earlier, (1e9, 1e9))
+    kept = {f".live.csv.{node}.{os.getpid()}.tmp", f".live.csv.{node}.{os.getppid()}.tmp"}
+    for name in kept:
+        (tmp_path / name).write_text("half")
+    if write == "BagWriter":
+        BagWriter(tmp_path / "new.mcap").close()
+    else:
+        getattr(files, write)(tmp_path / "new.mcap", {"a": "x"} if write == "write_folder" else "x")
+    assert {path.name for path in tmp_path.iterdir()} == {"new.mcap", *kept}
+
+
 def test_a_full_disk_is_named(tmp_path, monkeypatch):
     def full(_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
@@ -49,6 +71,7 @@ def test_a_full_disk_is_named(tmp_path, monkeypatch):
 
 HOLD = """
 import sys, pathlib
+from lidarnaut.envs import files
 from lidarnaut.envs.files import Lock
 
 lock = Lock(pathlib.Path(sys.argv[1]), shared=sys.argv[2] == "s")
@@ -117,3 +140,5 @@ def test_a_folder_with_links_is_refused_before_anything_is_written(tmp_path, whe
         own_folder(folder)
     (tmp_path / "named").symlink_to(tmp_path / "precious")
     assert own_folder(tmp_path / "named").is_symlink()  # the caller names it
+    with pytest.raises(ValueError, match="named is a symbolic link"):
+        own_folder(tmp_path, "named")

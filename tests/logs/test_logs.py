@@ -60,6 +60,7 @@ def test_robotlaser_log(tmp_path):
         ("nan.log", CARMEN.replace("1 0 0.5", "1 nan 0.5"), "line 5: bad ODOM line: nan"),
         ("time.log", CARMEN.replace("12.0 nohost", "inf nohost"), "line 6: .*inf"),
         ("beam.log", CARMEN.replace("2.5", "nan"), "line 6: bad FLASER line: beam 1 is NaN"),
+        ("count.log", "FLASER " + "9" * 4000 + " 1\n", "line 1: bad FLASER line: .*too large"),
         ("back.log", CARMEN.replace("12.0 nohost", "9.0 nohost"), "back.log: the clock runs back from 10.5"),
         ("below.log", CARMEN.replace("2.5", "-2.5"), "beam 1 of scan 1 is -2.5 m"),
         (

@@ -1,3 +1,4 @@
+import io
 import math
 import os
 from dataclasses import replace
@@ -59,7 +60,10 @@ def test_a_mask_has_a_truth_value_per_relation(tmp_path):
         np.save(file, mask)
         with pytest.raises(ValueError, match=r"relations.npy: a mask of 2 relations is needed"):
             load_labelled(relations)
-    for damaged in (b"", b"text", file.read_bytes()[:-1]):
+    archive = io.BytesIO()
+    np.savez(archive, mask=np.ones(2, dtype=bool))
+    lie = file.read_bytes().replace(b"(2,), }" + b" " * 15, b"(" + b"9" * 15 + b",), }")
+    for damaged in (b"", b"text", file.read_bytes()[:-1], archive.getvalue(), lie):
         file.write_bytes(damaged)
         with pytest.raises(ValueError, match=r"relations.npy: damaged"):
             load_labelled(relations)

@@ -306,3 +306,16 @@ def test_slams_map_the_intel_research_lab(slam, seed, online, final, rotation, m
     if slam == "graph":
         assert run.errors["final unambiguous"].translation < 0.024
         assert run.loop_closures > 300
+
+
+def test_nothing_is_written_through_links_in_the_folder_of_results(tmp_path):
+    (tmp_path / "a.log").write_text(CARMEN)
+    out, precious = tmp_path / "out", tmp_path / "precious"
+    for name in ("trajectory_0.tum", "map_with_path_0.png"):
+        precious.write_text("precious")
+        out.mkdir(exist_ok=True)
+        (out / name).symlink_to(precious)
+        with pytest.raises(ValueError, match=f"{name} is a symbolic link"):
+            main(Options(tmp_path / "a.log", slam="odometry", out=out))
+        assert precious.read_text() == "precious"
+        (out / name).unlink()

@@ -51,8 +51,10 @@ def test_a_task_with_a_goal_on_a_given_map_does_not_ask_what_can_be_seen(monkeyp
     options = {"world": world, "physics": "kinematic", "localizer": "odometry"}
     LidarEnv(Navigate, map=grid, map_pose=(*grid.origin, 0.0), **options).reset(seed=0)
     assert not asked
-    LidarEnv(Navigate, **options).prepare()
+    env = LidarEnv(Navigate, **options)
+    env.reset(seed=0)
     assert len(asked) == 1
+    env.prepare()
     assert LidarEnv(Navigate, **options).reset(seed=0)
     assert len(asked) == 1
 

@@ -135,6 +135,7 @@ def png(width, height):
         (png(300, 200), "cannot be read"),
         (b"P5 99999999999 99999999999 255\n", "cannot be read"),
         (b"P5 -4 4 255\n" + b"x" * 16, "cannot be read"),
+        (b"II*\0\x08\0\0\0\x60\xea" + b"\xff" * 100, "cannot identify"),  # Pillow warns of it, too
         (b"%!PS-Adobe-3.0 EPSF-3.0\n%%BoundingBox: 0 0 9 9\n", "cannot identify"),
     ],
 )

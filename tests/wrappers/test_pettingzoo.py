@@ -1,5 +1,6 @@
 """Teams as PettingZoo's `ParallelEnv` and `AECEnv`."""
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -63,3 +64,61 @@ def test_agents_of_decisions_act_in_turn_and_share_the_reward():
         owed = {name: one + reward for name, one in owed.items()}
         env.step(np.int64(1))
     assert env.truncations == {"robot_0": True, "robot_1": True}
+
+
+STILL = np.zeros(2, dtype=np.float32)
+
+
+def test_wrong_calls_of_a_parallel_step_are_named():
+    env = TeamParallelEnv(num_robots=2, **QUICK | {"time_limit": 0.2})
+    right = dict.fromkeys(env.possible_agents, STILL)
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+        env.step(right)
+    env.reset(seed=0)
+    for wrong in ({"robot_0": STILL}, right | {"robot_2": STILL}, {}, [STILL, STILL], None):
+        with pytest.raises(ValueError, match=r"actions must map each of \['robot_0', 'robot_1'\] to its action, got"):
+            env.step(wrong)
+    for wrong in (np.zeros(3), None, 1.0, "ab"):
+        with pytest.raises(ValueError, match=r"action of robot_1 must have shape \(2,\), got"):
+            env.step(right | {"robot_1": wrong})
+    with pytest.raises(ValueError, match="options must map names to values, got 5"):
+        env.reset(options=5)
+    _, _, _, truncations, _ = env.step(right)
+    _, _, _, truncations, _ = env.step(right)
+    assert truncations == {"robot_0": True, "robot_1": True}
+    for actions in (right, {}):
+        with pytest.raises(gymnasium.error.ResetNeeded, match="all agents have ended"):
+            env.step(actions)
+    env.reset()
+    env.step(right)
+
+
+def test_wrong_decisions_are_named_and_cost_no_reward():
+    env = TeamFrontiersAECEnv(num_robots=2, **QUICK | {"time_limit": 20.0})
+    with pytest.raises(gymnasium.error.ResetNeeded, match="no episode has begun"):
+        env.step(np.int64(0))
+    env.reset(seed=0)
+    env.step(np.int64(0))
+    env.step(np.int64(0))
+    owed = env.last()[1]
+    for wrong in (None, 1.7, -1, 10**6):
+        with pytest.raises(ValueError, match="action must be an integer from 0 to"):
+            env.step(wrong)
+    assert env.last()[1] == owed != 0.0
+
+
+def shared(first, second):
+    """Return whether two nested containers share one of theirs."""
+    if isinstance(first, np.ndarray):
+        return np.shares_memory(first, second)
+    return isinstance(first, dict) and (first is second or any(shared(first[key], second[key]) for key in first))
+
+
+@pytest.mark.parametrize("kind", [TeamParallelEnv, TeamFrontiersAECEnv])
+def test_infos_of_agents_share_nothing(kind):
+    env = kind(num_robots=2, randomize={"lidar.noise_std": (0.01, 0.02)}, **QUICK)
+    infos = env.reset(seed=0)
+    infos = [infos[1] if infos else env.infos]
+    infos.append(env.step(dict.fromkeys(env.agents, STILL))[4] if kind is TeamParallelEnv else env.step(0) or env.infos)
+    for one in infos:
+        assert not shared(one["robot_0"], one["robot_1"])

@@ -189,7 +189,7 @@ def _upwind(a, b, cost):
     low, high = min(a, b), max(a, b)
     if not high < low + cost:
         return low + cost
-    return np.float32(0.5 * (low + high + math.sqrt(2.0 * cost * cost - (high - low) ** 2)))
+    return np.float32(0.5 * (float(low + high) + math.sqrt(2.0 * float(cost) * float(cost) - float((high - low) ** 2))))
 
 
 @njit(cache=True, error_model="numpy")
@@ -213,8 +213,8 @@ def descent(fields, k, grid, x, y):
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
-    a, b = fields[k, row, col], fields[k, row, col + 1]
-    c, d = fields[k, row + 1, col], fields[k, row + 1, col + 1]
+    a, b = float(fields[k, row, col]), float(fields[k, row, col + 1])
+    c, d = float(fields[k, row + 1, col]), float(fields[k, row + 1, col + 1])
     if not max(max(a, b), max(c, d)) < np.inf:
         top = -np.inf
         for value in (a, b, c, d):

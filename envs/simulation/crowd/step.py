@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 from numba import njit
-from numba.np.unsafe.ndarray import to_fixed_tuple
 
+from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.simulation import records as robots_at
 from lidarnaut.envs.simulation.sensors import with_room
 
@@ -73,10 +73,10 @@ def step_people(people, points, fields, setup, robots):
 def _walk(people, directions, discs, walls, setup, dt):
     """Take attentive and blind people on by the crowd's model."""
     if setup[at.ORCA] > 0.0:
-        orca = Orca(*to_fixed_tuple(setup[at.MODEL :], NUM_ORCA))  # type: ignore[call-arg]
+        orca = Orca(*as_tuple(setup[at.MODEL :], NUM_ORCA))
         walk_by_orca(people, directions, discs, walls, orca, dt)
     else:
-        forces = SocialForce(*to_fixed_tuple(setup[at.MODEL :], NUM_FORCES))  # type: ignore[call-arg]
+        forces = SocialForce(*as_tuple(setup[at.MODEL :], NUM_FORCES))
         walk_by_forces(people, directions, discs, walls, forces, dt)
 
 

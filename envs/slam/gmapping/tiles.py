@@ -131,17 +131,16 @@ class _TileLevel(NamedTuple):
     start: int
 
 
+@at_level.register(TileMap)
+def _level_of_tiles(map, level):
+    bits = TILE_BITS - level
+    height, width = (map.slots.shape[0] // map.tiles_wide) << bits, map.tiles_wide << bits
+    return _TileLevel(map.occupancy, height, width, map.slots, map.tiles_wide, map.cells, bits, level_start(level))
+
+
 @overload(at_level, inline="always")
 def _at_level_of_tiles(map, level):
-    if getattr(map, "instance_class", None) is not TileMap:
-        return None
-
-    def view(map, level):
-        bits = TILE_BITS - level
-        height, width = (map.slots.shape[0] // map.tiles_wide) << bits, map.tiles_wide << bits
-        return _TileLevel(map.occupancy, height, width, map.slots, map.tiles_wide, map.cells, bits, level_start(level))
-
-    return view
+    return _level_of_tiles if getattr(map, "instance_class", None) is TileMap else None
 
 
 @njit(cache=True, error_model="numpy")
@@ -152,22 +151,21 @@ def _cell_at(view, row, col):
     return np.uint64(slot * view.cells + view.start + ((row & mask) << view.bits) + (col & mask))
 
 
+@neighbours.register(_TileLevel)
+def _neighbours_of_tiles(view, row, col):
+    mask = (1 << view.bits) - 1
+    corner = _cell_at(view, row, col)
+    if row & mask != mask and col & mask != mask:
+        above = corner + np.uint64(1 << view.bits)
+        return corner, corner + np.uint64(1), above, above + np.uint64(1)
+    # Past the border only where nobody looks: of known cells the first one alone.
+    right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
+    return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
+
+
 @overload(neighbours, inline="always")
 def _neighbours_in_tiles(view, row, col):
-    if getattr(view, "instance_class", None) is not _TileLevel:
-        return None
-
-    def find(view, row, col):
-        mask = (1 << view.bits) - 1
-        corner = _cell_at(view, row, col)
-        if row & mask != mask and col & mask != mask:
-            above = corner + np.uint64(1 << view.bits)
-            return corner, corner + np.uint64(1), above, above + np.uint64(1)
-        # Past the border only where nobody looks: of known cells the first one alone.
-        right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
-        return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
-
-    return find
+    return _neighbours_of_tiles if getattr(view, "instance_class", None) is _TileLevel else None
 
 
 @njit(cache=True, error_model="numpy")

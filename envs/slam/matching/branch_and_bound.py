@@ -114,7 +114,7 @@ def total_at(level, grid, turn, offset):
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
-        total += load(level, np.uint64(cells[k] + offset))
+        total += int(load(level, np.uint64(cells[k] + offset)))
     return total
 
 

@@ -10,7 +10,8 @@ the finest map throughout.
 """
 
 import math
-from typing import Any, NamedTuple
+from functools import singledispatch
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit, types
@@ -69,38 +70,32 @@ class Level(NamedTuple):
     width: int
 
 
-def at_level(map: Any, level: int) -> Any:
+@singledispatch
+def at_level(map, level):
     """Return a level of a map as kernels read it: with `occupancy`, flattened, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8, the finest first; or another kind that overloads this and
-    `neighbours`, as `gmapping.tiles` does.
+    A map is a tuple of arrays, shape (height, width), int8, the finest first; or another kind that registers and
+    overloads this and `neighbours`, as `gmapping.tiles` does.
     """
-    raise NotImplementedError("for kernels only")
+    return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
 
-def neighbours(view: Any, row: int, col: int) -> Any:
+@singledispatch
+def neighbours(view, row, col):
     """Return where four cells lie in `view.occupancy`: (row, col), (row, col + 1), (row + 1, col) and the last one."""
-    raise NotImplementedError("for kernels only")
+    corner = np.uint64(row * view.width + col)
+    above = corner + np.uint64(view.width)
+    return corner, corner + np.uint64(1), above, above + np.uint64(1)
 
 
 @overload(at_level, inline="always")
 def _at_level_of_arrays(map, level):
-    if isinstance(map, types.UniTuple):
-        return lambda map, level: Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
-    return None
+    return at_level.dispatch(tuple) if isinstance(map, types.UniTuple) else None
 
 
 @overload(neighbours, inline="always")
 def _neighbours_in_array(view, row, col):
-    if getattr(view, "instance_class", None) is not Level:
-        return None
-
-    def find(view, row, col):
-        corner = np.uint64(row * view.width + col)
-        above = corner + np.uint64(view.width)
-        return corner, corner + np.uint64(1), above, above + np.uint64(1)
-
-    return find
+    return neighbours.dispatch(Level) if getattr(view, "instance_class", None) is Level else None
 
 
 @njit(cache=True, error_model="numpy")

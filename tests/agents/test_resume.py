@@ -1,0 +1,95 @@
+"""Keys that may change when a run goes on."""
+
+import re
+import shutil
+from pathlib import Path
+
+import pytest
+
+from lidarnaut.agents.checkpoint import load_checkpoint
+from lidarnaut.agents.config import EvolutionConfig, parse_config
+from lidarnaut.agents.frontiers.evolution import evolve
+from lidarnaut.agents.resume import MAY_CHANGE
+from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
+from lidarnaut.agents.training import train
+from lidarnaut.envs.files import read_record
+from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
+
+ROOT = Path(__file__).parents[2]
+
+
+def files(folder):
+    return {path: path.read_bytes() for path in folder.rglob("*") if path.is_file() and path.name != ".lock"}
+
+
+def test_the_page_about_resuming_has_the_table():
+    rows = re.findall(r"^\| `([a-z_.]+)` \|(.*)\|$", (ROOT / "docs" / "resume.md").read_text(), re.MULTILINE)
+    shown = {key: [cell.strip() for cell in cells.split("|")] for key, cells in rows}
+    kinds = ("training", "sweep", "evolution")
+    assert shown == {key: ["yes" if kind in said else "no" for kind in kinds] for key, said in MAY_CHANGE.items()}
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"seed": 1}, "another seed: it needs seed: 0, and not 1"),
+        ({"algorithm": "A2C", "hyperparameters": {"n_steps": 32}}, "another algorithm: it needs algorithm: 'PPO', and"),
+        ({"num_envs": 2}, "another num_envs: it needs num_envs: 4, and not 2"),
+        ({"experiment": "other"}, "another experiment"),
+        (
+            {"evaluation": {"every": 256, "episodes": 2, "references": []}},
+            "another evaluation.episodes: .* 3, and not 2",
+        ),
+        ({"evaluation": {"every": 256, "episodes": 3, "references": ["random"]}}, "another evaluation.references"),
+        (
+            {"hyperparameters": {"n_steps": 32, "ent_coef": 0.1}},
+            "another hyperparameters.ent_coef: .* None, and not 0.1",
+        ),
+        ({"hyperparameters": {"n_steps": 32, "policy_kwargs": {"ortho_init": False}}}, "another hyper.*ortho_init"),
+        ({"total_steps": 512}, "768 of total_steps, and cannot end at 512; .* these may change: total_steps, "),
+    ],
+)
+def test_a_training_that_would_mix_settings_is_refused_and_left_alone(changes, says, tiny_run, tiny_data, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    before = files(run)
+    with pytest.raises(CheckpointError, match=says):
+        train(parse_config({**tiny_data, **changes}, "mem"), resume=run, progress=False)
+    assert files(run) == before
+
+
+def test_keys_that_may_change_are_applied(tiny_run, tiny_data, tmp_path):
+    run = shutil.copytree(tiny_run, tmp_path / "run")
+    data = {**tiny_data, "total_steps": 896, "checkpoints": {"every": 128, "keep": 4}, "torch_threads": 2}
+    data["hyperparameters"] = {"n_steps": 32, "batch_size": 64, "n_epochs": 3, "gamma": 0.9}
+    data["environment"] = {**tiny_data["environment"], "time_limit": 3.0}
+    train(parse_config(data, "mem"), resume=run, progress=False)
+    record = load_checkpoint(find_checkpoint(run), trust=["tests"]).record
+    assert (record.steps, record.updates) == (896, 6 * 2 + 3)
+    assert record.config.hyperparameters["gamma"] == 0.9
+    assert record.config.environment.arguments["time_limit"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("changes", "says"),
+    [
+        ({"seed": 2}, "another seed: it needs seed: 1, and not 2"),
+        ({"sigma": 0.5}, r"another sigma: it needs sigma: 0\.06, and not 0\.5"),
+        ({"families": ("caves",)}, r"another families: it needs families: \['rooms'\], and not \['caves'\]"),
+        ({"population": 6}, "another population: it needs population: 4, and not 6"),
+        ({"tasks": 1}, "another tasks"),
+        ({"validation_tasks": 1}, "another validation_tasks"),
+        ({"generations": 1}, "2 of generations, and cannot end at 1; .* may change: generations, validate_every, num_"),
+    ],
+)
+def test_an_evolution_that_would_mix_settings_is_refused_and_left_alone(changes, says, tmp_path):
+    """What it has reached belongs to individuals that only the former settings draw again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("lidarnaut.agents.frontiers.evolution._Evolution", None)
+        with pytest.raises(TypeError):
+            evolve(EvolutionConfig(**EVOLUTION, generations=3), run=tmp_path, progress=False)
+    (tmp_path / "generations.csv").write_text("0,0,0,0\n" * 2)
+    before = files(tmp_path)
+    with pytest.raises(CheckpointError, match=says):
+        evolve(EvolutionConfig(**{**EVOLUTION, "generations": 3, **changes}), resume=tmp_path, progress=False)
+    assert files(tmp_path) == before
+    assert read_record(tmp_path / "config.yaml", EvolutionConfig).generations == 3
