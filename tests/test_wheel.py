@@ -135,8 +135,7 @@ def test_the_description_leads_to_nothing_that_is_not_there(environment):
         ("lidarnaut-evaluate --help 2>&1 | head -1", 0),
         ("lidarnaut-train --help | true", 0),
         ("lidarnaut-evaluate --nonsense 1 2>&1 | true", 2),
-        ("lidarnaut-evaluate --help >&- 2>&-", 0),
-        ("lidarnaut-train --nonsense 1 2>&-", 2),
+        ("lidarnaut-evaluate --help >&-", 0),
     ],
 )
 def test_commands_whose_output_nobody_reads_end_quietly_with_their_usual_status(line, status, environment, tmp_path):
