@@ -101,11 +101,10 @@ def test_what_was_learned_is_evaluated_by_its_name_with_the_observations_that_it
     assert min(lengths) > [0.5]
 
 
-def test_a_checkpoint_for_other_spaces_is_refused(run):
+def test_a_checkpoint_of_another_environment_or_network_is_refused(run):
     twists = {"id": "lidarnaut/Explore-v0", "world_size": [8, 8]}
     config = changed(environment=twists).model_copy(update={"network": {}})
-    message = r"it needs action_mask MultiBinary\(48\) \(here: none\), .*Discrete\(48\) \(here: Box"
-    with pytest.raises(CheckpointError, match=message):
+    with pytest.raises(CheckpointError, match=r"another environment\.id: it needs .*ExploreFrontiersAbstract-v0"):
         train(config, resume=run, progress=False)
     with pytest.raises(CheckpointError, match=r"another network\.width: it needs network\.width: 16, and not 32"):
         train(changed(network={"width": 32}), resume=run, progress=False)
