@@ -8,7 +8,7 @@ import pytest
 
 from lidarnaut.agents.config import TrainingConfig, change
 from lidarnaut.benchmarks.arena.runner import Evaluation
-from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, describe_learning, demo, running
+from lidarnaut.benchmarks.demo import CONFIG, RIVAL, SCENES, TRAINING, demo, describe_learning, running
 from lidarnaut.envs.files import Lock, LockedError, parse_record, read_mapping
 from tests.agents.test_every_algorithm import tiny
 
