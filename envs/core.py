@@ -1,10 +1,9 @@
 """The environment: simulation + estimation + task + observations, for one robot or several."""
 
-import contextlib
 import copy
 import inspect
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -40,6 +39,20 @@ FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "o
 """What a vector environment does for many environments at once, if none of them does it in its own way."""
 WORLDS = 2**32 - 1
 """Spawn key of the generator of worlds, which `Generator.spawn` does not reach."""
+
+
+class WholeStep:
+    """Require a reset before the next step if the block of a `with`, a part of a step, raises an exception."""
+
+    def __init__(self, env: "LidarEnv") -> None:
+        self._env = env
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        if kind is not None:
+            self._env.has_begun = False
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
@@ -166,7 +179,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.action_space = spaces.Box(-1.0, 1.0, self._action_shape, np.float32)
         self._root: np.random.Generator | None = None
         self._prepared: tuple[Any, ...] = (None,) * 4
-        self._has_begun, self._fixed_info = False, fixed_info
+        self.whole_step, self._fixed_info = WholeStep(self), fixed_info
+        self.has_begun = False
+        """Whether a step may follow: neither the last reset nor a step since has failed."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
@@ -195,7 +210,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if unknown := sorted(map(str, set(options) - set(allowed))):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
-        self._has_begun = False  # unless all of it succeeds
+        self.has_begun = False  # unless all of it succeeds
         self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
@@ -228,7 +243,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plans, self.tracks = [None] * num_robots, NO_TRACKS
         for name, value in ({**self.final_metrics(), "end_reason": ""} if self._fixed_info else {}).items():
             self._blank[name] = value * math.nan if isinstance(value, float | np.ndarray) else type(value)()
-        self._has_begun = True
+        self.has_begun = True
         if self.on_period is not None:
             self.on_period(None)
         if self.render_mode == "human":
@@ -242,7 +257,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        with self.whole_step():
+        with self.whole_step:
             observation, outcome = self.observe(), self.outcome()
             if self.render_mode == "human":
                 self.render()
@@ -251,17 +266,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def apply(self, action: Any) -> None:
         """Drive for one control period without an observation or outcome; raises as `step`."""
         commands = self.twists(action)
-        with self.whole_step():
+        with self.whole_step:
             self.advance(commands)
-
-    @contextlib.contextmanager
-    def whole_step(self) -> Iterator[None]:
-        """Require a reset before the next step if the block, a part of a step, raises an exception."""
-        try:
-            yield
-        except BaseException:
-            self._has_begun = False
-            raise
 
     def twists(self, action: Any) -> list[Twist]:
         """Return the twists that an action commands, and let the robots remember it; raises as `step`."""
@@ -288,7 +294,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def check_begun(self) -> None:
         """Raise `gymnasium.error.ResetNeeded` if `reset` was not called, or the last reset or step has failed."""
-        if not self._has_begun:
+        if not self.has_begun:
             message = f"call reset of {type(self).__name__} first: no episode has begun, or a step has failed"
             raise gymnasium.error.ResetNeeded(message)
 
@@ -381,7 +387,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def write_part(self, name: str, out: np.ndarray) -> None:
         """Write a part of the observation."""
         part: Any = self.parts[name]
-        shows_truth = bool(getattr(part, "uses_ground_truth", False))
+        shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
+        if not (shows_truth or self._is_team):
+            part.write(self.robots[0], out)
+            return
         for robot, truth, row in zip(self.robots, self.truths, out if self._is_team else (out,), strict=True):
             part.write(robot, row, *(truth,) * shows_truth)
 
@@ -465,7 +474,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     def close(self) -> None:
         """Release the physics engine and the window; the episode ends."""
-        self._has_begun = False
+        self.has_begun = False
         self.simulator.close()
         if self._renderer is not None:
             self._renderer.close()

@@ -189,7 +189,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
-        with self.explore.whole_step():
+        with self.explore.whole_step:
             return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
@@ -200,7 +200,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._steps, self._quantities = 0, dict.fromkeys(self._quantities, 0.0)
         self._path_length = float(np.sum([truth.path_length for truth in self.explore.truths]))
         self._taken = min(int(action), len(self.candidates) - 1)
-        with self.explore.whole_step():
+        with self.explore.whole_step:
             self._choose(self._taken)
             self._result = self._drive()
             is_explored = self._task.is_returning or len(self.candidates) == 0

@@ -99,6 +99,7 @@ class Robot:
         """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
         slam: Any = getattr(estimator, "params", None)  # dead reckoning has none, and no key scans
         self._reading: Reading
+        self._batch: SimpleNamespace | None = None
         self._setup = Setup(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
@@ -127,8 +128,15 @@ class Robot:
 
     def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
         """Return this robot as a `Batch` of one for `RowPart.write_rows`, with the memories of these names."""
-        kept = {name: self._rows.memory[name][self.index, None] for name in memory}
-        return SimpleNamespace(robots=[self], numbers=self.row[None], ranges=self.ranges[None], memory=kept, active=ONE)
+        rows = self._rows
+        if len(rows.numbers) == 1:
+            if self._batch is None or self._batch.numbers is not rows.numbers:
+                self._batch = SimpleNamespace(robots=[self], active=ONE, **vars(rows))
+            return self._batch
+        kept = {name: rows.memory[name][self.index, None] for name in memory}
+        return SimpleNamespace(
+            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE
+        )
 
     @property
     def reading(self) -> Reading:

@@ -209,11 +209,13 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     def quantities(self) -> dict[str, float]:
         """Return progress [m], time [s], contact, whether the goal is reached, and nearness times time [s]."""
-        return {name: float(self._own[k]) for name, k in QUANTITIES.items()}
+        own = self._own.tolist()
+        return {name: own[k] for name, k in QUANTITIES.items()}
 
     def metrics(self) -> dict[str, Any]:
         """Return how far it is to the goal; see `Task`."""
-        metrics = {name: float(self._own[k]) for name, k in METRICS.items()}
+        own = self._own.tolist()
+        metrics: dict[str, Any] = {name: own[k] for name, k in METRICS.items()}
         return metrics | {"is_success": metrics["is_success"] > 0.0}
 
     def final_metrics(self) -> dict[str, Any]:
