@@ -250,10 +250,10 @@ class Batch:
     def _note_metrics(self, chosen: list[int], records: Records) -> None:
         """Note the metrics of the tasks of environments."""
         rows = [self._envs[i].task.metrics() for i in chosen]
-        for name in dict.fromkeys(itertools.chain(records.kinds, *rows)):
-            values, kind = [row.get(name) for row in rows], records.kinds.get(name)
+        for name in dict.fromkeys(itertools.chain(records.kinds, *rows)) if rows else ():
             if name in self._own_info:
                 continue
+            values, kind = [row.get(name) for row in rows], records.kinds.get(name)
             if kind in (SCALARS[float], SCALARS[bool]) and {SCALARS.get(one) for one in {*map(type, values)}} == {kind}:
                 records.rows[name][chosen] = values
             else:
