@@ -31,4 +31,4 @@ def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> 
             TypeAdapter(annotation, config=_STRICT).validate_python(value)
     least, most = LEAST.get(name, int(int in (annotation, *get_args(annotation)))), 1 if name in SHARES else math.inf
     if isinstance(given, int | float) and not least <= given <= most:
-        raise ValueError(f"must be a number from {least} to {most}")
+        raise ValueError(f"must be a number from {least}" + (f" to {most}" if most < math.inf else ""))
