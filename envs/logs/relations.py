@@ -80,7 +80,7 @@ def load_labelled(path: Path) -> dict[str, np.ndarray]:
         return {"relation error": relations}
     try:
         mask = np.lib.format.read_array(io.BytesIO(read_bytes(mask_path)))
-    except (ValueError, MemoryError) as error:
+    except Exception as error:  # NumPy and tokenize raise many kinds
         raise ValueError(f"{mask_path}: damaged or no array: {' '.join(str(error).split())}") from error
     if mask.shape != (len(relations),) or mask.dtype != np.bool_ or not mask.any():
         raise ValueError(f"{mask_path}: a mask of {len(relations)} relations is needed, got {mask.dtype} {mask.shape}")
