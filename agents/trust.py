@@ -71,7 +71,7 @@ def _is_trusted(name: str, trust: set[str]) -> bool:
         return False
     try:
         found = load_object(name)
-    except ValueError:  # an id, or absent: whoever needs the object says so
+    except ValueError:  # an id, or absent: loading raises the error later
         return True
     home = getattr(found, "__module__", None) or type(found).__module__
     is_data = not callable(found) and not inspect.ismodule(found)

@@ -181,7 +181,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._prepared: tuple[Any, ...] = (None,) * 4
         self.whole_step, self._fixed_info = WholeStep(self), fixed_info
         self.has_begun = False
-        """Whether a step may follow: neither the last reset nor a step since has failed."""
+        """Whether a step may follow: the last reset and all steps since then have succeeded."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):

@@ -158,7 +158,7 @@ def _neighbours_of_tiles(view, row, col):
     if row & mask != mask and col & mask != mask:
         above = corner + np.uint64(1 << view.bits)
         return corner, corner + np.uint64(1), above, above + np.uint64(1)
-    # Past the border only where nobody looks: of known cells the first one alone.
+    # Clamped at the border: only the first of the four cells is used there.
     right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
     return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
 
