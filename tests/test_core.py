@@ -9,9 +9,9 @@ from gymnasium import spaces
 from gymnasium.utils.env_checker import data_equivalence as same
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
 from lidarnaut.envs.estimation.motion import make_motion_source
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.observations import MapCrop
 from lidarnaut.envs.slam import KnownPoses, load_params
 from lidarnaut.envs.task import Rewards
@@ -181,8 +181,7 @@ class Redrawing(Own):
             cells = round(1.0 / belief.grid.resolution)
             belief.grid.data[:] = np.roll(belief.grid.data, cells, axis=1)
             known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
-            height, width = belief.grid.data.shape
-            window = Window(0, 0, width - 1, height - 1)
+            window = Window(0, 0, *belief.grid.data.shape)
             belief.update = MapUpdate(known, window, redrawn=True, origin=belief.grid.origin)
             belief.pose = belief.pose._replace(x=belief.pose.x + 1.0)
             belief.path = np.array([[1.0, 0.0, 0.0], [*belief.pose]])

@@ -10,9 +10,9 @@ import lidarnaut  # noqa: F401
 from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import Correction, MapUpdate, Window
+from lidarnaut.envs.estimation import Correction, MapUpdate
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.candidates import COST
 from lidarnaut.envs.robots import load_robot
@@ -44,7 +44,7 @@ class Jumping(KnownPoses):
             belief.pose = self.last_key_pose = Pose2D(0.15, -0.05, 0.0).compose(belief.pose)
             belief.path = np.array([belief.pose])
             known = np.argwhere(belief.grid.data >= 0).astype(np.int32)
-            window, correction = Window(0, 0, cols - 1, rows - 1), Correction(before, belief.path)
+            window, correction = Window(0, 0, rows, cols), Correction(before, belief.path)
             belief.update = MapUpdate(known, window, True, belief.grid.origin, correction)
             self.map.words = np.roll(self.map.words, (-1, 3), (0, 1))
             type(self).num_jumps += 1

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate, Window
+from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
 from lidarnaut.envs.estimation.belief import check_belief
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.slam import KnownPoses
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
 from tests.test_core import QUICK, STILL, Own
@@ -34,7 +34,7 @@ def updating(cells=CELLS, window=(0, 0, 9, 9), **further):
 
 def reach_one_too_far(belief):
     height, width = belief.grid.data.shape
-    updating(window=Window(0, 0, width - 1, height))(belief)
+    updating(window=Window(0, 0, height + 1, width))(belief)
 
 
 def reshape(belief):
@@ -44,9 +44,9 @@ def reshape(belief):
 
 FAULTS = {
     "window ends beyond": (reach_one_too_far, r"window .* the grid has \d+ rows and \d+ columns"),
-    "window begins before": (updating(window=Window(-1, 0, 3, 3)), "window"),
-    "window is empty": (updating(window=Window(5, 5, 4, 6)), "window"),
-    "window of floats": (updating(window=Window(0.0, 0, 3, 3)), "window"),
+    "window begins before": (updating(window=Window(0, -1, 4, 5)), "window"),
+    "window is empty": (updating(window=Window(5, 5, 2, 0)), "window"),
+    "window of floats": (updating(window=Window(0, 0.0, 4, 4)), "window"),
     "cell beyond": (updating(FAR), r"new_cells .* the grid has \d+ rows and \d+ columns"),
     "cell before": (updating(-CELLS), "new_cells"),
     "cells elsewhere": (updating(origin=(90.0, 0.0)), "new_cells"),
@@ -113,7 +113,7 @@ def test_cells_may_be_counted_from_where_the_map_began_before_it_grew():
     grid = OccupancyGrid(np.zeros((20, 10), dtype=np.int8), 0.05, (-0.35, -0.5))
     belief = Belief(Pose2D(0.0, 0.0, 0.0), grid)
     cells = np.array([[-10, -7], [9, 2]], dtype=np.int32)
-    belief.update = MapUpdate(cells, Window(0, 0, 9, 19), origin=(0.0, 0.0))
+    belief.update = MapUpdate(cells, Window(0, 0, 20, 10), origin=(0.0, 0.0))
     check_belief(belief, "mine")
     for off in ((-1, 0), (0, -1), (1, 0), (0, 1)):
         belief.update = belief.update._replace(new_cells=cells + np.array(off, dtype=np.int32))

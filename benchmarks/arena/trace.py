@@ -108,12 +108,11 @@ class Recorder:
         """Return the course of the episode that has ended."""
         env, course = self._env, episode.course
         curve = Curve(course.of("time"), course.of("path_length"), course.samples[env.task.progress])
-        top, left, bottom, right = known_window(env.belief.grid.data)
         return Trace(
             curve,
             np.array(self._trail, dtype=np.float32),
             crop_to_known(env.belief.grid, margin=0),
-            self._known_since[top : bottom + 1, left : right + 1],
+            self._known_since[known_window(env.belief.grid.data).slices],
             env.map_pose,
             env.world.segments.astype(np.float32),
             env.world.circles.astype(np.float32),

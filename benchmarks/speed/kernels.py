@@ -18,9 +18,8 @@ from lidarnaut.benchmarks.speed.halls import make_hall
 from lidarnaut.benchmarks.speed.naive_slam import NaiveSlam
 from lidarnaut.benchmarks.speed.naive_slam import match as naive_match
 from lidarnaut.benchmarks.speed.references import advance_in_numpy, cast_rays_in_numpy, crop_in_numpy, pool_in_numpy
-from lidarnaut.envs.estimation import Window
 from lidarnaut.envs.estimation.map_pyramid import Level, crop_level, pool_cells
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.observations import NEAR_PIXEL
 from lidarnaut.envs.robots import LidarParams
@@ -130,7 +129,7 @@ def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
     level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
     level.rebuild(grid.data)
     rows, cols = np.nonzero(grid.data >= 0)
-    window = Window(*map(int, (cols.min(), rows.min(), cols.max(), rows.max())))
+    window = Window.spanning((int(rows.min()), int(cols.min())), (int(rows.max()), int(cols.max())))
     side, visited = level.block * grid.resolution, np.empty((0, 2), dtype=np.int64)
     x, y = (pose.x - grid.origin[0]) / side, (pose.y - grid.origin[1]) / side
     pooled, where = pool_in_numpy(grid.data, visited, level.block), (x, y, pose.theta, NEAR_PIXEL / side)

@@ -7,26 +7,13 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from lidarnaut.envs.files import SHORT
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 """Pose of a frame in itself."""
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
 """`MapUpdate.new_cells` of a scan that made nothing known."""
-
-
-class Window(NamedTuple):
-    """A rectangle of map cells, its last column and row included."""
-
-    col_min: int
-    row_min: int
-    col_max: int
-    row_max: int
-
-    def union(self, other: "Window") -> "Window":
-        """Return the least window that holds both."""
-        return Window(*map(min, self[:2], other[:2]), *map(max, self[2:], other[2:]))
 
 
 class Correction(NamedTuple):
@@ -155,9 +142,10 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     if not (np.isfinite([*belief.pose, *start, *origin]).all() and np.isfinite(path).all()):
         return f"pose, origins and path must be finite, got {belief.pose}, {start}, {origin} and {path}"
     size = "the grid has {} rows and {} columns".format(*data.shape)
-    left, low, right, high = sides = np.asarray((0, 0, 0, 0) if window is None else window)
-    if sides.dtype.kind not in "iu" or not (0 <= left <= right < data.shape[1] and 0 <= low <= high < data.shape[0]):
-        return f"{window} is no window of cells; {size}"
+    row, col, rows, cols = sides = np.asarray((0, 0, 1, 1) if window is None else window)
+    is_inside = 0 <= row < row + rows <= data.shape[0] and 0 <= col < col + cols <= data.shape[1]
+    if sides.dtype.kind not in "iu" or not is_inside:
+        return f"update.window must lie inside the grid, got {window}; {size}"
     if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
         return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
     for axis in (0, 1) if len(cells) else ():

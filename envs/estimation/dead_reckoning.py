@@ -4,10 +4,10 @@ from typing import Any
 
 import numpy as np
 
-from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading
 
-from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate, Window
+from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate
 
 
 class DeadReckoning:
@@ -27,7 +27,7 @@ class DeadReckoning:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
         if map is None:
             blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
-            self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 0, 0)))
+            self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 1, 1)))
         else:
             self.belief = Belief(pose, map)
         return self.belief

@@ -9,9 +9,9 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation.belief import MapUpdate, Window
+from lidarnaut.envs.estimation.belief import MapUpdate
 from lidarnaut.envs.estimation.trail import Trail
-from lidarnaut.envs.geometry import OccupancyGrid
+from lidarnaut.envs.geometry import NO_WINDOW, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 OCCUPIED_FROM = 50
@@ -46,9 +46,9 @@ def pool_cells(data, window, block, level):
     whether any cell is occupied and was visited.
     """
     level_width = (data.shape[1] + block - 1) // block
-    first, last = window.col_min // block, window.col_max // block + 1
+    first, last = window.col // block, (window.col + window.width - 1) // block + 1
     sums, scale = np.empty((last - first) * block, dtype=np.uint16), np.float32(1.0 / (block * block))
-    for i in range(window.row_min // block, window.row_max // block + 1):
+    for i in range(window.row // block, (window.row + window.height - 1) // block + 1):
         _add_columns(data[i * block : (i + 1) * block, first * block : last * block], sums)
         words = level[i * level_width + first : i * level_width + last]
         for k in range(words.shape[0]):
@@ -64,8 +64,8 @@ def pool_cells(data, window, block, level):
 def _pool_blocks(finer, height, width, window, level):
     """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one, in a `Window` of them."""
     level_width = (width + _POOL - 1) // _POOL
-    for i in range(window.row_min // _POOL, window.row_max // _POOL + 1):
-        for j in range(window.col_min // _POOL, window.col_max // _POOL + 1):
+    for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
+        for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
             free = 0
             marks = np.uint16(0)
             for a in range(i * _POOL, min((i + 1) * _POOL, height)):
@@ -115,7 +115,7 @@ class Level:
         self.block, self.finer = block, finer
         self.is_stale = True
         """Whether the level is to be rebuilt before it is read."""
-        self.pending: Window | None = None
+        self.pending = NO_WINDOW
         """Cells that may have changed since the level was brought up to date."""
 
     def rebuild(self, data: np.ndarray) -> None:
@@ -123,7 +123,7 @@ class Level:
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
         """Shape (height * width + 1,), uint16; see `pool_cells`."""
-        self.update(data, Window(0, 0, data.shape[1] - 1, data.shape[0] - 1))
+        self.update(data, Window(0, 0, *data.shape))
 
     def update(self, data: np.ndarray, window: Window) -> None:
         """Pool what may have changed in a map."""
@@ -131,8 +131,7 @@ class Level:
             pool_cells(data, window, self.block, self.words)
         else:
             finer = self.finer
-            blocks = Window(*(cell // finer.block for cell in window))
-            _pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
+            _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
 
     def mark(self, col: float, row: float) -> None:
         """Remember that the robot has been at a position, given from the map's corner [cells]."""
@@ -159,7 +158,7 @@ class MapPyramid:
                 level.is_stale = True
         elif update.window is not None:
             for level in self._levels.values():
-                level.pending = update.window if level.pending is None else level.pending.union(update.window)
+                level.pending = update.window.union(level.pending)
 
     def mark(self, x: float, y: float) -> None:
         """Remember that a robot has been at (x, y), map frame [m]."""
@@ -199,9 +198,9 @@ class MapPyramid:
             for trail in self._trails:
                 for x, y in trail.positions.tolist():
                     level.mark(*self._in_cells(x, y))
-        elif level.pending is not None:
+        elif not level.pending.is_empty:
             level.update(self.grid.data, level.pending)
-        level.is_stale, level.pending = False, None
+        level.is_stale, level.pending = False, NO_WINDOW
 
     def _in_cells(self, x: float, y: float) -> tuple[float, float]:
         grid, (left, low) = self.grid, self.grid.origin

@@ -4,5 +4,16 @@ import lidarnaut.envs.compilation  # noqa: F401
 
 from .occupancy_grid import FREE, OCCUPIED, OCCUPIED_FROM, UNKNOWN, OccupancyGrid
 from .pose import Pose2D, wrap_angle
+from .window import NO_WINDOW, Window
 
-__all__ = ["FREE", "OCCUPIED", "OCCUPIED_FROM", "UNKNOWN", "OccupancyGrid", "Pose2D", "wrap_angle"]
+__all__ = [
+    "FREE",
+    "NO_WINDOW",
+    "OCCUPIED",
+    "OCCUPIED_FROM",
+    "UNKNOWN",
+    "OccupancyGrid",
+    "Pose2D",
+    "Window",
+    "wrap_angle",
+]

@@ -8,7 +8,7 @@ import pydantic
 from numba import njit
 from pydantic import NonNegativeFloat, PositiveFloat
 
-from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
@@ -21,15 +21,6 @@ COST_LETHAL = 254
 """The cell itself is occupied."""
 COST_UNKNOWN = 255
 """Never observed, and no known obstacle's footprint reaches it."""
-Window = tuple[int, int, int, int]
-"""A rectangle of cells: first row, first column, row after the last, column after the last."""
-
-
-def union(a: Window | None, b: Window | None) -> Window | None:
-    """Return the least window that holds two."""
-    if a is None or b is None:
-        return a or b
-    return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
 
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
@@ -104,9 +95,9 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return the first row and column and the last row and column of occupancy (int8) that hold an observed cell.
+    """Return the bounding `Window` of the observed cells of an occupancy grid, shape (height, width), int8.
 
-    Where nothing has been observed, the window is all of it.
+    Without any observed cell, the window is the whole grid.
     """
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
@@ -119,16 +110,14 @@ def known_window(data):
             highest_in_col[col] = max(highest_in_col[col], line[col])
         highest_in_row[row] = highest
     rows, cols = np.flatnonzero(highest_in_row >= 0), np.flatnonzero(highest_in_col >= 0)
-    return (rows[0], cols[0], rows[-1], cols[-1]) if len(rows) else (0, 0, height - 1, width - 1)
+    if len(rows) == 0:
+        return Window(0, 0, height, width)
+    return Window(rows[0], cols[0], rows[-1] - rows[0] + 1, cols[-1] - cols[0] + 1)
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
-    """Return a view of the part of a map that has been observed, and `margin` cells around it; all if nothing has."""
-    top, left, bottom, right = known_window(grid.data)
-    top, left = max(top - margin, 0), max(left - margin, 0)
+    """Return a view of the observed part of a map with a border of `margin` cells, or the whole unobserved map."""
+    window = known_window(grid.data).dilated(margin, grid.data.shape)
     x, y = grid.origin
-    return OccupancyGrid(
-        grid.data[top : bottom + margin + 1, left : right + margin + 1],
-        grid.resolution,
-        (x + left * grid.resolution, y + top * grid.resolution),
-    )
+    origin = x + window.col * grid.resolution, y + window.row * grid.resolution
+    return OccupancyGrid(grid.data[window.slices], grid.resolution, origin)

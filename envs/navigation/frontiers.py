@@ -10,7 +10,7 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
+from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lines import cell_along
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
@@ -22,7 +22,7 @@ TILE = 32
 @njit(cache=True, error_model="numpy")
 def update_frontier(joined, ignored, frontier, tile_counts, window):
     """Mark free cells with an unknown cell among their eight neighbours, in a `Window`, but for ignored ones."""
-    top, left, bottom, right = window
+    top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = joined.shape
     first, last = max(left - 1, 0), min(right + 1, width)
     # The least value in the three rows around a cell, then the least of three columns, is negative exactly where one of
@@ -48,7 +48,7 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
-    update_frontier(grid.data, np.zeros_like(frontier), frontier, tile_counts, (0, 0, height, width))
+    update_frontier(grid.data, np.zeros_like(frontier), frontier, tile_counts, Window(0, 0, height, width))
     return frontier
 
 
@@ -219,8 +219,8 @@ def is_frontier_near(data, block, ignored, row, col, reach):
     bottom, right = min(row + reach + 2, height), min(col + reach + 2, width)
     if top >= bottom or left >= right:
         return False
-    window = (0, 0, bottom - top, right - left)
-    shape = window[2:]
+    shape = bottom - top, right - left
+    window = Window(0, 0, shape[0], shape[1])
     around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
     join_cells(data[top * block :, left * block :], block, around, window)
     tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)

@@ -21,17 +21,16 @@ def join_cells(data, block, joined, window):
 
     The greatest occupancy counts, unknown (-1) where none is known.
     """
-    top, left, bottom, right = window
+    top, left, height, width = window
     rows, cols = data.shape
-    width = right - left
     lines = np.empty(width * block, dtype=np.int8)
-    for row in range(top, bottom):
+    for row in range(top, top + height):
         lines[:] = -1
         for r in range(row * block, min((row + 1) * block, rows)):
-            line = data[r, left * block : min(right * block, cols)]
+            line = data[r, left * block : min((left + width) * block, cols)]
             for k in range(line.shape[0]):
                 lines[k] = max(lines[k], line[k])
-        out = joined[row, left:right]
+        out = joined[row, left : left + width]
         if block == 2:
             for k in range(width):
                 out[k] = max(lines[2 * k], lines[2 * k + 1])
@@ -103,7 +102,7 @@ def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, 
     Of the cells in sight, `obstacles` count where no occupied cell accounts for them, `bodies` in any case. Writes
     `costs`, shape (height, width), uint8, and `open_weights`, see `_expand`.
     """
-    top, left, bottom, right = window
+    top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = joined.shape
     # Obstacles beside the window cost in it, and cells that account for an obstacle may lie beside those.
     reach = tables.inflation + tables.same_obstacle

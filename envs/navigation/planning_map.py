@@ -10,9 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.geometry import OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import NO_WINDOW, OCCUPIED, UNKNOWN, OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_expansion, step_weights
-from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, Window, known_window, union
+from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, known_window
 from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import PlanningParams
@@ -74,9 +74,9 @@ class CostLayer:
         """Shape (height, width), uint8, as in `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
         """Shape ((height + 2) * (width + 2),), uint8; see `expand`."""
-        self.pending: Window | None = None
+        self.pending = NO_WINDOW
         """Where map or marks have changed since the last update, and what that reaches."""
-        self.in_sight: Window | None = None
+        self.in_sight = NO_WINDOW
         """What the obstacles in sight reached at the last update."""
 
 
@@ -98,8 +98,7 @@ class PlanningMap:
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
         """One per footprint padding level: the padded robot first, then smaller ones."""
         self._data: np.ndarray | None = None
-        self._pending: Window | None = None
-        self._known: Window | None = None
+        self._pending = self._known = NO_WINDOW
         self._beyond, self._points = 0.0, np.zeros((1, 2))
         self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
@@ -107,21 +106,16 @@ class PlanningMap:
         self.origin = (0.0, 0.0)
         """Where the first column and the first row begin, map frame [m]."""
 
-    def update(self, grid: OccupancyGrid, window: tuple[int, int, int, int] | None, *, redrawn: bool = False) -> None:
+    def update(self, grid: OccupancyGrid, window: Window | None, *, redrawn: bool = False) -> None:
         """Take note of what the last scan has changed in the map; to be called after each.
 
-        `window` is first column and row, last column and row of the map cells that may have changed; None for none. In
-        a map that was `redrawn`, marks are forgotten.
+        `window`: map cells that may have changed; None for none. If the map was `redrawn`, marks are deleted.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
         elif window is not None:
-            (top, left), block, (height, width) = self._corner, self.block, self.joined.shape
-            col, row, last_col, last_row = (k // block for k in window)
-            last_row, last_col = min(last_row + top + 1, height), min(last_col + left + 1, width)
-            changed = max(row, 0) + top, max(col, 0) + left, last_row, last_col
-            if changed[0] < changed[2] and changed[1] < changed[3]:
-                self._pending = union(self._pending, changed)
+            changed = window.blocks(self.block).dilated(0, self._size)
+            self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
         """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and points (x, y), map frame."""
@@ -129,15 +123,14 @@ class PlanningMap:
 
     def refresh(self) -> None:
         """Bring joined cells and frontier up to date."""
-        window, self._pending = self._pending, None
-        if window is None:
+        window, self._pending = self._pending, NO_WINDOW
+        if window.is_empty:
             return
         assert self._data is not None
-        (top, left), (height, width) = self._corner, self._size
-        inner = window[0] - top, window[1] - left, min(window[2] - top, height), min(window[3] - left, width)
-        join_cells(self._data, self.block, self.joined[top:, left:], inner)
+        top, left = self._corner
+        join_cells(self._data, self.block, self.joined[top:, left:], window.shifted(-top, -left))
         update_frontier(self.joined, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
-        self._known = union(self._known, window)
+        self._known = window.union(self._known)
         self._spoil(window)
 
     def layer(
@@ -152,19 +145,18 @@ class PlanningMap:
         tables = self.tables[level]
         if level not in self._layers:
             self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.joined.shape)
-            if self._known is not None:
-                self._layers[level].pending = self._dilated(self._known, tables.inflation)
+            self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
         frame = self.params.marking_range, tuple(pose), self.origin, self.side
         missed, unmapped = obstacle_cells(obstacles, *frame), obstacle_cells(bodies, *frame)
-        in_sight: Window | None = None
+        in_sight = NO_WINDOW
         for found in (missed, unmapped):
             if len(found):
-                (row, col), (last_row, last_col) = found.min(axis=0).tolist(), found.max(axis=0).tolist()
-                in_sight = union(in_sight, self._dilated((row, col, last_row + 1, last_col + 1), tables.inflation))
-        window = union(union(layer.pending, layer.in_sight), in_sight)
-        layer.pending, layer.in_sight = None, in_sight
-        if window is not None and window[0] < window[2] and window[1] < window[3]:
+                window = Window.spanning(found.min(axis=0).tolist(), found.max(axis=0).tolist())
+                in_sight = self._dilated(window, tables.inflation).union(in_sight)
+        window = layer.pending.union(layer.in_sight).union(in_sight)
+        layer.pending, layer.in_sight = NO_WINDOW, in_sight
+        if not window.is_empty:
             arrays = layer.costs, layer.open_weights
             update_costs(self.joined, self.marks, missed, unmapped, tables, *arrays, window)
         return layer
@@ -226,8 +218,8 @@ class PlanningMap:
 
     def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
         """Forget the marks within a square around (x, y), map frame, of half the side `radius` [m]; by default all."""
-        top, left, bottom, right = window = self._around(*around, radius)
-        self.marks[top : max(bottom, top), left : max(right, left)] = UNKNOWN
+        window = self._around(*around, radius)
+        self.marks[window.slices] = UNKNOWN
         self._spoil(window)
 
     def ignore(self, points: np.ndarray) -> None:
@@ -279,29 +271,24 @@ class PlanningMap:
         """Workspace of searches."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
         """Queue of searches."""
-        first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
-        self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
-        self._known = None
+        self._pending = Window(*map(int, known_window(grid.data))).blocks(self.block).shifted(top, left)
+        self._known = NO_WINDOW
         if len(marked):
-            (top, left), (row, col) = (
-                self.cell(*corner.tolist()) for corner in (marked.min(axis=0), marked.max(axis=0))
-            )
-            self._known = top, left, row + 1, col + 1
+            first, last = (self.cell(*corner.tolist()) for corner in (marked.min(axis=0), marked.max(axis=0)))
+            self._known = Window.spanning(first, last)
 
     def _spoil(self, window: Window) -> None:
         """Take note that map or marks have changed in a window."""
         for layer in self._layers.values():
-            layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
+            layer.pending = self._dilated(window, layer.tables.inflation).union(layer.pending)
 
     def _around(self, x: float, y: float, radius: float) -> Window:
         """Return the window of the cells within `radius` of (x, y) and of those beside them, map frame [m]."""
         if math.isinf(radius):
-            return 0, 0, *self.joined.shape
-        (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)
-        return self._dilated((top, left, bottom + 1, right + 1), 1)
+            return Window(0, 0, *self.joined.shape)
+        window = Window.spanning(self.cell(x - radius, y - radius), self.cell(x + radius, y + radius))
+        return self._dilated(window, 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
         """Return a window and `reach` cells around it, as far as they lie in the raster."""
-        height, width = self.joined.shape
-        top, left, bottom, right = window
-        return max(top - reach, 0), max(left - reach, 0), min(bottom + reach, height), min(right + reach, width)
+        return window.dilated(reach, self.joined.shape)

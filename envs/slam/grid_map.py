@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation import MapUpdate, Window
+from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 
@@ -129,11 +129,11 @@ class GridMap(GrowingMap):
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base, with a weight from 0 to 1."""
-        extent, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
+        window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)
         count = integrate_scan(self.words, self.grid.data, *scan, *how)
-        return MapUpdate(new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
+        return MapUpdate(new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 
-from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
+from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
 from lidarnaut.envs.robots import LidarParams
 
 from .params import SlamParams
-from .scans import ScanGeometry, scans_extent
+from .scans import ScanGeometry, scans_window
 
 MAX_CELLS = 1 << 27
 """Size at which a map refuses to grow: a diverged estimate must not take all memory."""
@@ -52,18 +52,18 @@ class GrowingMap:
         """Undo `to_cells`."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
-    def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
-        """Enlarge the map to hold scans; arguments and result are those of `scans_extent`."""
-        extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
-        if self.grow_to_hold(*extent):
-            extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
-        return extent
+    def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> Window:
+        """Enlarge the map to contain scans, if necessary; arguments and result as of `scans_window`."""
+        window = scans_window(ranges, poses, self.geometry, self.corner, self._ends)
+        if self.grow_to_hold(window):
+            window = scans_window(ranges, poses, self.geometry, self.corner, self._ends)
+        return window
 
-    def grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
-        """Enlarge the map such that it has the given columns and rows; return whether it had to be."""
+    def grow_to_hold(self, window: Window) -> bool:
+        """Enlarge the map to contain a window; return True if the map was enlarged."""
         height, width = self.grid.data.shape
-        left, right = _growth(width, col_min, col_max)
-        low, high = _growth(height, row_min, row_max)
+        left, right = _growth(width, window.col, window.col + window.width - 1)
+        low, high = _growth(height, window.row, window.row + window.height - 1)
         if not (left or right or low or high):
             return False
         if (height + low + high) * (width + left + right) > MAX_CELLS:

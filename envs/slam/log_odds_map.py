@@ -12,8 +12,8 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation import MapUpdate, Window
-from lidarnaut.envs.geometry import UNKNOWN, Pose2D
+from lidarnaut.envs.estimation import MapUpdate
+from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
@@ -157,16 +157,16 @@ class LogOddsMap(GrowingMap):
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
         """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base."""
-        extent, count = self.integrate_all(ranges[None], np.array([pose]))
-        return MapUpdate(self._new_cells[:count].copy(), Window(*extent), origin=self.grid.origin)
+        window, count = self.integrate_all(ranges[None], np.array([pose]))
+        return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
-    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[tuple[int, int, int, int], int]:
+    def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
         """Integrate scans, shape (n, num_beams), float32 [m], at poses of the base, shape (n, 3), float64, map frame.
 
-        There must be fewer than `MAX_STAMP` of them, and at least one. Returns first and last columns and rows that
-        they touch, see `beam_ends`, and how many cells the last one made known.
+        There must be fewer than `MAX_STAMP` of them, and at least one. Returns the window of
+        touched cells, and the number of cells that the last scan made known.
         """
-        extent = self._make_room(ranges, poses)
+        window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
             for words in self.words:
                 forget_stamps(words)
@@ -174,7 +174,7 @@ class LogOddsMap(GrowingMap):
         scans, work = (ranges, poses, self.geometry, self.corner), (self._ends, self._new_cells)
         count = integrate_scans(tuple(self.words), self.levels, *scans, self.model, self._stamp + 1, *work)
         self._stamp += len(ranges)
-        return extent, count
+        return window, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
         """Replace the cells by those of another map of the same params, which must not be used any more.

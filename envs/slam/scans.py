@@ -6,7 +6,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
@@ -99,18 +99,18 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 
 @njit(cache=True, error_model="numpy")
-def scans_extent(ranges, poses, geometry, corner, ends):
-    """Return the columns and rows that scans touch, as `beam_ends` does.
+def scans_window(ranges, poses, geometry, corner, ends):
+    """Return the `Window` of the cells that scans touch; see `beam_ends`.
 
     Ranges have shape (n, num_beams), or (1, num_beams) for one scan at all poses, which have shape (n, 3).
     """
-    col_min = row_min = np.int64(1) << 40
-    col_max = row_max = -(np.int64(1) << 40)
+    col_min = row_min = 1 << 40
+    col_max = row_max = -(1 << 40)
     for i in range(poses.shape[0]):
         extent = beam_ends(ranges[min(i, ranges.shape[0] - 1)], poses[i], geometry, corner, ends)[1]
         col_min, row_min = min(col_min, extent[0]), min(row_min, extent[1])
         col_max, row_max = max(col_max, extent[2]), max(row_max, extent[3])
-    return col_min, row_min, col_max, row_max
+    return Window(row_min, col_min, row_max - row_min + 1, col_max - col_min + 1)
 
 
 @njit(cache=True, error_model="numpy")

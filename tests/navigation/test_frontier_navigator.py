@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 
-from lidarnaut.envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate, Window
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.estimation import NO_UPDATE, Belief, Correction, MapUpdate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation import (
     FEATURES,
     NUM_SECTORS,
@@ -69,8 +69,7 @@ class Robot:
     def change(self, rows, cols, value):
         """Change the map as a scan would."""
         self.belief.grid.data[rows, cols] = value
-        height, width = self.belief.grid.data.shape
-        self.navigator.map.update(self.belief.grid, (0, 0, width - 1, height - 1))
+        self.navigator.map.update(self.belief.grid, Window(0, 0, *self.belief.grid.data.shape))
 
     def decide(self, action=0):
         navigator = self.navigator
@@ -343,9 +342,7 @@ def test_a_drive_goes_on_when_the_map_is_corrected():
     belief.grid.origin = (0.5 - 0.05 * height, 0.25)
     rows, cols = belief.grid.data.shape
     cells = np.argwhere(belief.grid.data >= 0).astype(np.int32)
-    belief.update = MapUpdate(
-        cells, Window(0, 0, cols - 1, rows - 1), True, belief.grid.origin, Correction(before, after)
-    )
+    belief.update = MapUpdate(cells, Window(0, 0, rows, cols), True, belief.grid.origin, Correction(before, after))
     belief.pose = moved.compose(belief.pose)
     assert navigator.update(reading_at(robot.time), belief) is None
     belief.update = NO_UPDATE

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import ndimage
 
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.navigation import PlanningMap, PlanningParams, frontier_mask, make_costmap
 from lidarnaut.envs.navigation.frontiers import TILE, frontier_groups, frontier_in_sight, frontier_near, is_visible
 from lidarnaut.envs.navigation.planning_kernels import mark
@@ -44,14 +44,14 @@ def expected(grid, planning, level, pose, obstacles, ignored):
 
 
 def scan_into(grid, rng, size=30):
-    """Draw random cells into a window of a map, and return it: first column and row, last column and row."""
+    """Set the cells of a random window of a map to random values; return the window."""
     height, width = grid.data.shape
     row, col = int(rng.integers(height - 2)), int(rng.integers(width - 2))
     last_row = min(row + int(rng.integers(1, size)), height - 1)
     last_col = min(col + int(rng.integers(1, size)), width - 1)
-    window = grid.data[row : last_row + 1, col : last_col + 1]
-    window[:] = rng.choice([-1, 0, 100], window.shape, p=[0.1, 0.87, 0.03])
-    return col, row, last_col, last_row
+    window = Window.spanning((row, col), (last_row, last_col))
+    grid.data[window.slices] = rng.choice([-1, 0, 100], (window.height, window.width), p=[0.1, 0.87, 0.03])
+    return window
 
 
 def grow(grid, rng):

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate, Window
-from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
+from lidarnaut.envs.estimation import NO_CELLS, NO_UPDATE, MapUpdate
+from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.geometry.raycast import cast_rays
 from lidarnaut.envs.tasks.coverage import Coverage, map_iou
 from lidarnaut.envs.tasks.explore import Explore
@@ -16,7 +16,7 @@ from tests.rooms import BURGER, ORIGIN, make_room
 ROOM = make_room(0.0, 0.0, 2.02, 3.02, spawn=Pose2D(0.5, 0.5, 0.0))
 MIDDLE = Pose2D(1.0, 1.5, 0.0)
 LONG = replace(BURGER.lidar, range_max=60.0)
-NOTHING_NEW = MapUpdate(NO_CELLS, Window(0, 0, 1, 1))
+NOTHING_NEW = MapUpdate(NO_CELLS, Window(0, 0, 2, 2))
 
 
 def test_explorable_area_of_an_empty_room_is_its_floor():
@@ -77,7 +77,7 @@ def true_scan(world, pose, lidar=LONG):
 
 def update_of(data, origin=(-5.0, -5.0), redrawn=False):
     known = np.argwhere(data >= 0).astype(np.int32)
-    return MapUpdate(known, Window(0, 0, data.shape[1] - 1, data.shape[0] - 1), redrawn, origin)
+    return MapUpdate(known, Window(0, 0, *data.shape), redrawn, origin)
 
 
 EVERYTHING = np.zeros((200, 200), dtype=np.int8)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 from numba import njit
 
-from lidarnaut.envs.estimation import NO_CELLS, MapUpdate, Window
-from lidarnaut.envs.geometry import UNKNOWN
+from lidarnaut.envs.estimation import NO_CELLS, MapUpdate
+from lidarnaut.envs.geometry import UNKNOWN, Window
 from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap, known_cells
@@ -125,7 +125,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
                     new_cells[num_new, 0], new_cells[num_new, 1] = row + i, col + j
                     num_new += 1
                 target[j] = source[j]
-    return num_new, (col_min, row_min, col_max, row_max)
+    return num_new, Window(row_min, col_min, row_max - row_min + 1, col_max - col_min + 1)
 
 
 class ParticleMaps(GrowingMap):
@@ -182,11 +182,10 @@ class ParticleMaps(GrowingMap):
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number
         if is_switched:
-            all_cells = Window(0, 0, data.shape[1] - 1, data.shape[0] - 1)
-            return MapUpdate(known_cells(data), all_cells, redrawn=True, origin=origin)
-        if window[0] > window[2]:
+            return MapUpdate(known_cells(data), Window(0, 0, *data.shape), redrawn=True, origin=origin)
+        if window.is_empty:
             return MapUpdate(NO_CELLS, None)
-        return MapUpdate(new_cells[:count].copy(), Window(*window), origin=origin)
+        return MapUpdate(new_cells[:count].copy(), window, origin=origin)
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
         super()._pad(margins)

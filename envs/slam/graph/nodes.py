@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from lidarnaut.envs.estimation import Correction, MapUpdate, Window
-from lidarnaut.envs.geometry import Pose2D
+from lidarnaut.envs.estimation import Correction, MapUpdate
+from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.growing_map import known_cells
 from lidarnaut.envs.slam.key_scans import KeyScans
@@ -122,8 +122,7 @@ class MapRendering:
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
     """Give a map the cells of another one; its grid stays the same object. Returns how that changes the map."""
     live.take_cells(other)
-    height, width = live.grid.data.shape
-    window = Window(0, 0, width - 1, height - 1)
+    window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 

@@ -77,10 +77,10 @@ def test_the_grid_follows_the_particle_that_is_rendered():
         assert update.redrawn == is_switched
         assert new == (after.keys() if is_switched else after.keys() - before.keys())
         if not is_switched and update.window is not None:
-            col_min, row_min, col_max, row_max = update.window
+            rows, cols = (range(part.start, part.stop) for part in update.window.slices)
             for row, col in (cell for cell in after if after[cell] != before.get(cell)):
-                assert col_min <= col - ours.corner[0] <= col_max
-                assert row_min <= row - ours.corner[1] <= row_max
+                assert row - ours.corner[1] in rows
+                assert col - ours.corner[0] in cols
 
 
 def test_a_scan_for_which_the_pool_is_enlarged_midway_is_integrated_once():
