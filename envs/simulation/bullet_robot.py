@@ -1,4 +1,4 @@
-"""One robot in PyBullet: a chassis on two wheels and casters, and the controller between command and motors."""
+"""Robot in PyBullet: chassis, two wheels, casters and motor controller."""
 
 import math
 from collections.abc import Sequence
@@ -17,39 +17,40 @@ from .contact import is_cut
 from .kinematic import plan_wheels
 
 WHEEL_LINKS = (0, 1)
-"""Links of the left and the right wheel."""
+"""Link indices of the left and right wheel."""
 CHASSIS_LINK = 2
-"""Link of the chassis."""
+"""Link index of the chassis."""
 
 _LIGHT = 1e-3
-"""Mass of the base and of each caster, as a fraction of the body's."""
+"""Mass of the base and of each caster, as a fraction of the body's mass."""
 _PLATE = 0.01
-"""Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
-where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
+"""Thickness of the plate that collides with obstacles [m].
+
+The plate lies at the height of the axle or the centre of mass, whichever is lower, so that collisions do not tip the
+robot."""
 _ROTOR = 0.25
-"""Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
-of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
-weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
+"""Inertia of wheel and geared motor, as a fraction of body mass times squared wheel radius.
+
+With light wheels alone, the solver leaves speed errors of several percent."""
 _OTHER, _NORMAL_FORCE = 2, 9
-"""Entries of a contact point that hold the other body's id, and the force between the bodies."""
+"""Entries of a PyBullet contact point: id of the other body, and normal force."""
 _OUT_OF_REACH = 1e3
-"""Height at which a body touches nothing [m]."""
+"""Height without obstacles, for moving a body aside [m]."""
 _UPRIGHT = math.cos(math.radians(20.0))
-"""Cosine of the tilt from which on a robot tips over. Walls tilt those of the library by less than 10 degrees."""
+"""Cosine of the tilt at which a robot is tipping over; library robots tilt by less than 10 degrees at walls."""
 _DEPTH = 0.01
-"""How deep a wall may be in the body, beside what a robot drives in a physics step [m]. Where it is some centimetres
-deep, the engine no longer pushes some robots back, but farther in."""
+"""Tolerated wall penetration beyond the travel of one physics step [m].
+
+At a few centimetres, PyBullet pushes some robots farther into the wall."""
 _MAX_DEPTH = 0.25
-"""How deep it may be at most, as a fraction of half the body's size."""
+"""Upper limit of tolerated wall penetration, as a fraction of half the body size."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
-    """Put the robot into the simulation and return its id.
+    """Create the robot in PyBullet and return its body id.
 
-    The base is the middle of the axle. Were it the centre of mass, which turns about the axle, every substep would
-    carry it off along the tangent, and a robot that turns on the spot would creep. Links: the left wheel, the right
-    wheel, the chassis, then the casters. Wheels are spheres to the ground, so that they touch it in one point,
-    exactly under their middle.
+    Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle: with the centre of mass as
+    base, robots would drift when turning on the spot. Wheels are spheres, for a single contact point.
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
@@ -80,8 +81,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     )
     rolling = [_ROTOR * body.mass * radius**2] * 3
     inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
-    # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
-    # more weight rests, would drag it along the wall, faster than it can drive.
+    # Friction of the chassis prevents a square robot, whose turn is blocked, from sliding along the wall.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     for link in range(-1, count):
         bullet.changeDynamics(
@@ -101,10 +101,9 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of the shape that touches obstacles: the body's outline, `_PLATE` thick.
+    """Return the id of the chassis collision shape: the body's outline with height `_PLATE`.
 
-    Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
-    wall in one corner after another, one in a substep, and rock itself into it.
+    A body of full height would touch walls with one corner per substep, and start to rock.
     """
     size, radius = robot.body.size, robot.body.radius
     if size is None:
@@ -113,7 +112,7 @@ def _plate(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _inertia(body: BodyParams) -> list[float]:
-    """Return the principal moments of inertia of the body, solid and even [kg m2]."""
+    """Return the principal moments of inertia of the solid body [kg m2]."""
     if body.size is not None:
         x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
         return [y + z, x + z, x + y]
@@ -124,19 +123,19 @@ def _inertia(body: BodyParams) -> list[float]:
 
 @njit(cache=True, error_model="numpy")
 def _plan_wheels(reached, command, normals, numbers, rates, slips):
-    """Call `plan_wheels` for numbers that Python hands over fast; see `unpack_robot`."""
+    """Call `plan_wheels` with an array, which is faster to pass than a tuple; see `unpack_robot`."""
     return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
 
 
 class BulletRobot:
-    """A robot whose controller turns commands into wheel rates as it does under the kinematic physics.
+    """Robot in PyBullet with the wheel controller of the kinematic physics.
 
-    Motors of limited torque turn the wheels, and friction moves the robot. Wheel slip beyond what the contact itself
-    yields is a disturbance of the wheel's rate that the encoder does not see.
+    Motors with limited torque turn the wheels; friction moves the robot. Wheel slip disturbs the wheel rates, unseen by
+    encoders.
     """
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
-        """Prepare a robot whose state is written to `row`, shape (11,), float64; see `records`."""
+        """Prepare a robot that writes its state to `row`, shape (11,), float64; see `records`."""
         record = at.robot_record(robot, control_period)
         self._robot, self._numbers, self._row = robot, np.array(record), row
         substeps, self._period = int(record.substeps), record.period
@@ -147,7 +146,7 @@ class BulletRobot:
         self._core = (*body.center[:2], *(side - min(depth, _MAX_DEPTH * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched: set[int] = set()
-        """Ids of what the body touched during the control period."""
+        """Ids of bodies touched during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -157,12 +156,11 @@ class BulletRobot:
         return roll, pitch
 
     def build(self, bullet: BulletClient, world: World) -> None:
-        """Put the body into the simulation of a world."""
         self._bullet, self._body = bullet, build_robot(bullet, self._robot)
         self._walls = world.segments, world.circles
 
     def move_away(self, pose: Pose2D) -> None:
-        """Reset the wheels high above a pose, where nothing is: contacts remember their impulses."""
+        """Move the robot out of contact, to clear the engine's cached contact impulses."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
         self._set_pose(pose, _OUT_OF_REACH)
@@ -178,10 +176,11 @@ class BulletRobot:
         self._row[at.MEAN_W] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
-        """Plan what the wheels do during the next control period.
+        """Plan the wheel rates of the next control period.
 
-        `command`: shape (2,), float64, twist (v, w), finite [m/s, rad/s]; `normals`: shape (n,), float64, standard
-        normal draws; the first two are for the slip of the wheels.
+        Args:
+            command: twist (v, w), shape (2,), float64 [m/s, rad/s].
+            normals: standard normal numbers; the first two are for wheel slip.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
@@ -193,7 +192,7 @@ class BulletRobot:
         self.touched = set()
 
     def turn_wheels(self, substep: int) -> None:
-        """Set the motors for a step of physics."""
+        """Set the motor targets of a substep."""
         self._bullet.setJointMotorControlArray(
             self._body,
             WHEEL_LINKS,
@@ -204,15 +203,14 @@ class BulletRobot:
         )
 
     def update_contacts(self) -> None:
-        """Read from the engine what the body touches."""
+        """Record the bodies that the chassis touches."""
         points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
         self.touched.update(point[_OTHER] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
-        """Read pose, velocity and wheel angles from the engine.
+        """Read pose, velocity and wheel angles from PyBullet.
 
-        Where people, peers or its own motors press a robot against walls, the engine may tip it over, or let it climb
-        or slip through them. Then it is put back to where it was before the control period, at rest.
+        A robot that tipped over or passed through a wall returns to its last pose, at rest.
         """
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
@@ -226,7 +224,7 @@ class BulletRobot:
             self.touched.add(self._body)
         if is_back or rotation[8] < _UPRIGHT:
             self._settle(Pose2D(x, y, theta), linear, angular)
-        # Headings tell turns up to whole circles; which of them it was the command tells.
+        # The commanded yaw rate determines the number of full turns.
         period, expected = self._period, row[at.COMMANDED_W]
         row[at.MEAN_W] = expected + wrap_angle(theta - row[at.THETA] - expected * period) / period
         row[at.X], row[at.Y], row[at.THETA] = x, y, wrap_angle(theta)
@@ -238,14 +236,14 @@ class BulletRobot:
             row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
-        """Place the robot level on the ground, and keep of its velocities [m/s, rad/s] what is possible there."""
+        """Place the robot level on the ground, with the planar part of its velocities [m/s, rad/s]."""
         self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        """Tell whether a wall lies deep in the body, or between there and the pose before."""
+        """Return True if a wall lies deep inside the body, or between the previous pose and `pose`."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
-        # A body that is larger than its footprint may have a wall in it from the start on, and has to get free.
+        # A body larger than its footprint may start inside a wall and has to get free.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:

@@ -1,7 +1,4 @@
-"""Robots as a motion model: wheels that roll and slip, and a circular footprint that slides along obstacles.
-
-The controller between the commanded twist and the wheels is that of both physics.
-"""
+"""Kinematic physics: rolling wheels with slip, and circular footprints that slide along obstacles."""
 
 import math
 from collections.abc import Sequence
@@ -19,24 +16,25 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Share of the greatest speed and yaw rate by which slip may move a robot beyond them. It is far from what the robots
-of the library slip by: eight standard deviations or more at 20 Hz, five at 50 Hz."""
+"""Limit of wheel slip, as a fraction of maximum speed and yaw rate; normal slip is far smaller."""
 _DETOUR = 1.1
-"""Greatest motion of a substep along what the footprint meets, as a factor of the motion without it."""
+"""Maximum motion along obstacles in a substep, relative to free motion."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan what the wheels do during one control period; return the twist that the controller has reached at its end.
+    """Plan the wheel rates of a control period; return the twist (v, w) reached at its end.
 
-    The command is clipped to the limits, approached at no more than the greatest accelerations, and turned into wheel
-    rates by the controller's own idea of the wheels. Each wheel also slips: the variance of the slipped distance grows
-    with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8). Rolling
-    and slip together move the base no faster than its limits and `SLIP_MARGIN` allow.
+    The command is limited in speed and acceleration, and converted to wheel rates with the assumed wheels. Slip follows
+    Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8.
 
-    `reached`, `command`: twists (v, w), reached before and commanded [m/s, rad/s]; `normals`: standard normal draws for
-    the slip of the left and the right wheel; `rates`, `slips`: shape (substeps, 2), float64, written: rates of the left
-    and the right wheel, and what slip adds to these over the ground, and encoders do not see [rad/s].
+    Args:
+        reached: twist (v, w) before [m/s, rad/s].
+        command: commanded twist (v, w) [m/s, rad/s].
+        normals: standard normal numbers for the slip of the left and right wheel.
+        robot: `RobotRecord`.
+        rates: output, shape (substeps, 2), float64: rates of the left and right wheel, seen by encoders [rad/s].
+        slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
     """
     v, w = reached
     substeps = int(robot.substeps)
@@ -57,7 +55,7 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
             slips[i, wheel] = slipped / (robot.wheel_radius * dt)
         left, right = rates[i, 0] + slips[i, 0], rates[i, 1] + slips[i, 1]
         forward, turn = 0.5 * (left + right), 0.5 * (right - left)
-        forward -= min(max(forward, -most_forward), most_forward)  # zero for all usual slip, which is left as it is
+        forward -= min(max(forward, -most_forward), most_forward)  # zero except for extreme slip
         turn -= min(max(turn, -most_turn), most_turn)
         slips[i, 0] -= forward - turn
         slips[i, 1] -= forward + turn
@@ -66,13 +64,20 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot, whose row is `state`, for one control period; see `plan_wheels` for command and normals.
+    """Move a robot by one control period; its row `state` is updated.
 
-    The wheels roll and slip as planned, and the base follows the arc of each substep. What the footprint then overlaps
-    pushes it out along the normal, so that it slides along walls. Wheels keep turning while the robot is held.
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64: what is in its way [m].
+    Obstacles push the footprint out along the normal, so it slides along walls while the wheels keep turning.
 
-    Returns whether the footprint touched anything, and which circles it touched: shape (m,), bool.
+    Args:
+        state: row of the robot.
+        command: see `plan_wheels`.
+        normals: see `plan_wheels`.
+        robot: `RobotRecord`.
+        segments: obstacles, shape (n, 4), float64 [m].
+        circles: obstacles, shape (m, 3), float64 [m].
+
+    Returns:
+        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
     substeps = int(robot.substeps)
     dt = robot.period / substeps
@@ -93,14 +98,14 @@ def advance(state, command, normals, robot, segments, circles):
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
         x, y, theta = state[at.X], state[at.Y], state[at.THETA]
-        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # something pushed it
+        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # the robot was pushed
             num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
             x + chord * c, y + chord * s, robot.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
-        if contact:  # less than the radius, so that it comes to lie beyond nothing that it was free of
+        if contact:  # below the radius, to prevent tunnelling
             limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
                 new_x, new_y = x, y
@@ -115,13 +120,18 @@ def advance(state, command, normals, robot, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def step_robots(rows, draws, ranges, segments, circles, crowd):
-    """Move people and all robots of a world for one control period, and measure what robots sense at its end.
+    """Move people and robots of a world by one control period, then sense.
 
-    First people walk, and stop at robots. Then the robots move one after the other, past people and peers that rest
-    where they are by then. So no two of them ever overlap, and nobody pushes a robot. Arguments are plain: unpacking
-    named tuples would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V`
-    and `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
-    `People.arrays`, of which the rows are written, or None for nobody: the kernels of people need not be compiled then.
+    People move first and stop at robots. Robots move in turn and treat people and other robots as static. Arguments are
+    plain arrays, since unpacking tuples is slow.
+
+    Args:
+        rows: rows of the robots; `COMMAND_V` and `COMMAND_W` are the commands.
+        draws: see `Rows.draws`.
+        ranges: output; see `sense`.
+        segments: obstacles, shape (n, 4), float64 [m].
+        circles: obstacles, shape (m, 3), float64 [m].
+        crowd: `People.arrays`, with rows written; None without people, which saves compiling their kernels.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -151,7 +161,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
 
 
 class KinematicSimulator(Simulator):
-    """Robots in a world, moved by `advance`. Needs no PyBullet."""
+    """Robots with kinematic physics; does not need PyBullet."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 

@@ -1,4 +1,4 @@
-"""One or several equal robots in a world, whatever moves them."""
+"""Interface of the physics engines."""
 
 import math
 from abc import ABC, abstractmethod
@@ -21,26 +21,26 @@ from .sensors import SLIP_LEFT, sense
 
 
 class Simulator(ABC):
-    """Robots that see each other and collide with each other; physics are subclasses."""
+    """Identical robots in a world, which see and collide with each other; base class of the physics engines."""
 
     ignored: tuple[str, ...] = ()
-    """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
+    """Robot parameters without effect, as dotted attribute names of `RobotParams`."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
     ) -> None:
         self.rows = Rows(robot, control_period, num_robots)
-        """The robots' states, measurements and noise."""
+        """States, measurements and noise of the robots."""
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
-        """The people of the episode, as kernels see them."""
+        """People of the episode."""
         self.robot = robot
-        """The robots as they are: where parameters are drawn, those of this episode."""
+        """Parameters of the robots in this episode."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Change the robots' parameters from the next reset on; footprint and beams of the lidar stay as they were."""
+        """Set the robots' parameters for the next reset; footprint and lidar beams are kept."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 
@@ -52,12 +52,12 @@ class Simulator(ABC):
 
     @property
     def contacts(self) -> list[Contact]:
-        """What the robots touched during the last period, one entry for each thing."""
+        """Contacts of robots during the last control period, one per touched object."""
         return find_contacts(self.rows.numbers, self._reset_world(), self.crowd.rows)
 
     @property
     def people(self) -> np.ndarray:
-        """Ground truth of people: shape (n, 5), float64, x, y, radius [m], vx, vy [m/s], world frame."""
+        """Ground truth of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
         return self.crowd.states
 
     def reset(
@@ -67,14 +67,16 @@ class Simulator(ABC):
         rngs: Sequence[np.random.Generator],
         crowd_rng: np.random.Generator | None = None,
     ) -> list[Reading]:
-        """Place the robots at rest at poses in the world frame and return their first readings.
+        """Place the robots at rest and return their first readings.
 
-        All noise of a robot's episode is drawn from its own generator, so that it does not depend on the others':
-        same generator state, same bytes. People are drawn from `crowd_rng`, which a crowd needs.
+        Args:
+            world: world to simulate.
+            poses: start pose of each robot, world frame.
+            rngs: random generator of each robot, which draws all of its noise.
+            crowd_rng: random generator of the crowd; None without a crowd.
 
         Raises:
-            ValueError: a robot does not fit there, two of them overlap, there is no room for all people, or there are
-                not as many poses and generators as robots.
+            ValueError: a robot does not fit, two robots overlap, people do not fit, or a list has the wrong length.
         """
         self._check_number(poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
@@ -83,25 +85,27 @@ class Simulator(ABC):
         rows.reset()
         self._place(world, poses)
         rows.draw(rngs)
-        # The bias of an episode is by the draw that slip leaves unused at a reset.
+        # At a reset, the draw for wheel slip is unused and determines the gyroscope bias.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive each robot with its command for one control period and return the readings at its end.
+        """Apply one command per robot for a control period and return the readings at its end.
 
         Raises:
-            ValueError: a command holds NaN or infinity, or there are not as many commands as robots.
-            gymnasium.error.ResetNeeded: there was no reset.
+            ValueError: a command is not finite, or there is not one command per robot.
+            gymnasium.error.ResetNeeded: `reset` was not called.
         """
         self.move(commands, 1)
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Drive as `step` does; `rows` then hold what it returns. An environment calls this one.
+        """Apply commands as `step` does, with results in `rows` only.
 
-        `ahead`: control periods for which noise is drawn at once, which nobody else may draw from the generators.
+        Args:
+            commands: one twist per robot.
+            ahead: number of control periods whose noise is drawn in advance.
         """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
@@ -113,18 +117,18 @@ class Simulator(ABC):
         self._move(world)
 
     def close(self) -> None:  # noqa: B027
-        """Release what the simulator holds. Closing twice does no harm."""
+        """Release resources; repeated calls have no effect."""
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Put the robots at rest at their poses, and write these to `rows`."""
+        """Put the robots at rest at their poses and write the poses to `rows`."""
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Let people walk and drive all robots, by the commands in `rows`, for one control period; then `sense`."""
+        """Move people and robots by one control period with the commands in `rows`, then call `sense`."""
 
     def sense(self) -> None:
-        """Measure what the robots sense now, but for contact."""
+        """Update all measurements except contact."""
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)
@@ -133,7 +137,6 @@ class Simulator(ABC):
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
 
     def _reset_world(self) -> World:
-        """Return the world of the last reset."""
         if self._world is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         return self._world
