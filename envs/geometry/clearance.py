@@ -18,7 +18,7 @@ def segment_offset(x, y, segments, i):
 
 @njit(cache=True, error_model="numpy")
 def clearance(x, y, segments, circles):
-    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without obstacles.
+    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without any.
 
     Args:
         segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].

@@ -50,9 +50,9 @@ def squared_distances(occupied, reach):
 
 @njit(cache=True, error_model="numpy")
 def deepest_cell(area):
-    """Return the cell (row, column) of `area`, shape (height, width), bool, that is farthest from all cells outside.
+    """Return the cell (row, column) of `area`, shape (height, width), bool, that is farthest from cells outside.
 
-    Distance transform of Meijster, Roerdink and Hesselink (2000). Cells beyond the array do not count as outside.
+    Distance transform of Meijster, Roerdink and Hesselink (2000); the array's border is not outside.
     """
     height, width = area.shape
     # Distance to the nearest cell outside in the same column, or `nowhere`.

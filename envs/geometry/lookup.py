@@ -1,7 +1,6 @@
 """Array reads in kernels, compiled or under `NUMBA_DISABLE_JIT=1`.
 
-For `array[index[k]]` in a loop, compilers emit gather instructions. The Downfall mitigation (most Intel servers up to
-Ice Lake) makes them several times slower than the scalar loads of `load`.
+On Intel servers with the Downfall mitigation, compiled gather instructions are slower than the scalar loads of `load`.
 """
 
 import operator
@@ -30,7 +29,7 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
     def generate(context, builder, signature, args):
         view = context.make_array(signature.args[0])(context, builder, args[0])
         position = builder.zext(args[1], cgutils.intp_t) if index == types.uint32 else args[1]
-        # Unordered atomic loads are plain loads that the compiler may not merge.
+        # The compiler may not merge atomic loads.
         return builder.load_atomic(builder.gep(view.data, [position]), "unordered", array.dtype.bitwidth // 8)
 
     return array.dtype(array, index), generate

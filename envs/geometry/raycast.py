@@ -7,7 +7,7 @@ import numpy as np
 from numba import njit
 
 _PAD = 1e-3
-"""Padding of angular intervals, which covers the error of `_polar` [rad]."""
+"""Padding of angular intervals for errors of `_polar` [rad]."""
 _TOUCH = 1e-9
 """Distance below which a sensor lies on a segment and measures 0 in every direction [m]."""
 
@@ -27,9 +27,9 @@ class Beams(NamedTuple):
 def _polar(x: float, y: float) -> float:
     """Return the polar angle of (x, y) in [0, 2 pi), to within 2e-5 rad, without branches.
 
-    Hastings' polynomial of degree nine for the arctangent (Abramowitz and Stegun 4.4.49).
+    Polynomial of Hastings (Abramowitz and Stegun 4.4.49).
     """
-    # Selections vectorise; `min` and `max` treat NaN in ways that prevent vectorisation.
+    # `min` and `max` treat NaN in ways that prevent vectorisation.
     ax, ay = abs(x), abs(y)
     low, high = (ax if ax < ay else ay), (ay if ax < ay else ax)
     q = low / (high if high > 1e-300 else 1e-300)
@@ -46,8 +46,8 @@ def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
 
     Args:
         cos0: cosine of the first beam's direction; `sin0` is its sine.
-        intervals: output, shape (6, n): start x, start y, extent x, extent y of each segment in the frame of the first
-            beam [m]; first beam and length of the interval [beams], -1 if out of range.
+        intervals: output, shape (6, n): start and extent of each segment in the frame of the first beam [m], and first
+            beam and length of the interval [beams], -1 if out of range.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]
@@ -111,11 +111,11 @@ def _hit_circle(low, high, circle, cosines, sines, out):
 def cast_rays(x, y, heading, beams, segments, circles, out):
     """Cast evenly spaced beams from a sensor at (x, y, heading) [m, m, rad]; ranges are written to `out`.
 
-    Each obstacle is tested only against the beams in its angular interval. Intersections are exact.
+    Each obstacle is tested only against the beams in its angular interval.
 
     Args:
         beams: `Beams`, or a record with the same fields.
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m]. Segments of zero length are never hit.
+        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
         circles: shape (m, 3), float64, (x, y, radius) [m]. A sensor inside a circle sees its far side.
         out: shape (num_beams,), float32 or float64 [m]; inf without a hit within `beams.range_max`.
     """

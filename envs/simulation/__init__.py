@@ -8,20 +8,12 @@ from .rows import Reading, RobotState, Twist
 from .simulator import Simulator
 
 PHYSICS = ("bullet", "kinematic")
-"""Names of the physics engines."""
 
 
 def make_simulator(
     physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
 ) -> Simulator:
-    """Return a simulator for identical robots, among the people of `crowd`.
-
-    Args:
-        physics: one of `PHYSICS`.
-        robot: parameters of the robots.
-        control_period: time between two commands [s].
-        num_robots: number of robots.
-        crowd: parameters of the crowd; None for no crowd.
+    """Return a simulator of identical robots with a command every `control_period` [s].
 
     Raises:
         ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.

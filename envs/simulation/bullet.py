@@ -1,4 +1,4 @@
-"""Physics engine PyBullet: robots as rigid bodies with motor-driven wheels."""
+"""Physics with PyBullet: robots as rigid bodies with motor-driven wheels."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -20,15 +20,12 @@ from .simulator import Simulator
 GRAVITY = 9.81
 """Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
-"""Iterations of the constraint solver per substep."""
 CONTACT_BREAKING = 0.1
-"""Contact distance as a fraction of the smaller shape's size.
-
-PyBullet's default of 0.02 is slower, and robots notice walls too late to stop."""
+"""Contact distance as a fraction of the smaller shape's size; smaller values are slower and less accurate."""
 
 
 class BulletSimulator(Simulator):
-    """Robots simulated by PyBullet, in a physics client that the first reset opens."""
+    """Robots simulated by PyBullet, in one physics client."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
@@ -39,15 +36,14 @@ class BulletSimulator(Simulator):
         self._nearby: NearbyWalls | None = None
         self._people: list[int] = []
         self.is_copy = False
-        """Whether the simulator was copied during an episode, and needs a reset."""
+        """Whether the simulator is a copy that has to be reset."""
         self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        """Pickle as a new simulator, since PyBullet's state cannot be copied."""
+        """Pickle without the state in PyBullet."""
         return _copy, (*self._arguments, self.is_copy or self._world is not None)
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Set the robots' parameters for the next reset, which rebuilds the simulation."""
         super().set_robot(robot)
         self._arguments = robot, self._period, len(self.rows.numbers), self.crowd.crowd
         self._substeps = int(robot_record(robot, self._period).substeps)
@@ -57,7 +53,6 @@ class BulletSimulator(Simulator):
         self._built: World | None = None
 
     def close(self) -> None:
-        """Disconnect from PyBullet; the next reset reconnects."""
         if self._bullet is not None:
             self._bullet.close()
         self._bullet = self._built = self._world = self._nearby = None
@@ -128,7 +123,6 @@ class BulletSimulator(Simulator):
         self._built = world
 
     def _place_people(self) -> None:
-        """Update people in PyBullet; people have no velocity there."""
         for body, (x, y, *_) in zip(self._people, self.crowd.states.tolist(), strict=True):
             position = [x, y, 0.5 * self._reset_world().height]
             self._bullet.resetBasePositionAndOrientation(body, position, [0.0, 0.0, 0.0, 1.0])

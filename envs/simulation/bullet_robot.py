@@ -1,4 +1,4 @@
-"""Robot in PyBullet: chassis, two wheels, casters and motor controller."""
+"""Robot in PyBullet."""
 
 import math
 from collections.abc import Sequence
@@ -17,40 +17,33 @@ from .contact import is_cut
 from .kinematic import plan_wheels
 
 WHEEL_LINKS = (0, 1)
-"""Link indices of the left and right wheel."""
 CHASSIS_LINK = 2
-"""Link index of the chassis."""
 
 _LIGHT = 1e-3
-"""Mass of the base and of each caster, as a fraction of the body's mass."""
+"""Mass of base and casters, relative to the body's mass."""
 _PLATE = 0.01
-"""Thickness of the plate that collides with obstacles [m].
-
-The plate lies at the height of the axle or the centre of mass, whichever is lower, so that collisions do not tip the
-robot."""
+"""Thickness of the part that touches obstacles, low enough not to tip the robot [m]."""
 _ROTOR = 0.25
-"""Inertia of wheel and geared motor, as a fraction of body mass times squared wheel radius.
+"""Inertia of wheel and geared motor, relative to body mass times squared wheel radius.
 
-With light wheels alone, the solver leaves speed errors of several percent."""
+Light wheels alone would cause speed errors of several percent."""
 _OTHER, _NORMAL_FORCE = 2, 9
-"""Entries of a PyBullet contact point: id of the other body, and normal force."""
+"""Indices of other body and normal force in a PyBullet contact point."""
 _OUT_OF_REACH = 1e3
-"""Height without obstacles, for moving a body aside [m]."""
+"""Height without obstacles [m]."""
 _UPRIGHT = math.cos(math.radians(20.0))
-"""Cosine of the tilt at which a robot is tipping over; library robots tilt by less than 10 degrees at walls."""
+"""Cosine of the tilt beyond which a robot is tipping over."""
 _DEPTH = 0.01
-"""Tolerated wall penetration beyond the travel of one physics step [m].
-
-At a few centimetres, PyBullet pushes some robots farther into the wall."""
+"""Tolerated wall penetration beyond the travel of a physics step [m]; PyBullet resolves deep penetration wrongly."""
 _MAX_DEPTH = 0.25
-"""Upper limit of tolerated wall penetration, as a fraction of half the body size."""
+"""Maximum tolerated wall penetration, relative to half the body size."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     """Create the robot in PyBullet and return its body id.
 
-    Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle: with the centre of mass as
-    base, robots would drift when turning on the spot. Wheels are spheres, for a single contact point.
+    Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle; a base at the centre of mass
+    would drift in turns on the spot. Spherical wheels have a single contact point.
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
@@ -81,7 +74,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     )
     rolling = [_ROTOR * body.mass * radius**2] * 3
     inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
-    # Friction of the chassis prevents a square robot, whose turn is blocked, from sliding along the wall.
+    # Chassis friction keeps square robots from sliding along walls that block a turn.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     for link in range(-1, count):
         bullet.changeDynamics(
@@ -101,10 +94,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of the chassis collision shape: the body's outline with height `_PLATE`.
-
-    A body of full height would touch walls with one corner per substep, and start to rock.
-    """
+    """Return the id of a flat shape with the body's outline; a full-height body would rock at walls."""
     size, radius = robot.body.size, robot.body.radius
     if size is None:
         return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE)
@@ -123,19 +113,17 @@ def _inertia(body: BodyParams) -> list[float]:
 
 @njit(cache=True, error_model="numpy")
 def _plan_wheels(reached, command, normals, numbers, rates, slips):
-    """Call `plan_wheels` with an array, which is faster to pass than a tuple; see `unpack_robot`."""
+    """Call `plan_wheels` with an array, which is faster to pass than a tuple."""
     return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
 
 
 class BulletRobot:
     """Robot in PyBullet with the wheel controller of the kinematic physics.
 
-    Motors with limited torque turn the wheels; friction moves the robot. Wheel slip disturbs the wheel rates, unseen by
-    encoders.
+    Motors with limited torque turn the wheels. Wheel slip changes wheel rates, unseen by encoders.
     """
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
-        """Prepare a robot that writes its state to `row`, shape (11,), float64; see `records`."""
         record = at.robot_record(robot, control_period)
         self._robot, self._numbers, self._row = robot, np.array(record), row
         substeps, self._period = int(record.substeps), record.period
@@ -160,13 +148,12 @@ class BulletRobot:
         self._walls = world.segments, world.circles
 
     def move_away(self, pose: Pose2D) -> None:
-        """Move the robot out of contact, to clear the engine's cached contact impulses."""
+        """Lift the robot out of contact, to clear cached contact impulses."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
         self._set_pose(pose, _OUT_OF_REACH)
 
     def reset_pose(self, pose: Pose2D) -> None:
-        """Place the robot at rest."""
         self._settle(pose, [0.0] * 3, [0.0] * 3)
         self._row[:] = 0.0
         self._row[: at.THETA + 1] = pose
@@ -176,11 +163,11 @@ class BulletRobot:
         self._row[at.MEAN_W] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
-        """Plan the wheel rates of the next control period.
+        """Plan the wheel rates of a control period.
 
         Args:
             command: twist (v, w), shape (2,), float64 [m/s, rad/s].
-            normals: standard normal numbers; the first two are for wheel slip.
+            normals: standard normal numbers for wheel slip, shape (n,), n >= 2, float64.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
@@ -192,7 +179,6 @@ class BulletRobot:
         self.touched = set()
 
     def turn_wheels(self, substep: int) -> None:
-        """Set the motor targets of a substep."""
         self._bullet.setJointMotorControlArray(
             self._body,
             WHEEL_LINKS,
@@ -203,14 +189,13 @@ class BulletRobot:
         )
 
     def update_contacts(self) -> None:
-        """Record the bodies that the chassis touches."""
         points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
         self.touched.update(point[_OTHER] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
         """Read pose, velocity and wheel angles from PyBullet.
 
-        A robot that tipped over or passed through a wall returns to its last pose, at rest.
+        A robot that tipped over or passed through a wall returns to its last pose.
         """
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
@@ -236,14 +221,14 @@ class BulletRobot:
             row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
-        """Place the robot level on the ground, with the planar part of its velocities [m/s, rad/s]."""
+        """Place the robot level on the ground with planar velocities [m/s, rad/s]."""
         self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        """Return True if a wall lies deep inside the body, or between the previous pose and `pose`."""
+        """Return True if a wall is inside the body, or between its last and present pose."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
-        # A body larger than its footprint may start inside a wall and has to get free.
+        # A body larger than its footprint may start inside a wall.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:

@@ -1,4 +1,4 @@
-"""PyBullet client, and the bodies of a world: ground, walls and people."""
+"""PyBullet client, and the bodies of a world."""
 
 import math
 import os
@@ -14,23 +14,23 @@ from lidarnaut.envs.worlds import World
 from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""Collision groups: wheels and casters touch the ground; chassis touch obstacles and other chassis."""
+"""Collision groups; wheels and casters touch only the ground."""
 
 _MESH_RECTANGLES = 30_000
-"""Maximum number of rectangles per mesh; PyBullet accepts at most 131,072 vertices."""
+"""Maximum number of rectangles per mesh (PyBullet allows 131,072 vertices)."""
 _MANY = 100_000
-"""Number of wall rectangles above which only walls near robots are built."""
+"""Number of wall rectangles above which only nearby walls are built."""
 _PER_CIRCLE = 32
-"""Approximate number of rectangles per circular obstacle."""
+"""Typical number of rectangles per circle."""
 _SLACK = 2.0
-"""Distance that a robot drives before nearby walls are rebuilt [m]."""
+"""Travel of a robot before nearby walls are rebuilt [m]."""
 
 
 def import_pybullet() -> ModuleType:
     """Import PyBullet without its message on standard error.
 
     Raises:
-        ImportError: PyBullet cannot be imported; the message explains the installation.
+        ImportError: PyBullet cannot be imported.
     """
     stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
@@ -55,26 +55,17 @@ class BulletClient:
         self._module = import_pybullet()
         self._id = self._module.connect(self._module.DIRECT)
         self.close = weakref.finalize(self, self._module.disconnect, self._id)
-        """Disconnects the client; may be called repeatedly, and is called on garbage collection."""
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._module, name)
         if callable(found):
             found = partial(found, physicsClientId=self._id)
-        setattr(self, name, found)  # caches the attribute
+        setattr(self, name, found)
         return found
 
 
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
-    """Create ground, walls and people in an empty simulation; return the body ids of people.
-
-    Walls of large worlds are left to `NearbyWalls`.
-
-    Args:
-        bullet: physics client.
-        world: world to build.
-        radii: radius of each person, shape (n,), float64 [m].
-    """
+    """Create ground, walls (unless too many) and people with `radii`, shape (n,) [m]; return the ids of people."""
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
     cylinders = [
@@ -89,21 +80,18 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
 
 
 def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
-    """Set the collision group, collision mask and friction of a body."""
+    """Set the collision filter and friction of a body."""
     bullet.setCollisionFilterGroupMask(body, -1, group, mask)
     bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
 
 
 def has_many_walls(world: World) -> bool:
-    """Return True if a world has too many walls for PyBullet."""
+    """Return True if PyBullet cannot hold all walls of a world."""
     return len(world.segments) + _PER_CIRCLE * len(world.circles) > _MANY
 
 
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
-    """Return walls and circles of a world as segments, shape (n, 4), float64 [m].
-
-    Circles become polygons, accurate to `sagitta` [m].
-    """
+    """Return walls and circles as segments, shape (n, 4), float64 [m]; circles are accurate to `sagitta` [m]."""
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
         corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
@@ -113,7 +101,7 @@ def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
     return np.vstack(found)
 
 
-# PyBullet never frees the lists of a mesh, so all meshes share these lists to limit the leak.
+# PyBullet never frees the lists of a mesh; sharing them limits the leak.
 _POINTS: list[list[float]] = []
 _NUMBERS: list[int] = []
 _VERTICES: list[list[float]] = []
@@ -121,7 +109,7 @@ _TRIANGLES: list[int] = []
 
 
 def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> list[int]:
-    """Create collision meshes of upright rectangles over segments, shape (n, 4) [m]; return their ids."""
+    """Create meshes of upright rectangles over segments, shape (n, 4) [m], and return their ids."""
     meshes = []
     for first in range(0, len(segments), _MESH_RECTANGLES):
         part = segments[first : first + _MESH_RECTANGLES]
@@ -133,7 +121,6 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
         triangles = np.array([0, 1, 2, 0, 2, 3]) + 4 * np.arange(len(part))[:, None]
         _POINTS.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(_POINTS)))
         _NUMBERS.extend(range(len(_NUMBERS), len(vertices)))
-        # by columns, which creates fewer objects for the garbage collector
         for point, x, y, z in zip(_POINTS, *vertices.T.tolist()):
             point[0], point[1], point[2] = x, y, z
         _VERTICES[:] = _POINTS[: len(vertices)]
@@ -145,10 +132,10 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
 
 
 class NearbyWalls:
-    """Walls near the robots, in a world with too many walls for PyBullet."""
+    """Walls near the robots, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Store the walls; `reach` is the longest distance to walls touched between two calls of `follow` [m]."""
+        """Store the walls; between calls of `follow`, robots including their bodies reach at most `reach` [m]."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height
@@ -158,7 +145,7 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Rebuild nearby walls if a robot has moved far; positions: shape (n, 2), float64 [m]."""
+        """Rebuild nearby walls if a robot has moved far; `positions`: shape (n, 2), float64 [m]."""
         if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _SLACK:
             return
         self._centers = positions.copy()

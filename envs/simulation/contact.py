@@ -19,18 +19,18 @@ _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
 CONTACT_GAP = 0.01
-"""Gap up to which obstacles near a collision are reported as touched [m]."""
+"""Maximum gap to objects that a collision reports as touched [m]."""
 FAULT_SPEED = 0.05
-"""Approach speed up to which a robot is not at fault for touching a person [m/s]."""
+"""Maximum approach speed at which touching a person is not the robot's fault [m/s]."""
 _MIN_GAP = 1e-4
 """Minimum gap between two robots at the start [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def select_near(x, y, reach, segments, near):
-    """Write the indices of all segments near (x, y) to `near`, and return their number.
+    """Write the indices of segments near (x, y) to `near`, and return their number.
 
-    Segments qualify if their bounding box lies within `reach` [m] along both axes.
+    Segments are near if their bounding box lies within `reach` [m] along both axes.
     """
     count = 0
     for i in range(segments.shape[0]):
@@ -47,17 +47,12 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of overlapping obstacles, the deepest overlap first.
 
     Args:
-        x: x position of the centre [m].
-        y: y position of the centre [m].
-        radius: radius of the circle [m].
-        segments: shape (n, 4) [m].
-        near: indices of the segments to test.
-        num_near: number of indices to use.
-        circles: shape (m, 3) [m].
+        segments: shape (n, 4), float64 [m]; the first `num_near` indices of `near` are tested.
+        circles: shape (m, 3), float64 [m].
         hits: shape (m,), bool; set to True for touched circles.
 
     Returns:
-        The centre (x, y), whether anything was touched, and whether the circle is free of overlap.
+        Centre x, y, whether the circle touched anything, and whether no overlap remains.
     """
     touched = False
     for _ in range(_MAX_PUSHES):
@@ -84,11 +79,11 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 
 @njit(cache=True, error_model="numpy")
 def is_cut(pose, before, body, segments, circles):
-    """Return True if an obstacle lies inside a body, or between its present and previous centre.
+    """Return True if an obstacle lies inside a body, or between its last and present centre.
 
     Args:
         pose: pose of the base (x, y, theta).
-        before: previous pose of the base.
+        before: last pose of the base.
         body: centre (x, y) in the base frame, then half length and half width, or radius and 0 [m].
         segments: shape (n, 4), float64 [m].
         circles: shape (m, 3), float64 [m].
@@ -139,10 +134,10 @@ def is_cut(pose, before, body, segments, circles):
 
 
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
-    """Check that start poses of robots with a radius [m] are finite and free of collisions.
+    """Check that start poses of robots with a radius [m] are free of collisions.
 
     Raises:
-        ValueError: a pose is not finite, or a footprint overlaps an obstacle or another footprint.
+        ValueError: a pose is not finite, or a footprint overlaps an obstacle or footprint.
     """
     circles = world.circles_at_start
     for pose in poses:
@@ -174,29 +169,28 @@ class Contact(NamedTuple):
     kind: Kind
     """Kind of the touched object."""
     which: int
-    """Row of the touched object in `World.segments`, `World.circles` or `Simulator.people`, or index of the other
-    robot."""
+    """Row of the object in `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
     by: Literal["robot", "other"] = "robot"
-    """Cause of the contact: "other" if the person or other robot approached faster."""
+    """Cause of the contact: the party that approached faster."""
 
 
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
-    """Return the commanded speed of a robot, given by its row, towards a point [m/s]."""
+    """Return the commanded speed of a robot towards a point [m/s]."""
     dx, dy = x - row[X], y - row[Y]
     return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Return True if a robot approached a touched person faster than the person approached it."""
+    """Return True if a robot approached a person faster than the person approached it."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
 
 
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
-    """Return the contacts of the last control period: each robot's nearest object and others within `CONTACT_GAP`.
+    """Return the contacts of the last control period: the nearest object and all objects within `CONTACT_GAP`.
 
     Args:
         rows: rows of all robots, see `records`.

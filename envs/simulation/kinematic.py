@@ -16,24 +16,24 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Limit of wheel slip, as a fraction of maximum speed and yaw rate; normal slip is far smaller."""
+"""Maximum wheel slip, relative to maximum speed and yaw rate."""
 _DETOUR = 1.1
-"""Maximum motion along obstacles in a substep, relative to free motion."""
+"""Maximum motion along obstacles, relative to free motion."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan the wheel rates of a control period; return the twist (v, w) reached at its end.
+    """Plan the wheel rates of a control period, and return the twist (v, w) at its end.
 
-    The command is limited in speed and acceleration, and converted to wheel rates with the assumed wheels. Slip follows
-    Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8.
+    Limits speed and acceleration, and converts with the assumed wheels. Slip after Siegwart and Nourbakhsh,
+    Introduction to Autonomous Mobile Robots, equation 5.8.
 
     Args:
-        reached: twist (v, w) before [m/s, rad/s].
+        reached: last twist (v, w) [m/s, rad/s].
         command: commanded twist (v, w) [m/s, rad/s].
         normals: standard normal numbers for the slip of the left and right wheel.
         robot: `RobotRecord`.
-        rates: output, shape (substeps, 2), float64: rates of the left and right wheel, seen by encoders [rad/s].
+        rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
         slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
     """
     v, w = reached
@@ -64,9 +64,7 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot by one control period; its row `state` is updated.
-
-    Obstacles push the footprint out along the normal, so it slides along walls while the wheels keep turning.
+    """Move a robot, whose row is `state`, by one control period; the footprint slides along obstacles.
 
     Args:
         state: row of the robot.
@@ -98,14 +96,14 @@ def advance(state, command, normals, robot, segments, circles):
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
         x, y, theta = state[at.X], state[at.Y], state[at.THETA]
-        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # the robot was pushed
+        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:
             num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
             x + chord * c, y + chord * s, robot.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
-        if contact:  # below the radius, to prevent tunnelling
+        if contact:  # prevents tunnelling
             limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
                 new_x, new_y = x, y
@@ -122,16 +120,15 @@ def advance(state, command, normals, robot, segments, circles):
 def step_robots(rows, draws, ranges, segments, circles, crowd):
     """Move people and robots of a world by one control period, then sense.
 
-    People move first and stop at robots. Robots move in turn and treat people and other robots as static. Arguments are
-    plain arrays, since unpacking tuples is slow.
+    People move first and stop at robots. Robots move in turn; all others are static meanwhile.
 
     Args:
-        rows: rows of the robots; `COMMAND_V` and `COMMAND_W` are the commands.
+        rows: rows of the robots, including their commands.
         draws: see `Rows.draws`.
         ranges: output; see `sense`.
         segments: obstacles, shape (n, 4), float64 [m].
         circles: obstacles, shape (m, 3), float64 [m].
-        crowd: `People.arrays`, with rows written; None without people, which saves compiling their kernels.
+        crowd: `People.arrays`; None without people, which saves compilation.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -161,7 +158,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
 
 
 class KinematicSimulator(Simulator):
-    """Robots with kinematic physics; does not need PyBullet."""
+    """Robots with kinematic physics, without PyBullet."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 

@@ -57,15 +57,14 @@ RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
 """Columns of ground truth.
 
-Pose in the world frame [m, m, rad], controller's twist after acceleration limits [m/s, rad/s], rotation of the wheels
-since the reset as measured by encoders [rad], twist of the base [m/s, rad/s], its mean yaw rate in the last control
-period, and gyroscope bias [rad/s]."""
+Pose in the world frame [m, m, rad], controller's twist after acceleration limits [m/s, rad/s], wheel rotation since the
+reset [rad], twist of the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
 STATE_SIZE = 11
 """Number of ground truth columns."""
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
 """Columns of measurements: encoder counts, yaw rate [rad/s], compass heading [rad], and contact.
 
-Contact is 0 for none, 1 for an obstacle or robot, and `TOUCHED_PERSON` plus the index of a touched person."""
+Contact: 0 for none, 1 for an obstacle or robot, `TOUCHED_PERSON` plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
 """Columns of control periods and time [s] since the reset, row of `Rows.draws` in use, and command [m/s, rad/s]."""
@@ -73,26 +72,24 @@ LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
 """Columns of true pose, encoder counts and contact at the previous update."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
 """First columns of the last motion by odometry and by the estimator (three each), estimated twist [m/s, rad/s], and
-estimated gyroscope bias with variance."""
+gyroscope bias estimate with variance."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""First columns of pose estimate and last key pose in the map frame, and pose of the map frame in the world frame
-(three each); then the last trail points, estimated and true (two each)."""
+"""First columns of pose estimate and last key pose (map frame), pose of the map frame in the world, and last trail
+points, estimated and true."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of driven distance [m], number of collisions, last action, and pending work of the robot."""
+"""Columns of driven distance [m], number of collisions, last action, and pending work."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
 """Columns about people.
 
-Present and least gap between footprint and people [m], least time to collision [s], time in personal space [s], cause
-of the present contact (see `envs.transition`), and numbers of contacts with obstacles, with people by the robot, and
-with people by the person."""
+Present and least gap to people [m], least time to collision [s], time in personal space [s], cause of the present
+contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
 SETUP, ROBOT = 63, 70
-"""First columns of the `Setup` of `envs.robot` and of `RobotRecord`; a reset keeps both."""
+"""First columns of the `Setup` of `envs.robot` and of `RobotRecord`, kept at a reset."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """Column of the control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
-"""Number of columns of a robot's row."""
 SENSED = np.ones(ROW_SIZE)
-"""Mask of columns that a robot can know, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
+"""Mask of known columns, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
@@ -100,8 +97,6 @@ SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(RO
 @lru_cache(maxsize=64)
 def robot_record(robot: RobotParams, control_period: float) -> Any:
     """Return the `RobotRecord` of a robot.
-
-    Substeps last about 1/60 s, and are short enough to move less than half the footprint's radius.
 
     Raises:
         ValueError: the control period is not finite, below `MIN_PERIOD`, or needs more than `MAX_SUBSTEPS`.
@@ -125,5 +120,5 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 @njit(cache=True)
 def unpack_robot(numbers):
-    """Return the `RobotRecord` stored in an array, shape (30,), float64; compiled functions take arrays faster."""
+    """Return the `RobotRecord` stored in an array, shape (30,), float64, which is faster to pass to kernels."""
     return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

@@ -1,4 +1,4 @@
-"""States, measurements and noise of robots as array rows."""
+"""States, measurements and noise of robots, as array rows."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -13,7 +13,7 @@ from . import records as at
 from .sensors import OTHER_NORMALS
 
 BLOCK = 16
-"""Number of control periods whose noise is drawn at once."""
+"""Number of control periods with noise drawn at once."""
 
 
 class Twist(NamedTuple):
@@ -26,13 +26,13 @@ class Twist(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Sensor measurements of a robot at the end of a control period, without ground truth."""
+    """Sensor measurements of a robot, without ground truth."""
 
     time: float
     """Time since the reset [s]."""
     ranges: np.ndarray
-    """Lidar ranges, shape (num_beams,), float32 [m]: +inf beyond the maximum range, NaN for a dropped beam or below the
-    minimum range (unlike REP 117, which uses -inf)."""
+    """Lidar ranges, shape (num_beams,), float32 [m]: +inf beyond the maximum range, NaN for dropped beams or below the
+    minimum range."""
     ticks: tuple[int, int]
     """Cumulative encoder counts of the left and right wheel."""
     yaw_rate: float
@@ -51,19 +51,16 @@ class Reading(NamedTuple):
 
 
 class RobotState(NamedTuple):
-    """Ground truth of a robot, for metrics, rewards, `info` and tests; never for a policy."""
+    """Ground truth of a robot, for metrics, rewards, `info` and tests."""
 
     pose: Pose2D
-    """Pose of the robot's base (midpoint of the wheel axle) in the world frame."""
+    """Pose of the robot's base in the world frame."""
     twist: Twist
     """Velocity of the base."""
 
 
 class Rows:
-    """States, scans and noise of identical robots.
-
-    Noise is drawn before robots move, so the order of draws does not depend on physics or contacts.
-    """
+    """States, scans and noise of identical robots; noise is drawn before robots move, independent of physics."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
@@ -72,28 +69,26 @@ class Rows:
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Scans, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Random numbers, shape (num_robots, BLOCK, n): standard normal ones, see `SLIP_LEFT`, then one per beam; with
-        lidar dropout also one per beam uniform in [0, 1)."""
+        """Standard normal numbers, shape (num_robots, BLOCK, n): see `SLIP_LEFT`, then one per beam; with lidar
+        dropout, then uniform numbers in [0, 1) per beam."""
         self.memory: dict[Hashable, np.ndarray] = {}
         """Episode state of tasks and observations by name, shape (num_robots, n) each."""
         self.set_robot(robot, control_period)
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return the episode state of this name, shape (num_robots, size), created with zeros if missing."""
+        """Return the episode state of a name, shape (num_robots, size), initially zero."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
-        """Set the robots' parameters; the number of beams is kept."""
         self.numbers[:, at.ROBOT :] = at.robot_record(robot, control_period)
         if robot.lidar.dropout > 0.0 and not self._num_uniforms:
             self._num_uniforms = robot.lidar.num_beams
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
 
     def reset(self) -> None:
-        """Begin an episode: clear states and discard noise."""
         self.numbers[:, : at.SETUP] = 0.0
         self.numbers[:, at.DRAW] = BLOCK - 1
 
@@ -123,28 +118,26 @@ class Rows:
         return int(self.numbers[0, at.STEPS])
 
     def tick(self) -> None:
-        """Begin a control period, as `step_robots` does."""
+        """Begin a control period."""
         self.go_to(self.steps + 1)
         self.numbers[:, at.DRAW] += 1.0
 
     def go_to(self, steps: int) -> None:
-        """Set the number of control periods and the time since the reset."""
+        """Set the number of control periods since the reset."""
         self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
 
     def state(self, k: int) -> RobotState:
-        """Return the ground truth of robot `k`."""
         x, y, theta, *_, v, w = self.numbers[k, : at.W + 1].tolist()
         return RobotState(Pose2D(x, y, theta), Twist(v, w))
 
     def reading(self, k: int) -> Reading:
-        """Return the measurements of robot `k` as copies."""
         left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
         return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
 
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move all data into rows of larger arrays, which kernels step together."""
+        """Move all data into rows of larger arrays, for batched kernels."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

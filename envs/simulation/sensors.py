@@ -12,17 +12,17 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of a robot's standard normal numbers in a control period; one per beam follows."""
+"""Indices of normal random numbers of a control period; beams follow."""
 OTHER_NORMALS = 4
-"""Number of normal numbers before those of the beams."""
+"""Number of normal random numbers before those of beams."""
 
 
 @njit(cache=True, error_model="numpy")
 def tilt_ranges(ranges, robot):
     """Convert exact ranges of a level lidar to ranges of a tilted lidar, in place.
 
-    Tilted beams reach walls at a greater range and may hit the floor. Walls have unlimited height; rotation of beam
-    azimuths (0.1 degrees at 5 degrees of tilt) is neglected. Frames as in REP 103.
+    Walls have unlimited height; beams may hit the floor. Changes of azimuth (0.1 degrees at 5 degrees of tilt) are
+    neglected.
     """
     down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
     for k in range(ranges.shape[0]):
@@ -40,7 +40,7 @@ def disturb_ranges(ranges, draws, robot):
 
     Args:
         ranges: shape (num_beams,), float32 [m]; inf without a hit.
-        draws: standard normal number per beam; with dropout, also a uniform number in [0, 1) per beam.
+        draws: standard normal number per beam; with dropout, then a uniform number in [0, 1) per beam.
         robot: `RobotRecord`.
     """
     num_beams = ranges.shape[0]
@@ -99,7 +99,7 @@ def sense(rows, draws, ranges, segments, circles):
     Args:
         rows: shape (num_robots, ROW_SIZE), float64, see `records`; written.
         draws: see `Rows.draws`.
-        ranges: output, shape (num_robots, num_beams), float32 [m]; see `Reading.ranges`.
+        ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: obstacles, shape (n, 4), float64, (x0, y0, x1, y1) [m].
         circles: obstacles and people, shape (m, 3), float64, (x, y, radius) [m].
     """

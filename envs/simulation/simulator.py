@@ -21,7 +21,7 @@ from .sensors import SLIP_LEFT, sense
 
 
 class Simulator(ABC):
-    """Identical robots in a world, which see and collide with each other; base class of the physics engines."""
+    """Identical robots in a world; base class of physics engines."""
 
     ignored: tuple[str, ...] = ()
     """Robot parameters without effect, as dotted attribute names of `RobotParams`."""
@@ -40,19 +40,19 @@ class Simulator(ABC):
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Set the robots' parameters for the next reset; footprint and lidar beams are kept."""
+        """Set the robots' parameters for the next reset; footprint and beams are kept."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
-        """Ground truth of each robot after the last `reset` or `step`."""
+        """Ground truth of each robot."""
         self._reset_world()
         return [self.rows.state(k) for k in range(len(self.rows.numbers))]
 
     @property
     def contacts(self) -> list[Contact]:
-        """Contacts of robots during the last control period, one per touched object."""
+        """Contacts during the last control period, one per touched object."""
         return find_contacts(self.rows.numbers, self._reset_world(), self.crowd.rows)
 
     @property
@@ -72,11 +72,11 @@ class Simulator(ABC):
         Args:
             world: world to simulate.
             poses: start pose of each robot, world frame.
-            rngs: random generator of each robot, which draws all of its noise.
-            crowd_rng: random generator of the crowd; None without a crowd.
+            rngs: generator of each robot's noise.
+            crowd_rng: generator of the crowd.
 
         Raises:
-            ValueError: a robot does not fit, two robots overlap, people do not fit, or a list has the wrong length.
+            ValueError: robots or people do not fit or overlap, or a list has the wrong length.
         """
         self._check_number(poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
@@ -85,28 +85,23 @@ class Simulator(ABC):
         rows.reset()
         self._place(world, poses)
         rows.draw(rngs)
-        # At a reset, the draw for wheel slip is unused and determines the gyroscope bias.
+        # The draw for wheel slip is unused at a reset and determines the gyroscope bias.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Apply one command per robot for a control period and return the readings at its end.
+        """Apply one command per robot for a control period and return the readings.
 
         Raises:
-            ValueError: a command is not finite, or there is not one command per robot.
+            ValueError: a command is not finite, or the number of commands is wrong.
             gymnasium.error.ResetNeeded: `reset` was not called.
         """
         self.move(commands, 1)
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Apply commands as `step` does, with results in `rows` only.
-
-        Args:
-            commands: one twist per robot.
-            ahead: number of control periods whose noise is drawn in advance.
-        """
+        """Apply commands as `step` does, with results in `rows`; draw noise for `ahead` control periods at once."""
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
         for k, (v, w) in enumerate(commands):
@@ -121,11 +116,11 @@ class Simulator(ABC):
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Put the robots at rest at their poses and write the poses to `rows`."""
+        """Put the robots at rest at their poses."""
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Move people and robots by one control period with the commands in `rows`, then call `sense`."""
+        """Move people and robots by the commands in `rows`, then call `sense`."""
 
     def sense(self) -> None:
         """Update all measurements except contact."""

@@ -101,10 +101,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
         away: position of the disc relative to the person [m].
         own: velocity of the person [m/s].
         other: velocity of the disc [m/s].
-        reach: sum of the two radii [m].
-        horizon: time horizon without collision [s].
-        dt: time horizon if the two overlap [s].
-        share: fraction of the velocity change made by the person.
+        reach: sum of the radii [m].
+        horizon: time horizon [s].
+        dt: time horizon in case of overlap [s].
+        share: person's fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -117,7 +117,7 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
         ux, uy = wx / max(length, 1e-300), wy / max(length, 1e-300)
         change_x, change_y = (reach * rate - length) * ux, (reach * rate - length) * uy
         lines[k, 2], lines[k, 3] = uy, -ux
-    else:  # closest point on a tangent
+    else:
         leg = math.sqrt(square - reach2)
         side = 1.0 if px * wy - py * wx > 0.0 else -1.0
         ex, ey = (side * px * leg - py * reach) / square, (px * reach + side * py * leg) / square
@@ -129,10 +129,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the permitted velocity that is closest to `desired` and no faster than `limit` [m/s].
+    """Return the permitted velocity closest to `desired` and no faster than `limit` [m/s].
 
-    If there is none, the first `num_hard` half-planes hold and the remaining ones are violated least. Of `lines`, shape
-    (n, 4), float64, the first `num_lines` are used.
+    Without a permitted velocity, the first `num_hard` half-planes hold and the remaining ones are violated least. Of
+    `lines`, shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
@@ -143,7 +143,7 @@ def best_velocity(lines, num_lines, num_hard, desired, limit):
 
 @njit(cache=True, error_model="numpy")
 def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
-    """Solve the 2D linear program incrementally from (x, y), for the velocity closest to or farthest along `target`.
+    """Solve the 2D linear program for the velocity closest to, or farthest along, `target`.
 
     Returns the solution (x, y) and the index of the first infeasible half-plane, or `num_lines`.
     """
@@ -180,7 +180,7 @@ def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
 
 @njit(cache=True, error_model="numpy")
 def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
-    """Solve the 3D linear program, which minimizes the largest violation of the half-planes that are not hard."""
+    """Solve the 3D linear program that minimises the largest violation of soft half-planes."""
     depth = 0.0
     equal = np.empty_like(lines)
     for i in range(first, num_lines):
@@ -204,7 +204,7 @@ def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
             equal[count, 2], equal[count, 3] = bx / length, by / length
             count += 1
         new_x, new_y, failed = _nearest_allowed(equal, count, -ey * limit, ex * limit, limit, (-ey, ex), True)
-        if failed == count:  # infeasible by rounding: keep the solution
+        if failed == count:
             x, y = new_x, new_y
         depth = ex * (py - y) - ey * (px - x)
     return x, y

@@ -41,9 +41,7 @@ class Crowd:
     flow: Literal["anywhere", "along", "across"] = "anywhere"
     """Walking directions: between points all over the world, between its two ends, or between its four sides."""
     forces: SocialForce = SocialForce()
-    """Parameters of the social force model."""
     orca: Orca = Orca()
-    """Parameters of ORCA."""
 
     def __post_init__(self) -> None:
         for name in ("number", "radius", "speed"):
@@ -61,10 +59,9 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Specification of people: a number, a range (low, high), a `Crowd`, a crowd's name, or changed parameters.
+"""Number of people, range (low, high), `Crowd` or name, or mapping of changes to the crowd under the key `crowd`.
 
-A mapping changes the crowd under its key `crowd`, such as `{"crowd": "dense", "attentive": 0.5}`. Text forms are
-`dense?attentive=0.5` and `20?attentive=0.5,model=orca`."""
+Text forms of mappings: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:

@@ -34,7 +34,7 @@ class People:
             world: world with fixed routes.
             poses: start poses of the robots, world frame.
             radius: radius of a robot [m].
-            rng: generator that samples the crowd; None without a crowd.
+            rng: generator of the crowd.
 
         Raises:
             ValueError: not all people fit into the world.
@@ -67,7 +67,7 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of kernels: rows, points, fields, setup."""
+        """Arguments of kernels."""
         return self.rows, self.points, self.fields, self.setup
 
     @property

@@ -36,7 +36,7 @@ def draw_people(
         routes: destinations and free space.
         robots: poses of the robots, world frame.
         robot_radius: radius of a robot [m].
-        others: rows of people that are already placed.
+        others: rows of people on fixed routes.
         rng: random generator.
         world: world of the people.
 
@@ -75,7 +75,6 @@ def draw_people(
 
 @njit(cache=True, error_model="numpy")
 def _fill(taken, first, tries, walls):
-    """Place the discs of `taken`, shape (n, 3), from row `first` on, and return their number."""
     row, (near, grid) = first, walls
     for k in range(tries.shape[0]):
         if row == taken.shape[0]:

@@ -4,10 +4,10 @@ X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, HEADING, PHASE, BLOCKED = r
 """Columns of a person's row.
 
 World position [m] and velocity [m/s], radius [m], desired speed [m/s], kind, row of the destination in `People.points`,
-number of trips, time of slow progress [s], heading [rad], phase of the stride [rad], and speed towards the robot that
-stopped the person in this period [m/s]."""
+number of trips, time of slow progress [s], heading [rad], stride phase [rad], and speed towards a robot that stopped
+the person [m/s]."""
 DRAWS, NUM_DRAWS = 13, 64
-"""First column and number of uniform random numbers in [0, 1), used in turn by trips."""
+"""First column and number of uniform random numbers in [0, 1) for trips."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
 """Kinds of people: avoiding robots, blind to robots, standing, on a fixed route. All kinds stop at robots."""

@@ -1,4 +1,4 @@
-"""Destinations of a crowd, and the cost-to-go field to each destination."""
+"""Destinations of a crowd, with cost-to-go fields."""
 
 import math
 from typing import NamedTuple
@@ -19,7 +19,7 @@ RESOLUTION = 0.15
 NUM_DESTINATIONS = 8
 """Number of destinations in `anywhere` mode."""
 STRIP = 0.5
-"""Width of destination strips at the ends or sides of a world [m]."""
+"""Width of destination strips along the borders of a world [m]."""
 ARRIVAL = 0.5
 """Distance below which a destination is reached [m]."""
 PATIENCE = 3.0
@@ -64,7 +64,7 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
     walls = list_walls(world.segments, world.circles, grid.bounds, radius)
     free = grid.data == 0
     gaps = np.minimum(_clearances(free, walls), radius + REACH)
-    # In the narrowest passable doors, no cell centre has the full clearance.
+    # Narrow doors may have no cell centre with full clearance.
     labels, _ = ndimage.label(gaps > radius - 0.25 * RESOLUTION)
     spawn = np.array(world.spawns[0][:2])
     cells = np.argwhere(labels > 0)
@@ -88,10 +88,7 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
 
 
 def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Choose destinations in free cells, the first near cell `first`; return cells and fields.
-
-    Destinations of maximum spacing would all lie in corners.
-    """
+    """Choose destinations in free cells, the first near cell `first`; return cells and fields."""
     roomy = np.argwhere(fits & (gaps >= np.quantile(gaps[fits], 0.6)))
     k = int(np.argmin(np.hypot(*(roomy - first).T)))
     chosen: list[np.ndarray] = []
@@ -111,7 +108,7 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
 
 
 def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]:
-    """Return the middle cells of strips along the ends or sides of the world, and fields to the strips."""
+    """Return the middle cells of strips along the borders of the world, and fields to the strips."""
     cells = np.argwhere(fits)
     extents = np.ptp(cells, axis=0)
     chosen, fields = [], []
@@ -127,7 +124,6 @@ def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]
 
 
 def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
-    """Return the cost-to-go to the finite cells of `field`, shape (height, width), float32 [m]."""
     field = field.astype(np.float32)
     for slowness in costs:
         spread_costs(slowness, field)
@@ -138,8 +134,7 @@ def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
 def spread_costs(slowness, field):
     """Solve the eikonal equation |grad field| = slowness from the finite cells of `field`.
 
-    Fast sweeping (Zhao, 2005) that skips unchanged cells (Bak et al., 2010); with diagonals, directions err by 2
-    degrees at most.
+    Fast sweeping (Zhao, 2005; Bak et al., 2010), also along diagonals for accurate directions.
 
     Args:
         slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
@@ -203,7 +198,7 @@ def _clearances(free, walls):
 def descent(fields, k, grid, x, y):
     """Return the unit vector of steepest descent of field `k` at (x, y), and the cost-to-go there [m].
 
-    Bilinear interpolation; the vector is (0, 0) if all four cells are obstacles.
+    The vector is (0, 0) without finite cells nearby.
     """
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
@@ -225,7 +220,7 @@ def descent(fields, k, grid, x, y):
 
 @njit(cache=True, error_model="numpy")
 def choose_directions(people, points, fields, grid, dt, directions):
-    """Compute the walking directions of attentive and blind people, and change destinations if due.
+    """Compute walking directions of attentive and blind people, and change destinations if due.
 
     Args:
         people: rows of people; `GOAL`, `TRIP` and `SLOW` are written.
@@ -259,7 +254,7 @@ def choose_directions(people, points, fields, grid, dt, directions):
 def _next_goal(person, goal, draw, points, fields, grid, away):
     """Return the row in `points` of the next destination.
 
-    A person that is blocked in direction `away` turns back if possible, which clears narrow passages.
+    A person blocked in direction `away` turns back, which clears narrow passages.
     """
     count = fields.shape[0]
     first = points.shape[0] - count

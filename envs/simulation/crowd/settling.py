@@ -1,4 +1,4 @@
-"""Collisions of people with each other, with walls and with robots."""
+"""Collision resolution between people, walls and robots."""
 
 import math
 
@@ -94,10 +94,7 @@ def _push_apart(people):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _robot_ahead(people, i, starts, robots, dt):
-    """Return the index of the robot that person `i` would walk into, or -1.
-
-    Writing positions here would slow down the inlined step.
-    """
+    """Return the index of the robot that person `i` would walk into, or -1."""
     for k in range(robots.shape[0]):
         dx, dy = robots[k, at.X] - people[i, at.X], robots[k, at.Y] - people[i, at.Y]
         reach = robots[k, at.RADIUS] + people[i, at.RADIUS]
@@ -122,7 +119,7 @@ def _share_until(person, start, robot):
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
-    """Reset people that penetrate a wall or another person to their start; return True if any was moved."""
+    """Reset people that penetrate walls or people; return True if any was moved."""
     moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND

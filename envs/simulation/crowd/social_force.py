@@ -66,7 +66,7 @@ def social_forces(people, directions, robots, walls, model, forces):
     count, (near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(NEGLIGIBLE)
     forces[:] = 0.0
-    for i in range(count):  # indexing: views of rows are slow
+    for i in range(count):
         x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
         for j in range(i):
             dx, dy = x - people[j, at.X], y - people[j, at.Y]
@@ -116,7 +116,7 @@ def _add(forces, i, push, nx, ny, people, directions, model):
 def wall_force(near, grid, x, y, radius, model):
     """Return the repulsion (ax, ay) of walls on a person at (x, y) [m/s2].
 
-    Only the strongest component towards each of +x, -x, +y and -y counts, independent of the number of segments.
+    Only the strongest repulsion towards +x, -x, +y and -y counts.
     """
     left = right = down = up = 0.0
     first, end = near_list(near, grid, x, y)

@@ -1,4 +1,4 @@
-"""Step of all people in a control period, and the circles that represent people."""
+"""Step of all people, and the circles that represent people."""
 
 import math
 

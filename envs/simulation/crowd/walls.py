@@ -17,14 +17,11 @@ _TOLERANCE = 1e-6
 
 
 class Walls(NamedTuple):
-    """Static obstacles listed by grid cell.
-
-    Unpack the tuple once per kernel; unpacking is slow.
-    """
+    """Static obstacles listed by grid cell."""
 
     near: np.ndarray
-    """Concatenated start index of each cell's list, end of the last list, lists of obstacle indices, and obstacles (x0,
-    y0, x1, y1, radius) [m]: shape (k,), float64."""
+    """Start index of each cell's list, end of the last list, lists of obstacle indices, and obstacles (x0, y0, x1, y1,
+    radius) [m]: shape (k,), float64."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -35,9 +32,9 @@ def list_walls(
     """List the obstacles near each cell of a grid.
 
     Args:
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
-        circles: shape (m, 3), float64, (x, y, radius) [m].
-        bounds: bounds of the grid, (x_min, y_min, x_max, y_max) [m].
+        segments: shape (n, 4), float64 [m].
+        circles: shape (m, 3), float64 [m].
+        bounds: bounds of the grid (x_min, y_min, x_max, y_max) [m].
         radius: radius of the largest person [m].
     """
     x_min, y_min, x_max, y_max = bounds
