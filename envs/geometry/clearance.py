@@ -20,9 +20,7 @@ def segment_offset(x, y, segments, i):
 def clearance(x, y, segments, circles):
     """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without any.
 
-    Args:
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
-        circles: shape (m, 3), float64, (x, y, radius) [m].
+    `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m]. `circles`: shape (m, 3), float64, (x, y, radius) [m].
     """
     nearest2 = np.inf
     for i in range(segments.shape[0]):

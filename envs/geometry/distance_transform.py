@@ -11,8 +11,8 @@ MAX_REACH = 180
 def squared_distances(occupied, reach):
     """Return the squared distance from each cell to the nearest occupied cell [cells2].
 
-    Separable, after Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). The result,
-    uint16, is exact up to `reach**2` and greater elsewhere.
+    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). The result, uint16, is exact
+    up to `reach**2` and greater elsewhere.
 
     Args:
         occupied: shape (height, width), bool.
@@ -52,7 +52,7 @@ def squared_distances(occupied, reach):
 def deepest_cell(area):
     """Return the cell (row, column) of `area`, shape (height, width), bool, that is farthest from cells outside.
 
-    Distance transform of Meijster, Roerdink and Hesselink (2000); the array's border is not outside.
+    Distance transform of Meijster, Roerdink and Hesselink (2000). Cells beyond the array do not count.
     """
     height, width = area.shape
     # Distance to the nearest cell outside in the same column, or `nowhere`.

@@ -8,25 +8,21 @@ from numba import njit
 
 
 class Walk(NamedTuple):
-    """State of the traversal of all grid cells that a line crosses.
+    """Traversal of all grid cells that a line crosses (Amanatides and Woo, 1987).
 
-    Amanatides and Woo, "A fast voxel traversal algorithm for ray tracing" (1987). Start with `start_walk`, then call
-    `next_cell` while `rows_left + cols_left > 0`.
+    Start with `start_walk`, then call `next_cell` while `rows_left + cols_left > 0`.
     """
 
     row: int
     col: int
     rows_left: int
-    """Number of row borders still to cross."""
     cols_left: int
     next_row: float
     """Fraction of the line before the next row border; inf after the last border."""
     next_col: float
     row_step: int
-    """Row increment per crossing: 1 or -1."""
     col_step: int
     per_row: float
-    """Fraction of the line between two row borders."""
     per_col: float
 
 
@@ -83,17 +79,14 @@ def points_at(points: np.ndarray, along: np.ndarray, distances: np.ndarray | flo
 
     Args:
         points: shape (n, 2), n > 0 [m].
-        along: arc length of each point, from `lengths_along` [m].
+        along: arc length of each point [m].
         distances: arc lengths to interpolate at, shape (...) [m].
     """
     return np.stack([np.interp(distances, along, points[:, k]) for k in (0, 1)], axis=-1)
 
 
 def resample(points: np.ndarray, spacing: float) -> np.ndarray:
-    """Resample a polyline, shape (n, 2) [m], at equal distances of at most `spacing` [m]: shape (m, 2), float64 [m].
-
-    Both ends are kept. Fewer than two points are returned unchanged.
-    """
+    """Resample a polyline, shape (n, 2) [m], at equal distances of at most `spacing` [m]: shape (m, 2), float64 [m]."""
     if len(points) < 2:
         return points
     along = lengths_along(points)

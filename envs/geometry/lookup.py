@@ -15,12 +15,7 @@ from numba.np.unsafe import ndarray
 
 @intrinsic
 def _load(typing_context: Any, array: Any, index: Any) -> Any:
-    """Return `array[index]` by a scalar load without bounds check.
-
-    Args:
-        array: shape (n,), C-contiguous.
-        index: uint32 or uint64, less than n.
-    """
+    """Return `array[index]`, shape (n,), C-contiguous, by a scalar load without bounds check; `index` is unsigned."""
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
     if index not in (types.uint32, types.uint64):
@@ -29,21 +24,20 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
     def generate(context, builder, signature, args):
         view = context.make_array(signature.args[0])(context, builder, args[0])
         position = builder.zext(args[1], cgutils.intp_t) if index == types.uint32 else args[1]
-        # The compiler may not merge atomic loads.
         return builder.load_atomic(builder.gep(view.data, [position]), "unordered", array.dtype.bitwidth // 8)
 
     return array.dtype(array, index), generate
 
 
 load: Any = _load
-"""`load(array, index)`: return one array element by a scalar load; see `_load`."""
+"""`load(array, index)`: return an array element by a scalar load; see `_load`."""
 as_tuple: Any = ndarray.to_fixed_tuple
 """`as_tuple(array, size)`: return the first `size` elements as a tuple; `size` is a compile-time constant."""
 if config.DISABLE_JIT:  # type: ignore[attr-defined]
     load, as_tuple = operator.getitem, lambda array, size: tuple(array[:size])
-    np.seterr(all="ignore")  # as in compiled kernels, where NaN, infinity and hash overflow are expected
+    np.seterr(all="ignore")  # NaN, infinity and overflow are expected in kernels
 
 
 def record_type(fields: Any) -> np.dtype:
-    """Return a structured dtype that lets kernels read fields as attributes, compiled or not."""
+    """Return a structured dtype whose fields are attributes in kernels, compiled or not."""
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

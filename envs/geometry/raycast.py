@@ -6,9 +6,9 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-_PAD = 1e-3
+_ANGLE_PADDING = 1e-3
 """Padding of angular intervals for errors of `_polar` [rad]."""
-_TOUCH = 1e-9
+_TOUCH_TOLERANCE = 1e-9
 """Distance below which a sensor lies on a segment and measures 0 in every direction [m]."""
 
 
@@ -44,10 +44,8 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
     """Compute the interval of beams that may hit each segment, from a sensor at (x, y).
 
-    Args:
-        cos0: cosine of the first beam's direction; `sin0` is its sine.
-        intervals: output, shape (6, n): start and extent of each segment in the frame of the first beam [m], and first
-            beam and length of the interval [beams], -1 if out of range.
+    The first beam has direction (`cos0`, `sin0`). `intervals`: output, shape (6, n): start and extent of each segment
+    in the frame of the first beam [m], first beam and length of the interval [beams], -1 if out of range.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]
@@ -70,8 +68,8 @@ def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
         distance2 = nx * nx + ny * ny
         counter_clockwise = ax * by - ay * bx >= 0.0
         angle_a, angle_b = _polar(ax, ay), _polar(bx, by)
-        start = (angle_a if counter_clockwise else angle_b) - _PAD
-        sweep = (angle_b - angle_a if counter_clockwise else angle_a - angle_b) + 2.0 * _PAD
+        start = (angle_a if counter_clockwise else angle_b) - _ANGLE_PADDING
+        sweep = (angle_b - angle_a if counter_clockwise else angle_a - angle_b) + 2.0 * _ANGLE_PADDING
         start = start + turn if start < 0.0 else start
         sweep = sweep + turn if sweep < 0.0 else sweep
         sweep = turn if distance2 < 1e-12 else sweep
@@ -89,7 +87,7 @@ def _hit_segment(low, high, segment, cosines, sines, out):
         scale = 1.0 / (dx * ey - dy * ex)
         t = area * scale
         u = (ax * dy - ay * dx) * scale
-        if t >= -_TOUCH and t < out[k] and u >= -_TOUCH and u <= 1.0 + _TOUCH:
+        if t >= -_TOUCH_TOLERANCE and t < out[k] and u >= -_TOUCH_TOLERANCE and u <= 1.0 + _TOUCH_TOLERANCE:
             out[k] = max(t, 0.0)
 
 
@@ -109,15 +107,11 @@ def _hit_circle(low, high, circle, cosines, sines, out):
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(x, y, heading, beams, segments, circles, out):
-    """Cast evenly spaced beams from a sensor at (x, y, heading) [m, m, rad]; ranges are written to `out`.
+    """Cast evenly spaced beams from a sensor at (x, y, heading) [m, m, rad] and write their ranges to `out`.
 
-    Each obstacle is tested only against the beams in its angular interval.
-
-    Args:
-        beams: `Beams`, or a record with the same fields.
-        segments: shape (n, 4), float64, (x0, y0, x1, y1) [m].
-        circles: shape (m, 3), float64, (x, y, radius) [m]. A sensor inside a circle sees its far side.
-        out: shape (num_beams,), float32 or float64 [m]; inf without a hit within `beams.range_max`.
+    `beams`: `Beams` or a record with the same fields. `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m].
+    `circles`: shape (m, 3), float64, (x, y, radius) [m]; a sensor inside a circle sees its far side. `out`: ranges,
+    shape (num_beams,), float32 or float64 [m]; inf without a hit within `beams.range_max`.
     """
     num_beams = out.shape[0]
     turn = 2.0 * math.pi
@@ -156,7 +150,7 @@ def cast_rays(x, y, heading, beams, segments, circles, out):
         if distance <= radius:
             _hit_circle(0, num_beams, (cx, cy, radius), cosines, sines, out)
             continue
-        half = math.asin(radius / distance) + _PAD
+        half = math.asin(radius / distance) + _ANGLE_PADDING
         start = _polar(cx, cy) - half
         start = start + turn if start < 0.0 else start
         last_beam = (start + 2.0 * half) / increment

@@ -14,7 +14,7 @@ MAX_NUMBER = 1e9
 MAX_LENGTH = 100.0
 """Upper limit of body dimensions and of coordinates in the base frame [m]."""
 MAX_TILT = 0.35
-"""Upper limit of lidar tilt: larger tilts leave the scan plane [rad]."""
+"""Upper limit of lidar tilt [rad]."""
 MAX_BEAMS = 20_000
 """Maximum number of beams per scan."""
 
@@ -90,7 +90,6 @@ class LidarParams:
 
     @property
     def beams(self) -> Beams:
-        """Beam geometry for ray casting."""
         return Beams(self.angle_min, self.angle_increment, self.range_max)
 
     @property
@@ -117,7 +116,7 @@ class DriveParams:
     max_torque: Positive = 1.0
     """Maximum torque of a wheel motor [N m]."""
     slip_std: NotNegative = 0.0
-    """Standard deviation of wheel slip over 1 m of rolling [m]; slip grows with the square root of distance."""
+    """Standard deviation of wheel slip over 1 m of rolling [m]; grows with the square root of distance."""
 
     def __post_init__(self) -> None:
         if self.wheel_width >= self.track:
@@ -133,20 +132,20 @@ class OdometryNoise:
     """
 
     position_std: Positive = 0.003
-    """Constant part of the position error's standard deviation [m]."""
+    """Constant part of the position's standard deviation [m]."""
     position_per_metre: NotNegative = 0.02
-    """Growth of the position error's standard deviation with distance [m/m]."""
+    """Position's standard deviation per distance [m/m]."""
     heading_std: Positive = 0.003
-    """Constant part of the heading error's standard deviation [rad]."""
+    """Constant part of the heading's standard deviation [rad]."""
     heading_per_radian: NotNegative = 0.03
-    """Growth of the heading error's standard deviation with turning [rad/rad]."""
+    """Heading's standard deviation per turn [rad/rad]."""
     heading_per_metre: NotNegative = 0.03
-    """Growth of the heading error's standard deviation with distance [rad/m]."""
+    """Heading's standard deviation per distance [rad/m]."""
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class OdometryParams:
-    """Wheel parameters assumed by the robot's controller. Deviations from `DriveParams` bias odometry."""
+    """Drive parameters assumed by the robot's controller; errors bias odometry."""
 
     wheel_radius: Positive
     """Wheel radius that the controller assumes [m]."""
@@ -183,7 +182,7 @@ class Caster:
     radius: Positive
     """Radius of the caster ball [m]."""
     clearance: NotNegative = 0.0
-    """Gap between the caster ball and the ground when the robot is level [m]."""
+    """Gap between caster and ground when the robot is level [m]."""
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
@@ -207,8 +206,8 @@ class BodyParams:
 
     def __post_init__(self) -> None:
         if (self.size is None, self.radius is None) != (self.height is not None, self.height is None):
-            given = f"size {self.size}, radius {self.radius}, height {self.height}"
-            raise ValueError(f"give either size or radius and height, got {given}")
+            values = f"size {self.size}, radius {self.radius}, height {self.height}"
+            raise ValueError(f"give either size or radius and height, got {values}")
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)

@@ -13,7 +13,7 @@ PHYSICS = ("bullet", "kinematic")
 def make_simulator(
     physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
 ) -> Simulator:
-    """Return a simulator of identical robots with a command every `control_period` [s].
+    """Return a simulator of identical robots that are commanded every `control_period` [s].
 
     Raises:
         ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.

@@ -21,7 +21,7 @@ GRAVITY = 9.81
 """Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
 CONTACT_BREAKING = 0.1
-"""Contact distance as a fraction of the smaller shape's size; smaller values are slower and less accurate."""
+"""Contact breaking distance as a fraction of the smaller shape's size."""
 
 
 class BulletSimulator(Simulator):

@@ -19,23 +19,21 @@ from .kinematic import plan_wheels
 WHEEL_LINKS = (0, 1)
 CHASSIS_LINK = 2
 
-_LIGHT = 1e-3
+_LINK_MASS_RATIO = 1e-3
 """Mass of base and casters, relative to the body's mass."""
-_PLATE = 0.01
-"""Thickness of the part that touches obstacles, low enough not to tip the robot [m]."""
-_ROTOR = 0.25
-"""Inertia of wheel and geared motor, relative to body mass times squared wheel radius.
-
-Light wheels alone would cause speed errors of several percent."""
-_OTHER, _NORMAL_FORCE = 2, 9
+_PLATE_HEIGHT = 0.01
+"""Thickness of the chassis plate that touches obstacles [m]."""
+_WHEEL_INERTIA_RATIO = 0.25
+"""Inertia of wheel and motor, relative to body mass times squared wheel radius, for solver accuracy."""
+_OTHER_BODY, _NORMAL_FORCE = 2, 9
 """Indices of other body and normal force in a PyBullet contact point."""
-_OUT_OF_REACH = 1e3
-"""Height without obstacles [m]."""
-_UPRIGHT = math.cos(math.radians(20.0))
+_LIFT_HEIGHT = 1e3
+"""Height above all obstacles, at which a robot touches nothing [m]."""
+_MIN_COS_TILT = math.cos(math.radians(20.0))
 """Cosine of the tilt beyond which a robot is tipping over."""
-_DEPTH = 0.01
-"""Tolerated wall penetration beyond the travel of a physics step [m]; PyBullet resolves deep penetration wrongly."""
-_MAX_DEPTH = 0.25
+_MAX_PENETRATION = 0.01
+"""Tolerated wall penetration beyond the travel of a physics step [m]."""
+_MAX_PENETRATION_RATIO = 0.25
 """Maximum tolerated wall penetration, relative to half the body size."""
 
 
@@ -43,7 +41,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     """Create the robot in PyBullet and return its body id.
 
     Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle; a base at the centre of mass
-    would drift in turns on the spot. Spherical wheels have a single contact point.
+    would drift in turns on the spot.
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
@@ -55,7 +53,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     shapes = [sphere(radius=radius)] * 2 + [_plate(bullet, robot)]
     shapes += [sphere(radius=caster.radius) for caster in robot.casters]
     count, casters = len(positions), len(robot.casters)
-    light = _LIGHT * body.mass
+    light = _LINK_MASS_RATIO * body.mass
     offsets = np.zeros((count, 3))
     offsets[CHASSIS_LINK] = np.subtract(center_of_mass, plate)
     upright = [0.0, 0.0, 0.0, 1.0]
@@ -72,9 +70,9 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
         linkJointTypes=[bullet.JOINT_REVOLUTE] * 2 + [bullet.JOINT_FIXED] * (1 + casters),
         linkJointAxis=[[0.0, 1.0, 0.0]] * count,
     )
-    rolling = [_ROTOR * body.mass * radius**2] * 3
+    rolling = [_WHEEL_INERTIA_RATIO * body.mass * radius**2] * 3
     inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
-    # Chassis friction keeps square robots from sliding along walls that block a turn.
+    # Chassis friction keeps square robots from sliding along walls.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     for link in range(-1, count):
         bullet.changeDynamics(
@@ -94,11 +92,11 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of a flat shape with the body's outline; a full-height body would rock at walls."""
+    """Return the id of a flat shape with the body's outline; a tall body would rock at walls."""
     size, radius = robot.body.size, robot.body.radius
     if size is None:
-        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE)
-    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE])
+        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE_HEIGHT)
+    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE_HEIGHT])
 
 
 def _inertia(body: BodyParams) -> list[float]:
@@ -113,15 +111,11 @@ def _inertia(body: BodyParams) -> list[float]:
 
 @njit(cache=True, error_model="numpy")
 def _plan_wheels(reached, command, normals, numbers, rates, slips):
-    """Call `plan_wheels` with an array, which is faster to pass than a tuple."""
     return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
 
 
 class BulletRobot:
-    """Robot in PyBullet with the wheel controller of the kinematic physics.
-
-    Motors with limited torque turn the wheels. Wheel slip changes wheel rates, unseen by encoders.
-    """
+    """Robot in PyBullet with the wheel controller of the kinematic physics and limited motor torque."""
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
         record = at.robot_record(robot, control_period)
@@ -129,9 +123,9 @@ class BulletRobot:
         substeps, self._period = int(record.substeps), record.period
         self._dt = self._period / substeps
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
-        body, depth = robot.body, fastest * self._dt + _DEPTH
+        body, depth = robot.body, fastest * self._dt + _MAX_PENETRATION
         sides = (body.radius or 0.0, 0.0) if body.size is None else (0.5 * body.size[0], 0.5 * body.size[1])
-        self._core = (*body.center[:2], *(side - min(depth, _MAX_DEPTH * side) for side in sides))
+        self._core = (*body.center[:2], *(side - min(depth, _MAX_PENETRATION_RATIO * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched: set[int] = set()
         """Ids of bodies touched during the control period."""
@@ -151,7 +145,7 @@ class BulletRobot:
         """Lift the robot out of contact, to clear cached contact impulses."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
-        self._set_pose(pose, _OUT_OF_REACH)
+        self._set_pose(pose, _LIFT_HEIGHT)
 
     def reset_pose(self, pose: Pose2D) -> None:
         self._settle(pose, [0.0] * 3, [0.0] * 3)
@@ -190,13 +184,10 @@ class BulletRobot:
 
     def update_contacts(self) -> None:
         points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
-        self.touched.update(point[_OTHER] for point in points if point[_NORMAL_FORCE] > 0.0)
+        self.touched.update(point[_OTHER_BODY] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
-        """Read pose, velocity and wheel angles from PyBullet.
-
-        A robot that tipped over or passed through a wall returns to its last pose.
-        """
+        """Read the robot's state from PyBullet; after tipping over or passing a wall, restore the last pose."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
@@ -207,7 +198,7 @@ class BulletRobot:
             x, y, theta = row[: at.THETA + 1].tolist()
             linear = angular = (0.0, 0.0, 0.0)
             self.touched.add(self._body)
-        if is_back or rotation[8] < _UPRIGHT:
+        if is_back or rotation[8] < _MIN_COS_TILT:
             self._settle(Pose2D(x, y, theta), linear, angular)
         # The commanded yaw rate determines the number of full turns.
         period, expected = self._period, row[at.COMMANDED_W]
@@ -221,7 +212,6 @@ class BulletRobot:
             row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
-        """Place the robot level on the ground with planar velocities [m/s, rad/s]."""
         self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 

@@ -18,11 +18,11 @@ GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
 
 _MESH_RECTANGLES = 30_000
 """Maximum number of rectangles per mesh (PyBullet allows 131,072 vertices)."""
-_MANY = 100_000
+_MAX_RECTANGLES = 100_000
 """Number of wall rectangles above which only nearby walls are built."""
-_PER_CIRCLE = 32
+_RECTANGLES_PER_CIRCLE = 32
 """Typical number of rectangles per circle."""
-_SLACK = 2.0
+_REBUILD_DISTANCE = 2.0
 """Travel of a robot before nearby walls are rebuilt [m]."""
 
 
@@ -87,7 +87,7 @@ def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
 
 def has_many_walls(world: World) -> bool:
     """Return True if PyBullet cannot hold all walls of a world."""
-    return len(world.segments) + _PER_CIRCLE * len(world.circles) > _MANY
+    return len(world.segments) + _RECTANGLES_PER_CIRCLE * len(world.circles) > _MAX_RECTANGLES
 
 
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
@@ -146,14 +146,14 @@ class NearbyWalls:
 
     def follow(self, positions: np.ndarray) -> None:
         """Rebuild nearby walls if a robot has moved far; `positions`: shape (n, 2), float64 [m]."""
-        if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _SLACK:
+        if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()
         for body in self._bodies:
             self._bullet.removeBody(body)
         found = []
         for x, y in positions:
-            count = select_near(x, y, _SLACK + self._reach, self._segments, self._near)
+            count = select_near(x, y, _REBUILD_DISTANCE + self._reach, self._segments, self._near)
             found.append(self._near[:count].copy())
         chosen = self._segments[np.unique(np.concatenate(found))]
         shapes = build_meshes(self._bullet, chosen, self._height) if len(chosen) else []

@@ -15,7 +15,6 @@ from .crowd import records as crowd_at
 from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12
-"""Maximum number of pushes out of obstacles."""
 _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
 CONTACT_GAP = 0.01
@@ -28,10 +27,7 @@ _MIN_GAP = 1e-4
 
 @njit(cache=True, error_model="numpy")
 def select_near(x, y, reach, segments, near):
-    """Write the indices of segments near (x, y) to `near`, and return their number.
-
-    Segments are near if their bounding box lies within `reach` [m] along both axes.
-    """
+    """Write the indices of segments with bounding boxes within `reach` [m] of (x, y) to `near`; return their number."""
     count = 0
     for i in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[i, 0] - x, segments[i, 1] - y, segments[i, 2] - x, segments[i, 3] - y
@@ -46,10 +42,8 @@ def select_near(x, y, reach, segments, near):
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of overlapping obstacles, the deepest overlap first.
 
-    Args:
-        segments: shape (n, 4), float64 [m]; the first `num_near` indices of `near` are tested.
-        circles: shape (m, 3), float64 [m].
-        hits: shape (m,), bool; set to True for touched circles.
+    `segments`: shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: shape (m, 3),
+    float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
 
     Returns:
         Centre x, y, whether the circle touched anything, and whether no overlap remains.
@@ -85,8 +79,8 @@ def is_cut(pose, before, body, segments, circles):
         pose: pose of the base (x, y, theta).
         before: last pose of the base.
         body: centre (x, y) in the base frame, then half length and half width, or radius and 0 [m].
-        segments: shape (n, 4), float64 [m].
-        circles: shape (m, 3), float64 [m].
+        segments: shape (n, 4) [m].
+        circles: shape (m, 3) [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
@@ -192,10 +186,7 @@ def drove_into(row, person):
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
     """Return the contacts of the last control period: the nearest object and all objects within `CONTACT_GAP`.
 
-    Args:
-        rows: rows of all robots, see `records`.
-        world: world with obstacles.
-        people: rows of all people, see `crowd.records`.
+    `rows` and `people` are the rows of all robots and people.
     """
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]

@@ -17,7 +17,7 @@ from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
 """Maximum wheel slip, relative to maximum speed and yaw rate."""
-_DETOUR = 1.1
+_MAX_SLIDE_RATIO = 1.1
 """Maximum motion along obstacles, relative to free motion."""
 
 
@@ -25,13 +25,13 @@ _DETOUR = 1.1
 def plan_wheels(reached, command, normals, robot, rates, slips):
     """Plan the wheel rates of a control period, and return the twist (v, w) at its end.
 
-    Limits speed and acceleration, and converts with the assumed wheels. Slip after Siegwart and Nourbakhsh,
-    Introduction to Autonomous Mobile Robots, equation 5.8.
+    Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
+    equation 5.8.
 
     Args:
         reached: last twist (v, w) [m/s, rad/s].
         command: commanded twist (v, w) [m/s, rad/s].
-        normals: standard normal numbers for the slip of the left and right wheel.
+        normals: normal random numbers for the slip of both wheels.
         robot: `RobotRecord`.
         rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
         slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
@@ -64,15 +64,10 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot, whose row is `state`, by one control period; the footprint slides along obstacles.
+    """Move a robot by one control period; the footprint slides along obstacles.
 
-    Args:
-        state: row of the robot.
-        command: see `plan_wheels`.
-        normals: see `plan_wheels`.
-        robot: `RobotRecord`.
-        segments: obstacles, shape (n, 4), float64 [m].
-        circles: obstacles, shape (m, 3), float64 [m].
+    `state`: row of the robot. `command`, `normals`: see `plan_wheels`. `robot`: `RobotRecord`. `segments`, `circles`:
+    obstacles, shapes (n, 4) and (m, 3), float64 [m].
 
     Returns:
         Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
@@ -104,7 +99,7 @@ def advance(state, command, normals, robot, segments, circles):
         )
         touched |= contact
         if contact:  # prevents tunnelling
-            limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
+            limit = max(_MAX_SLIDE_RATIO * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
                 new_x, new_y = x, y
         state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
@@ -120,15 +115,9 @@ def advance(state, command, normals, robot, segments, circles):
 def step_robots(rows, draws, ranges, segments, circles, crowd):
     """Move people and robots of a world by one control period, then sense.
 
-    People move first and stop at robots. Robots move in turn; all others are static meanwhile.
-
-    Args:
-        rows: rows of the robots, including their commands.
-        draws: see `Rows.draws`.
-        ranges: output; see `sense`.
-        segments: obstacles, shape (n, 4), float64 [m].
-        circles: obstacles, shape (m, 3), float64 [m].
-        crowd: `People.arrays`; None without people, which saves compilation.
+    People move first and stop at robots. Robots move in turn; all others are static meanwhile. `rows`, `draws`,
+    `ranges`, `segments`: see `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`; None
+    without people, which saves compilation.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -139,13 +128,13 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
         rows[k, at.DRAW] += 1.0
     if crowd is not None and crowd[0].shape[0] > 0:
         step_people(crowd[0], crowd[1], crowd[2], crowd[3], rows)
-    around = circles if crowd is None else with_people(circles, crowd[0])
-    num_fixed = around.shape[0]
+    bodies = circles if crowd is None else with_people(circles, crowd[0])
+    num_fixed = bodies.shape[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         noise = draws[k, int(row[at.DRAW])]
         command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
-        touched, hits = advance(row, command, slip, robot, segments, with_peers(around, rows, k, radius))
+        touched, hits = advance(row, command, slip, robot, segments, with_peers(bodies, rows, k, radius))
         row[at.TOUCHED] = max(row[at.TOUCHED], 1.0 if touched else 0.0)
         for j in range(num_circles, hits.shape[0]):
             if hits[j] and j < num_fixed:

@@ -60,7 +60,6 @@ X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GY
 Pose in the world frame [m, m, rad], controller's twist after acceleration limits [m/s, rad/s], wheel rotation since the
 reset [rad], twist of the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
 STATE_SIZE = 11
-"""Number of ground truth columns."""
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
 """Columns of measurements: encoder counts, yaw rate [rad/s], compass heading [rad], and contact.
 
@@ -77,7 +76,7 @@ POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
 """First columns of pose estimate and last key pose (map frame), pose of the map frame in the world, and last trail
 points, estimated and true."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of driven distance [m], number of collisions, last action, and pending work."""
+"""Columns of driven distance [m], number of collisions, last action, and flags of pending updates."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
 """Columns about people.
 
@@ -89,7 +88,7 @@ PERIOD = ROBOT + RobotRecord._fields.index("period")
 """Column of the control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Mask of known columns, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
+"""Mask of columns that a robot can measure, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 

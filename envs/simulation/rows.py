@@ -77,7 +77,7 @@ class Rows:
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return the episode state of a name, shape (num_robots, size), initially zero."""
+        """Return a named array of episode state, shape (num_robots, size), initially zero."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]
@@ -114,11 +114,9 @@ class Rows:
 
     @property
     def steps(self) -> int:
-        """Number of control periods since the reset."""
         return int(self.numbers[0, at.STEPS])
 
     def tick(self) -> None:
-        """Begin a control period."""
         self.go_to(self.steps + 1)
         self.numbers[:, at.DRAW] += 1.0
 

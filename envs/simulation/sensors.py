@@ -12,17 +12,15 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of normal random numbers of a control period; beams follow."""
+"""Indices of a robot's normal random numbers in a control period; beams follow."""
 OTHER_NORMALS = 4
-"""Number of normal random numbers before those of beams."""
 
 
 @njit(cache=True, error_model="numpy")
 def tilt_ranges(ranges, robot):
     """Convert exact ranges of a level lidar to ranges of a tilted lidar, in place.
 
-    Walls have unlimited height; beams may hit the floor. Changes of azimuth (0.1 degrees at 5 degrees of tilt) are
-    neglected.
+    Walls have unlimited height; beams may hit the floor; changes of azimuth are neglected.
     """
     down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
     for k in range(ranges.shape[0]):
@@ -74,22 +72,22 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 @njit(cache=True, error_model="numpy")
 def with_room(circles, num_more):
     """Return circles, shape (m, 3) [m], followed by `num_more` empty rows."""
-    joined = np.empty((circles.shape[0] + num_more, 3))
+    extended = np.empty((circles.shape[0] + num_more, 3))
     for row in range(circles.shape[0]):
-        write_row(joined[row], circles[row])
-    return joined
+        write_row(extended[row], circles[row])
+    return extended
 
 
 @njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
     """Return circles, shape (m, 3) [m], followed by the footprints of all robots except `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
-    joined = with_room(circles, num_robots - 1)
+    extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
         if k != index:
             row = count + k - (k > index)
-            joined[row, 0], joined[row, 1], joined[row, 2] = states[k, at.X], states[k, at.Y], radius
-    return joined
+            extended[row, 0], extended[row, 1], extended[row, 2] = states[k, at.X], states[k, at.Y], radius
+    return extended
 
 
 @njit(cache=True, error_model="numpy")

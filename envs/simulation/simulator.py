@@ -30,17 +30,15 @@ class Simulator(ABC):
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
     ) -> None:
         self.rows = Rows(robot, control_period, num_robots)
-        """States, measurements and noise of the robots."""
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
-        """People of the episode."""
         self.robot = robot
         """Parameters of the robots in this episode."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Set the robots' parameters for the next reset; footprint and beams are kept."""
+        """Set the robots' parameters for the next reset; footprint and lidar beams do not change."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 
@@ -57,7 +55,7 @@ class Simulator(ABC):
 
     @property
     def people(self) -> np.ndarray:
-        """Ground truth of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
+        """Ground truth of people; see `People.states`."""
         return self.crowd.states
 
     def reset(

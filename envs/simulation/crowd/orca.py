@@ -41,7 +41,7 @@ _EPSILON = 1e-9
 def walk_by_orca(people, directions, robots, walls, model, dt):
     """Move attentive and blind people by `dt` [s]; arguments as in `social_forces`.
 
-    Two walking people share the velocity change; otherwise, the person makes all of it. Walls have priority.
+    Two walking people share a velocity change. Walls have priority.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0
@@ -97,14 +97,9 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
     """Write the half-plane of velocities that avoid a disc (equation 5) to row `k` of `lines`.
 
-    Args:
-        away: position of the disc relative to the person [m].
-        own: velocity of the person [m/s].
-        other: velocity of the disc [m/s].
-        reach: sum of the radii [m].
-        horizon: time horizon [s].
-        dt: time horizon in case of overlap [s].
-        share: person's fraction of the velocity change.
+    `away`: position of the disc relative to the person [m]. `own`, `other`: velocities of person and disc [m/s].
+    `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with overlap [s]. `share`: person's
+    fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -131,8 +126,8 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 def best_velocity(lines, num_lines, num_hard, desired, limit):
     """Return the permitted velocity closest to `desired` and no faster than `limit` [m/s].
 
-    Without a permitted velocity, the first `num_hard` half-planes hold and the remaining ones are violated least. Of
-    `lines`, shape (n, 4), float64, the first `num_lines` are used.
+    If none is permitted, the first `num_hard` half-planes hold and the remaining ones are violated least. Of `lines`,
+    shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)

@@ -29,11 +29,11 @@ def draw_people(
     rng: np.random.Generator,
     world: World,
 ) -> np.ndarray:
-    """Sample people at rest, uniformly in free space: rows, shape (n, PERSON_SIZE).
+    """Sample people at rest in free space: rows, shape (n, PERSON_SIZE).
 
     Args:
         crowd: parameters of the crowd.
-        routes: destinations and free space.
+        routes: free space and destinations.
         robots: poses of the robots, world frame.
         robot_radius: radius of a robot [m].
         others: rows of people on fixed routes.

@@ -10,7 +10,7 @@ DRAWS, NUM_DRAWS = 13, 64
 """First column and number of uniform random numbers in [0, 1) for trips."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
-"""Kinds of people: avoiding robots, blind to robots, standing, on a fixed route. All kinds stop at robots."""
+"""Kinds of people: avoiding robots, blind to robots, standing, on a fixed route; all kinds stop at robots."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
 """Entries of `People.setup`: ORCA or not, legs or not, `Walls.grid`, start of the model's parameters and of
 `Walls.near`."""

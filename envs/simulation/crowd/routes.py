@@ -12,30 +12,30 @@ from lidarnaut.envs.worlds.raster import rasterize
 from lidarnaut.envs.worlds.world import kept_with_world
 
 from . import records as at
-from .walls import REACH, Walls, clearance, list_walls
+from .walls import WALL_RANGE, Walls, clearance, list_walls
 
 RESOLUTION = 0.15
 """Cell size of cost-to-go fields [m]."""
 NUM_DESTINATIONS = 8
 """Number of destinations in `anywhere` mode."""
-STRIP = 0.5
+STRIP_WIDTH = 0.5
 """Width of destination strips along the borders of a world [m]."""
-ARRIVAL = 0.5
+ARRIVAL_DISTANCE = 0.5
 """Distance below which a destination is reached [m]."""
-PATIENCE = 3.0
+MEAN_STUCK_TIME = 3.0
 """Mean time of slow progress before a person changes its destination [s]; individual times vary by 50 %."""
-SLOW = 0.2
+SLOW_FRACTION = 0.2
 """Fraction of the desired speed below which progress is slow."""
 NEXT_BY_DRAW = -1.0
-"""Marker in `points`: the next destination is chosen at random."""
+"""Marker in `Routes.points` of a next destination chosen at random."""
 _PRECISION = 1e-3
 """Smallest change of cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Golden ratio; its multiples modulo 1 are evenly spread."""
-_HUGGING, _COMFORT = 3.0, 0.25
-"""Extra cost per metre beside a wall, and clearance at which it vanishes [m]."""
-_SQUEEZING = 8.0
-"""Cost per metre outside of free space, to lead people back into it."""
+_WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
+"""Extra cost per metre at a wall, and clearance without extra cost [m]."""
+_OUTSIDE_COST = 8.0
+"""Cost per metre outside of free space, to lead people back."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 
@@ -44,7 +44,7 @@ class Routes(NamedTuple):
     """Destinations and free space of a crowd in a world."""
 
     points: np.ndarray
-    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the next row or `NEXT_BY_DRAW`."""
+    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the next destination or `NEXT_BY_DRAW`."""
     fields: np.ndarray
     """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
@@ -63,7 +63,7 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
     grid = rasterize(world, RESOLUTION)
     walls = list_walls(world.segments, world.circles, grid.bounds, radius)
     free = grid.data == 0
-    gaps = np.minimum(_clearances(free, walls), radius + REACH)
+    gaps = np.minimum(_clearances(free, walls), radius + WALL_RANGE)
     # Narrow doors may have no cell centre with full clearance.
     labels, _ = ndimage.label(gaps > radius - 0.25 * RESOLUTION)
     spawn = np.array(world.spawns[0][:2])
@@ -72,9 +72,9 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
         raise ValueError(f"world {world.name!r} has no room for people of a radius of {radius:g} m")
     nearest = cells[np.argmin(np.hypot(*(grid.centers(cells) - spawn).T))]
     fits = labels == labels[tuple(nearest)]
-    beside_walls = np.clip(1.0 - (gaps - radius) / _COMFORT, 0.0, 1.0)
-    slowness = np.where(fits, 1.0 + _HUGGING * beside_walls, np.inf)
-    outside = np.where(fits | ~free, np.inf, _SQUEEZING)
+    beside_walls = np.clip(1.0 - (gaps - radius) / _FREE_CLEARANCE, 0.0, 1.0)
+    slowness = np.where(fits, 1.0 + _WALL_COST * beside_walls, np.inf)
+    outside = np.where(fits | ~free, np.inf, _OUTSIDE_COST)
     slowness[[0, -1]] = slowness[:, [0, -1]] = outside[[0, -1]] = outside[:, [0, -1]] = np.inf
     costs = slowness.astype(np.float32), outside.astype(np.float32)
     if flow == "anywhere":
@@ -98,8 +98,8 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
     rows, cols = np.ogrid[: fits.shape[0], : fits.shape[1]]
     while len(chosen) < min(NUM_DESTINATIONS, len(roomy)):
         row, col = roomy[k]
-        around = RESOLUTION * np.hypot(rows - row, cols - col)
-        fields.append(_travel(costs, np.where(around <= gaps[row, col], around, np.inf)))
+        distances = RESOLUTION * np.hypot(rows - row, cols - col)
+        fields.append(_travel(costs, np.where(distances <= gaps[row, col], distances, np.inf)))
         chosen.append(roomy[k])
         nearest = np.minimum(nearest, fields[-1][roomy[:, 0], roomy[:, 1]])
         far = np.flatnonzero(nearest >= min(apart, nearest.max()))
@@ -108,12 +108,12 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
 
 
 def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]:
-    """Return the middle cells of strips along the borders of the world, and fields to the strips."""
+    """Return destinations in strips along the borders of the world, and their fields."""
     cells = np.argwhere(fits)
     extents = np.ptp(cells, axis=0)
     chosen, fields = [], []
     for axis in (0, 1) if flow == "across" else (int(np.argmax(extents)),):
-        width = min(STRIP / RESOLUTION, 0.25 * extents[axis])
+        width = min(STRIP_WIDTH / RESOLUTION, 0.25 * extents[axis])
         for distances in (cells[:, axis] - cells[:, axis].min(), cells[:, axis].max() - cells[:, axis]):
             strip = cells[distances <= width]
             chosen.append(strip[np.argmin(np.hypot(*(strip - strip.mean(axis=0)).T))])
@@ -134,7 +134,7 @@ def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
 def spread_costs(slowness, field):
     """Solve the eikonal equation |grad field| = slowness from the finite cells of `field`.
 
-    Fast sweeping (Zhao, 2005; Bak et al., 2010), also along diagonals for accurate directions.
+    Fast sweeping (Zhao, 2005; Bak et al., 2010), also along diagonals.
 
     Args:
         slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
@@ -196,10 +196,7 @@ def _clearances(free, walls):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def descent(fields, k, grid, x, y):
-    """Return the unit vector of steepest descent of field `k` at (x, y), and the cost-to-go there [m].
-
-    The vector is (0, 0) without finite cells nearby.
-    """
+    """Return the unit vector of steepest descent of field `k` at (x, y), and the cost-to-go there [m]."""
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
@@ -222,13 +219,8 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Compute walking directions of attentive and blind people, and change destinations if due.
 
-    Args:
-        people: rows of people; `GOAL`, `TRIP` and `SLOW` are written.
-        points: see `People`.
-        fields: see `People`.
-        grid: see `Walls`.
-        dt: time step [s].
-        directions: output, shape (n, 2), float64, unit vectors.
+    `people`: rows; `GOAL`, `TRIP` and `SLOW` are written. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`:
+    time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):
@@ -239,23 +231,20 @@ def choose_directions(people, points, fields, grid, dt, directions):
             goal = int(people[i, at.GOAL])
             ahead_x, ahead_y, cost = descent(fields, goal - first, grid, people[i, at.X], people[i, at.Y])
             draw = people[i, at.DRAWS + int(people[i, at.TRIP]) % at.NUM_DRAWS]
-            if cost > ARRIVAL and people[i, at.SLOW] < PATIENCE * (0.5 + draw):
+            if cost > ARRIVAL_DISTANCE and people[i, at.SLOW] < MEAN_STUCK_TIME * (0.5 + draw):
                 break
-            away = (ahead_x, ahead_y) if cost > ARRIVAL else (0.0, 0.0)
+            away = (ahead_x, ahead_y) if cost > ARRIVAL_DISTANCE else (0.0, 0.0)
             people[i, at.GOAL] = _next_goal(people[i], goal, draw, points, fields, grid, away)
             people[i, at.TRIP] += 1.0
             people[i, at.SLOW] = 0.0
         directions[i, 0], directions[i, 1] = ahead_x, ahead_y
         progress = people[i, at.VX] * ahead_x + people[i, at.VY] * ahead_y
-        people[i, at.SLOW] = people[i, at.SLOW] + dt if progress < SLOW * people[i, at.SPEED] else 0.0
+        people[i, at.SLOW] = people[i, at.SLOW] + dt if progress < SLOW_FRACTION * people[i, at.SPEED] else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _next_goal(person, goal, draw, points, fields, grid, away):
-    """Return the row in `points` of the next destination.
-
-    A person blocked in direction `away` turns back, which clears narrow passages.
-    """
+    """Return the row in `points` of the next destination; a person blocked in direction `away` turns back."""
     count = fields.shape[0]
     first = points.shape[0] - count
     if points[goal, 2] != NEXT_BY_DRAW:
@@ -263,6 +252,6 @@ def _next_goal(person, goal, draw, points, fields, grid, away):
     drawn = goal - first + 1 + int(draw * (count - 1))
     for k in range(drawn, drawn + count):
         x, y, cost = descent(fields, k % count, grid, person[at.X], person[at.Y])
-        if x * away[0] + y * away[1] < 0.0 and cost > ARRIVAL:
+        if x * away[0] + y * away[1] < 0.0 and cost > ARRIVAL_DISTANCE:
             return first + k % count
     return first + drawn % count

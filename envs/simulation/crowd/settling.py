@@ -11,11 +11,11 @@ from .walls import clearance, push_out
 MAX_OVERLAP = 0.02
 """Maximum overlap of two people [m]."""
 _ROUNDS = 6
-"""Maximum number of separation passes per step."""
-MAX_HASTE = 1.5
+"""Maximum number of separation passes."""
+MAX_SPEED_RATIO = 1.5
 """Maximum speed of a person when pushed, as a multiple of its desired speed."""
-TOUCH = 1e-4
-"""Gap to a robot at which a person stops [m]."""
+STOP_GAP = 1e-4
+"""Gap between a person and the robot that stopped the person [m]."""
 _TOLERANCE = 2e-6
 """Overlap with walls that is ignored [m]."""
 
@@ -29,7 +29,7 @@ def settle(people, starts, robots, walls, dt):
     Args:
         people: rows of people at their desired positions; `BLOCKED` is written.
         starts: positions before the step, shape (n, 2), float64 [m].
-        robots: shape (m, 5), float64; see `social_forces`.
+        robots: see `social_forces`.
         walls: `Walls`.
         dt: time step [s].
 
@@ -50,7 +50,7 @@ def settle(people, starts, robots, walls, dt):
             break
     for i in range(count):
         dx, dy = people[i, at.X] - starts[i, 0], people[i, at.Y] - starts[i, 1]
-        longest = MAX_HASTE * people[i, at.SPEED] * dt
+        longest = MAX_SPEED_RATIO * people[i, at.SPEED] * dt
         if people[i, at.KIND] <= at.BLIND and dx * dx + dy * dy > longest * longest:
             share = longest / math.sqrt(dx * dx + dy * dy)
             people[i, at.X], people[i, at.Y] = starts[i, 0] + share * dx, starts[i, 1] + share * dy
@@ -111,7 +111,7 @@ def _share_until(person, start, robot):
     """Return the fraction of the step from `start` before a person touches a robot."""
     dx, dy = person[at.X] - start[0], person[at.Y] - start[1]
     away_x, away_y = start[0] - robot[at.X], start[1] - robot[at.Y]
-    reach = robot[at.RADIUS] + person[at.RADIUS] + TOUCH
+    reach = robot[at.RADIUS] + person[at.RADIUS] + STOP_GAP
     gap, closing, length = away_x**2 + away_y**2 - reach * reach, away_x * dx + away_y * dy, dx * dx + dy * dy
     root = closing * closing - length * gap
     return 0.0 if gap <= 0.0 or root < 0.0 else min(max((-closing - math.sqrt(root)) / length, 0.0), 1.0)

@@ -45,9 +45,9 @@ class SocialForce(NamedTuple):
 
 
 NUM_FORCES = len(SocialForce._fields)
-HESITATION = 0.5
+SIDE_SWITCH_TIME = 0.5
 """Time of slow progress after which a person evades to the left [s]."""
-NEGLIGIBLE = 1e-3
+MIN_PUSH_RATIO = 1e-3
 """Fraction of the contact repulsion below which repulsion is ignored."""
 
 
@@ -64,7 +64,7 @@ def social_forces(people, directions, robots, walls, model, forces):
         forces: output, shape (n, 2), float64, world frame [m/s2].
     """
     count, (near, grid) = people.shape[0], walls
-    cutoff = -model.reach * math.log(NEGLIGIBLE)
+    cutoff = -model.reach * math.log(MIN_PUSH_RATIO)
     forces[:] = 0.0
     for i in range(count):
         x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
@@ -107,7 +107,7 @@ def _add(forces, i, push, nx, ny, people, directions, model):
     """Add repulsion along the unit vector (nx, ny), weighted by direction (equation 8)."""
     ahead = -(nx * directions[i, 0] + ny * directions[i, 1])
     push *= model.behind + (1.0 - model.behind) * 0.5 * (1.0 + ahead)
-    sideways = model.sideways if people[i, at.SLOW] < HESITATION else -model.sideways
+    sideways = model.sideways if people[i, at.SLOW] < SIDE_SWITCH_TIME else -model.sideways
     forces[i, 0] += push * (nx - sideways * ny)
     forces[i, 1] += push * (ny + sideways * nx)
 

@@ -12,7 +12,7 @@ from lidarnaut.envs.simulation.sensors import with_room
 from . import records as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
 from .routes import choose_directions
-from .settling import MAX_HASTE, settle
+from .settling import MAX_SPEED_RATIO, settle
 from .social_force import NUM_FORCES, SocialForce, walk_by_forces
 from .walls import Walls
 
@@ -26,12 +26,8 @@ LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    Args:
-        people: see `People.rows`; written.
-        points: see `People`.
-        fields: see `People`.
-        setup: see `People`.
-        robots: rows of robots; `TOUCHED` is written for robots that people walk into.
+    `people`, `points`, `fields`, `setup`: see `People`; `people` is written. `robots`: rows of robots; `TOUCHED` is
+    written for robots that people walk into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -46,7 +42,7 @@ def step_people(people, points, fields, setup, robots):
     for i in range(count):
         before[i, 0], before[i, 1], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
         if people[i, at.KIND] <= at.BLIND:  # prevents tunnelling through walls
-            longest = min(longest, people[i, at.RADIUS] / (MAX_HASTE * people[i, at.SPEED]))
+            longest = min(longest, people[i, at.RADIUS] / (MAX_SPEED_RATIO * people[i, at.SPEED]))
     num_steps = max(1, math.ceil(period / longest - 1e-9))
     dt = period / num_steps
     for _ in range(num_steps):
@@ -102,11 +98,11 @@ def _follow_route(person, points, dt):
 def with_people(circles, people):
     """Return circles, shape (m, 3) [m], followed by one circle per person."""
     count = circles.shape[0]
-    joined = with_room(circles, people.shape[0])
+    extended = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
         row = count + i
-        joined[row, 0], joined[row, 1], joined[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
-    return joined
+        extended[row, 0], extended[row, 1], extended[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
+    return extended
 
 
 @njit(cache=True, error_model="numpy")
@@ -115,14 +111,14 @@ def with_bodies(circles, people, setup):
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]
-    joined = with_room(circles, 2 * people.shape[0])
+    extended = with_room(circles, 2 * people.shape[0])
     for i in range(people.shape[0]):
         person = people[i]
         c, s = math.cos(person[at.HEADING]), math.sin(person[at.HEADING])
         swing = 0.5 * STRIDE * math.sin(person[at.PHASE])
         for leg, side in enumerate((-1.0, 1.0)):
             ahead, left = side * swing, side * LEG_OFFSET
-            row = joined[count + 2 * i + leg]
+            row = extended[count + 2 * i + leg]
             row[0], row[1] = person[at.X] + c * ahead - s * left, person[at.Y] + s * ahead + c * left
             row[2] = LEG_RADIUS
-    return joined
+    return extended

@@ -6,12 +6,11 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-REACH = 0.4
+WALL_RANGE = 0.4
 """Maximum gap between a person and a listed obstacle [m]."""
 CELL = 0.25
 """Cell size of the lookup grid [m]."""
 _MAX_PUSHES = 12
-"""Maximum number of pushes out of obstacles."""
 _TOLERANCE = 1e-6
 """Overlap that is ignored [m]."""
 
@@ -40,7 +39,7 @@ def list_walls(
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
     bodies = np.vstack([np.column_stack([segments, np.zeros(len(segments))]), circles[:, [0, 1, 0, 1, 2]]])
-    cells, items = _pairs(bodies, bodies.ravel(), radius + REACH, x_min, y_min, rows, cols)
+    cells, items = _pairs(bodies, bodies.ravel(), radius + WALL_RANGE, x_min, y_min, rows, cols)
     order, first = np.argsort(cells, kind="stable"), rows * cols + 1
     starts = first + np.searchsorted(cells[order], np.arange(first))
     near = np.concatenate([starts, first + len(items) + items[order], bodies.ravel()])
