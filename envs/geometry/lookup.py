@@ -15,7 +15,7 @@ from numba.np.unsafe import ndarray
 
 @intrinsic
 def _load(typing_context: Any, array: Any, index: Any) -> Any:
-    """Return `array[index]`, shape (n,), C-contiguous, by a scalar load without bounds check; `index` is unsigned."""
+    """Read `array[index]` without bounds check; `array`: shape (n,), C-contiguous; `index`: uint32 or uint64."""
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
     if index not in (types.uint32, types.uint64):

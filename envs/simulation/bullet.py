@@ -99,8 +99,7 @@ class BulletSimulator(Simulator):
     def _reset_world(self) -> World:
         if self._world is None and self.is_copy:
             raise gymnasium.error.ResetNeeded(
-                "physics='bullet' cannot be copied in mid-episode: call reset of the copy, or use physics='kinematic', "
-                "whose copies go on"
+                "physics='bullet' cannot be copied in mid-episode: reset the copy, or use physics='kinematic'"
             )
         return super()._reset_world()
 

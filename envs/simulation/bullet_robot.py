@@ -187,7 +187,7 @@ class BulletRobot:
         self.touched.update(point[_OTHER_BODY] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
-        """Read the robot's state from PyBullet; after tipping over or passing a wall, restore the last pose."""
+        """Read the robot's state from PyBullet; after tipping over or passing through a wall, restore the last pose."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)

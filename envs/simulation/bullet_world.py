@@ -21,7 +21,7 @@ _MESH_RECTANGLES = 30_000
 _MAX_RECTANGLES = 100_000
 """Number of wall rectangles above which only nearby walls are built."""
 _RECTANGLES_PER_CIRCLE = 32
-"""Typical number of rectangles per circle."""
+"""Typical number of rectangles per circular obstacle."""
 _REBUILD_DISTANCE = 2.0
 """Travel of a robot before nearby walls are rebuilt [m]."""
 
@@ -38,8 +38,8 @@ def import_pybullet() -> ModuleType:
         import pybullet
     except Exception as error:  # builds for another Python or NumPy raise other exceptions
         raise ImportError(
-            f"physics='bullet' needs PyBullet, which does not import here ({error}): `pip install pybullet-arm64` with "
-            "Python 3.12 and 3.13, `pybullet` with others (a build needs g++, python3-dev), or use physics='kinematic'"
+            f"physics='bullet' needs PyBullet, which cannot be imported ({error}): `pip install pybullet-arm64` for "
+            "Python 3.12 and 3.13, otherwise `pybullet` (a build needs g++, python3-dev), or use physics='kinematic'"
         ) from error
     finally:
         os.dup2(stderr, 2)
@@ -91,7 +91,7 @@ def has_many_walls(world: World) -> bool:
 
 
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
-    """Return walls and circles as segments, shape (n, 4), float64 [m]; circles are accurate to `sagitta` [m]."""
+    """Return all obstacles as segments, shape (n, 4), float64 [m]; polygons match circles within `sagitta` [m]."""
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
         corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
@@ -135,7 +135,7 @@ class NearbyWalls:
     """Walls near the robots, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Store the walls; between calls of `follow`, robots including their bodies reach at most `reach` [m]."""
+        """Store the walls; `reach` bounds the travel of a robot and its body between calls of `follow` [m]."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height

@@ -148,7 +148,7 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
             apart = math.dist(first[:2], second[:2])
             if apart <= 2.0 * radius + _MIN_GAP:
                 raise ValueError(
-                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint of {radius:.3f} m"
+                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint radius of {radius:.3f} m"
                 )
 
 
@@ -184,10 +184,7 @@ def drove_into(row, person):
 
 
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
-    """Return the contacts of the last control period: the nearest object and all objects within `CONTACT_GAP`.
-
-    `rows` and `people` are the rows of all robots and people.
-    """
+    """Return the contacts of the last control period: the nearest object and all within `CONTACT_GAP`."""
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]
     bodies = people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]

@@ -52,7 +52,7 @@ _SOURCES = {
 """Fields of `RobotRecord`, with their source attributes in `RobotParams`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
-"""Robot parameters for kernels, all float: `_SOURCES`, control period [s], substeps per control period."""
+"""Robot parameters for kernels, all float: fields of `_SOURCES`, control period [s], substeps per control period."""
 RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
 """Columns of ground truth.

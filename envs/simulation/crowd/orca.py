@@ -39,7 +39,7 @@ _EPSILON = 1e-9
 
 @njit(cache=True, error_model="numpy")
 def walk_by_orca(people, directions, robots, walls, model, dt):
-    """Move attentive and blind people by `dt` [s]; arguments as in `social_forces`.
+    """Move the walking people of the crowd by `dt` [s]; arguments as in `social_forces`.
 
     Two walking people share a velocity change. Walls have priority.
     """

@@ -41,7 +41,9 @@ class Crowd:
     flow: Literal["anywhere", "along", "across"] = "anywhere"
     """Walking directions: between points all over the world, between its two ends, or between its four sides."""
     forces: SocialForce = SocialForce()
+    """Parameters of the social force model."""
     orca: Orca = Orca()
+    """Parameters of ORCA."""
 
     def __post_init__(self) -> None:
         for name in ("number", "radius", "speed"):

@@ -67,7 +67,7 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of kernels."""
+        """Arrays for kernels: rows, points, fields, setup."""
         return self.rows, self.points, self.fields, self.setup
 
     @property

@@ -67,7 +67,7 @@ def draw_people(
     else:
         raise ValueError(
             f"world {world.name!r} has room for {placed} of {count} people of a radius of {crowd.radius[1]:g} m, "
-            f"{ROBOT_GAP:g} m from robots at least; take fewer people or a larger world"
+            f"at least {ROBOT_GAP:g} m from robots; use fewer people or a larger world"
         )
     rows[:, [at.X, at.Y]] = taken[first:, :2]
     return rows

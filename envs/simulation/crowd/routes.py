@@ -44,7 +44,7 @@ class Routes(NamedTuple):
     """Destinations and free space of a crowd in a world."""
 
     points: np.ndarray
-    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the next destination or `NEXT_BY_DRAW`."""
+    """Destinations, shape (k, 3), float64: x, y [m], and the row of the next destination or `NEXT_BY_DRAW`."""
     fields: np.ndarray
     """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
@@ -88,7 +88,6 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
 
 
 def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Choose destinations in free cells, the first near cell `first`; return cells and fields."""
     roomy = np.argwhere(fits & (gaps >= np.quantile(gaps[fits], 0.6)))
     k = int(np.argmin(np.hypot(*(roomy - first).T)))
     chosen: list[np.ndarray] = []
@@ -108,7 +107,6 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
 
 
 def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]:
-    """Return destinations in strips along the borders of the world, and their fields."""
     cells = np.argwhere(fits)
     extents = np.ptp(cells, axis=0)
     chosen, fields = [], []
@@ -217,7 +215,7 @@ def descent(fields, k, grid, x, y):
 
 @njit(cache=True, error_model="numpy")
 def choose_directions(people, points, fields, grid, dt, directions):
-    """Compute walking directions of attentive and blind people, and change destinations if due.
+    """Compute the directions of the crowd's walking people, and change destinations if due.
 
     `people`: rows; `GOAL`, `TRIP` and `SLOW` are written. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`:
     time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.

@@ -68,7 +68,6 @@ def settle(people, starts, robots, walls, dt):
 
 @njit(cache=True, error_model="numpy")
 def _push_apart(people):
-    """Separate overlapping people; return True if any overlapped."""
     found = False
     for i in range(people.shape[0]):
         for j in range(i):
@@ -108,7 +107,6 @@ def _robot_ahead(people, i, starts, robots, dt):
 
 @njit(cache=True, error_model="numpy")
 def _share_until(person, start, robot):
-    """Return the fraction of the step from `start` before a person touches a robot."""
     dx, dy = person[at.X] - start[0], person[at.Y] - start[1]
     away_x, away_y = start[0] - robot[at.X], start[1] - robot[at.Y]
     reach = robot[at.RADIUS] + person[at.RADIUS] + STOP_GAP

@@ -30,8 +30,8 @@ class SocialForce(NamedTuple):
     sideways: Share = 0.3
     """Fraction of the repulsion that acts sideways, to the right."""
     braking: Positive = 1.0
-    """Maximum braking by other people, relative to the driving force; 1 as in the speed-density relation of Weidmann
-    (1993)."""
+    """Maximum braking by other people, relative to the driving force; 1 stops a person (speed-density relation of
+    Weidmann, 1993)."""
     wall_strength: Positive = 6.0
     """Repulsion of a wall at contact [m/s2]."""
     wall_reach: Positive = 0.12
@@ -104,7 +104,6 @@ def social_forces(people, directions, robots, walls, model, forces):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _add(forces, i, push, nx, ny, people, directions, model):
-    """Add repulsion along the unit vector (nx, ny), weighted by direction (equation 8)."""
     ahead = -(nx * directions[i, 0] + ny * directions[i, 1])
     push *= model.behind + (1.0 - model.behind) * 0.5 * (1.0 + ahead)
     sideways = model.sideways if people[i, at.SLOW] < SIDE_SWITCH_TIME else -model.sideways
@@ -130,7 +129,7 @@ def wall_force(near, grid, x, y, radius, model):
 
 @njit(cache=True, error_model="numpy")
 def walk_by_forces(people, directions, robots, walls, model, dt):
-    """Move attentive and blind people by `dt` [s] (semi-implicit Euler); arguments as in `social_forces`."""
+    """Move the walking people of the crowd by `dt` [s] (semi-implicit Euler); arguments as in `social_forces`."""
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)
     for i in range(people.shape[0]):

@@ -19,8 +19,8 @@ class Walls(NamedTuple):
     """Static obstacles listed by grid cell."""
 
     near: np.ndarray
-    """Start index of each cell's list, end of the last list, lists of obstacle indices, and obstacles (x0, y0, x1, y1,
-    radius) [m]: shape (k,), float64."""
+    """Start of each cell's list and end of the last, lists of obstacle indices, and obstacles (x0, y0, x1, y1, radius)
+    [m]: shape (k,), float64."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
