@@ -1,8 +1,8 @@
-"""PPO in one loop, after CleanRL (Huang et al., 2022), right in both autoreset modes of Gymnasium.
+"""Single-file PPO after CleanRL (Huang et al., 2022), for both autoreset modes of Gymnasium.
 
-NEXT_STEP, Gymnasium's default: the step after the end of an episode resets, whatever its action; it teaches nothing.
-SAME_STEP: the step that ends an episode resets, and `info["final_obs"]` has the observation that was its last one.
-In both, an episode that was truncated is worth what the value function says of its last observation; CleanRL takes 0.
+NEXT_STEP (Gymnasium's default): the step after an episode ends is a reset, and is not trained on. SAME_STEP: the step
+that ends an episode also resets; `info["final_obs"]` holds the last observation. A truncated episode is bootstrapped
+with the value of its last observation; CleanRL uses 0.
 """
 
 import gymnasium
@@ -18,7 +18,7 @@ GAMMA, LAMBDA, CLIP = 0.995, 0.95, 0.2
 
 
 def flat(observation: dict[str, np.ndarray]) -> torch.Tensor:
-    """Return scan and motion as one vector each, shape (..., num_inputs), float32."""
+    """Return scan and motion as one vector, shape (..., num_inputs), float32."""
     return torch.as_tensor(np.concatenate([observation["scan"], observation["motion"]], axis=-1))
 
 
@@ -38,7 +38,7 @@ def main(
     actor, critic = (torch.nn.Sequential(*each) for each in layers)
     log_std = torch.nn.Parameter(torch.zeros(2))
     optimizer = torch.optim.Adam([*actor.parameters(), *critic.parameters(), log_std], lr=3e-4)
-    is_reset = torch.zeros(num_envs, dtype=torch.bool)  # whether the coming step only resets
+    is_reset = torch.zeros(num_envs, dtype=torch.bool)  # True if the next step only resets
     for _ in range(total_timesteps // (num_envs * num_steps)):
         rows = []
         with torch.no_grad():
@@ -47,7 +47,7 @@ def main(
                 action = policy.sample()
                 after, reward, terminated, truncated, info = venv.step(action.clamp(-1.0, 1.0).numpy())
                 done, last = torch.as_tensor(terminated | truncated), flat(after)
-                for i in np.flatnonzero(info.get("_final_obs", ())):  # in SAME_STEP alone
+                for i in np.flatnonzero(info.get("_final_obs", ())):  # SAME_STEP only
                     last[i] = flat(info["final_obs"][i])
                 reward = torch.as_tensor(reward, dtype=torch.float32)
                 delta = reward + GAMMA * critic(last)[:, 0] * ~torch.as_tensor(terminated) - critic(obs)[:, 0]

@@ -1,4 +1,4 @@
-"""Domain randomization: each episode has another lidar, other wheels and other motors, and nothing tells the robot."""
+"""Domain randomization: lidar, wheels and motors vary between episodes, unknown to the robot."""
 
 import gymnasium
 import numpy as np
@@ -20,18 +20,18 @@ RANGES = {
     "drive.slip_std": (0.0, 0.01),
     "max_v": (0.18, 0.22),
 }
-"""From which each episode draws, in the units of `RobotParams`."""
+"""Ranges of randomized parameters, in the units of `RobotParams`."""
 
 
 def main(episodes: int = 4, seconds: float = 60.0) -> np.ndarray:
-    """Explore with robots that differ from their nominal parameters.
+    """Explore with randomized robots.
 
     Args:
-        episodes: how many of them.
-        seconds: Simulated time of each.
+        episodes: Number of episodes.
+        seconds: Simulated time per episode [s].
 
     Returns:
-        Wheel radius [m] and root mean square error of the estimated position [m] of each, shape (episodes, 2).
+        Wheel radius [m] and RMSE of the estimated position [m] per episode, shape (episodes, 2).
     """
     env = gymnasium.make("lidarnaut/Explore-v0", robot=ROBOT, physics="kinematic", time_limit=seconds, randomize=RANGES)
     explorer, rows = make_explorer("nearest"), []

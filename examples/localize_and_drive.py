@@ -1,6 +1,6 @@
-"""Explore, save the map, start at an unknown pose on it, localize, and drive to a goal.
+"""Explore, save the map, localize from an unknown start pose, and drive to a goal.
 
-`python -m lidarnaut.baselines.global_localization` does the same with several goals and a film.
+`python -m lidarnaut.baselines.global_localization` does so with several goals and a film.
 """
 
 from pathlib import Path
@@ -17,22 +17,22 @@ from lidarnaut.envs.worlds import save_map
 
 
 def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_drive"), seed: int = 0) -> str:
-    """Run the experiment; return how the drive to the goal ended.
+    """Run the experiment and return how the drive to the goal ended.
 
     Args:
         world: World to explore.
         out: Folder of the map.
-        seed: Of starts, noise and goal.
+        seed: Seed of starts, noise and goal.
     """
     out.mkdir(parents=True, exist_ok=True)
     exploration = LidarEnv(Explore, world=world, physics="kinematic", start="spawn")
     episode = run_episode(exploration, make_explorer("nearest"), seed)
-    # The format of ROS's map_server: map.pgm and map.yaml.
+    # Format of ROS's map_server: map.pgm and map.yaml.
     map_path = save_map(crop_to_known(exploration.belief.grid, margin=5), out / "map.yaml")
     exploration.close()
     print(f"explored {100 * episode.explored_fraction:.0f} %; map in {map_path}")
 
-    # The map's frame begins where the robot started to explore; `map_pose` says where that is in the world.
+    # The map frame is the start pose of the exploration; `map_pose` is its pose in the world frame.
     env = LidarEnv(
         Navigate, world=world, physics="kinematic", map=map_path, map_pose=exploration.map_pose, initial_pose="unknown"
     )

@@ -1,8 +1,7 @@
-"""An algorithm of one's own: PPO with an entropy bonus that falls to zero over the training.
+"""Custom algorithm: PPO with an entropy bonus that decays to zero.
 
-`lidarnaut-train --algorithm own_algorithm:FadingPPO --environment.id lidarnaut/ReachGoal-v0`, from this folder, trains
-by any class that is derived from one of stable-baselines3. What its constructor takes are keys of `hyperparameters`;
-checkpoints, evaluations and resuming work as for the others.
+From this folder, `lidarnaut-train --algorithm own_algorithm:FadingPPO --environment.id lidarnaut/ReachGoal-v0` trains
+with any subclass of a stable-baselines3 algorithm. Constructor arguments are keys of `hyperparameters`.
 """
 
 from pathlib import Path
@@ -17,25 +16,25 @@ from lidarnaut.agents.training import train
 
 
 class FadingPPO(PPO):
-    """PPO whose `ent_coef` is `first_ent_coef` times the share of the training that remains."""
+    """PPO with `ent_coef` equal to `first_ent_coef` times the remaining fraction of training."""
 
     def __init__(self, policy: Any, env: Any, first_ent_coef: float = 0.01, **arguments: Any) -> None:
         super().__init__(policy, env, **arguments)
         self._first_ent_coef = first_ent_coef
 
     def train(self) -> None:
-        """Update the networks by the rollout that was just collected."""
+        """Update the networks with the last rollout."""
         self.ent_coef = self._first_ent_coef * self._current_progress_remaining
         super().train()
 
 
 def main(total_steps: int = 50_000, episodes: int = 20, out: Path | None = None) -> LearnedPolicy:
-    """Train it to reach goals in unknown worlds; return the policy.
+    """Train a policy to reach goals in unknown worlds, and return it.
 
     Args:
-        total_steps: steps of all sub-environments.
-        episodes: of an evaluation.
-        out: run folder; None makes one in `runs/`.
+        total_steps: Steps of all sub-environments together.
+        episodes: Episodes per evaluation.
+        out: Run folder; None creates one in `runs/`.
     """
     config = TrainingConfig.model_validate(
         {

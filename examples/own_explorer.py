@@ -1,7 +1,7 @@
-"""Policies of one's own: a rule over frontiers, an explorer that steers by itself, and policies of other libraries.
+"""Custom policies: frontier rule, explorer with velocity commands, and policies of other libraries.
 
-`lidarnaut-evaluate --policies own_explorer:largest own_explorer:Circling own_explorer:Chooser nearest --out DIR`, from
-this folder, compares them in full.
+From this folder, `lidarnaut-evaluate --policies own_explorer:largest own_explorer:Circling own_explorer:Chooser nearest
+--out DIR` compares them.
 """
 
 import gymnasium
@@ -19,47 +19,47 @@ from lidarnaut.envs.simulation import Reading, Twist
 
 
 def largest(candidates: Candidates, belief: Belief) -> np.ndarray:
-    """Rate frontiers by their metres for the travel cost; the navigator drives to the highest."""
+    """Score frontiers by size over travel cost; the navigator drives to the best."""
     return candidates["size"] / (1.0 + candidates["cost"])
 
 
 class Circling:
-    """An explorer: drives in circles that widen with the space around the robot, a twist in each control period."""
+    """Explorer that drives in circles, wider in open space."""
 
-    end_reason = None  # a text ends the episode
-    plan = None  # a path, shape (n, 2), map frame [m], is drawn
+    end_reason = None  # a string ends the episode
+    plan = None  # a path to draw, shape (n, 2), map frame [m]
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode; all random draws come from `rng`."""
+        """Start an episode; use `rng` for all random numbers."""
         self._robot = robot
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist for the next control period, from sensors and estimates; there is no ground truth."""
+        """Return the twist for the next control period, without access to ground truth."""
         nearest = float(np.nanmin(reading.ranges))
         return Twist(0.5 * self._robot.max_v, self._robot.max_w / (1.0 + nearest))
 
 
 def ahead(observation: dict[str, np.ndarray]) -> np.ndarray:
-    """A policy of twists: forward speed and yaw rate as fractions of the limits; what lies outside [-1, 1] is cut."""
+    """Velocity policy: return forward speed and yaw rate as fractions of the limits, clipped to [-1, 1]."""
     left, right = observation["scan"][60:120].mean(), observation["scan"][240:300].mean()
     return np.array([0.6, 2.0 * (left - right)])
 
 
 class Chooser:
-    """A policy of decisions: picks frontiers in `ExploreFrontiers-v0`, as a model of sb3-contrib would."""
+    """Frontier policy for `ExploreFrontiers-v0`, with the interface of sb3-contrib models."""
 
     level = "decision"
 
     def predict(self, observation: dict[str, np.ndarray], action_masks: np.ndarray) -> tuple[np.int64, None]:
-        """Return the number of a candidate, and no state."""
+        """Return the index of a candidate, and no state."""
         return np.argmax(np.where(action_masks, observation["candidates"][:, 0], -1.0)), None
 
 
 def main(seconds: float = 60.0) -> dict[str, float]:
-    """Let some of them explore the same world; return the explored fractions.
+    """Explore a world with each policy and return the explored fractions.
 
     Args:
-        seconds: Simulated time.
+        seconds: Simulated time [s].
     """
     policies = {"largest": largest, "circling": Circling, "ahead": ahead, "nearest": make_explorer("nearest")}
     fractions = {}

@@ -1,6 +1,6 @@
-"""A world drawn with NumPy: cells of a map become walls, and a robot explores them.
+"""Custom world, drawn with NumPy: occupied cells become walls.
 
-`world=` takes a `World`, the path of a file, or a function such as this one, which draws a world for each episode.
+`world=` takes a `World`, a file path, or a function that generates a world per episode.
 """
 
 import gymnasium
@@ -14,11 +14,11 @@ from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.worlds import World, world_from_map
 
 RESOLUTION = 0.1
-"""Side of a cell [m]."""
+"""Cell size [m]."""
 
 
 def draw_world(rng: np.random.Generator) -> World:
-    """Return a hall of 10 m x 6 m with a wall that has a door, and four pillars somewhere. Row 0 is the lowest y."""
+    """Return a hall of 10 m x 6 m with a door in a wall and four random pillars; row 0 has the lowest y."""
     cells = np.full((60, 100), FREE, dtype=np.int8)
     cells[[0, -1], :] = OCCUPIED
     cells[:, [0, -1]] = OCCUPIED
@@ -31,10 +31,10 @@ def draw_world(rng: np.random.Generator) -> World:
 
 
 def main(seconds: float = 120.0) -> float:
-    """Explore it; return the explored fraction.
+    """Explore the world and return the explored fraction.
 
     Args:
-        seconds: Simulated time.
+        seconds: Simulated time [s].
     """
     env = gymnasium.make("lidarnaut/Explore-v0", world=draw_world, physics="kinematic", time_limit=seconds)
     episode = run_episode(env, make_explorer("nearest"), seed=0)

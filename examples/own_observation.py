@@ -1,4 +1,4 @@
-"""An observation part of one's own: the least range in each of eight sectors."""
+"""Custom observation part: minimum range in each of eight sectors."""
 
 import gymnasium
 import numpy as np
@@ -11,25 +11,25 @@ from lidarnaut.envs.robots import RobotParams
 
 
 class Sectors:
-    """Least range in each of `count` sectors, over the lidar's range; sector 0 begins behind the robot."""
+    """Minimum range in each of `count` sectors, relative to the maximum range; sector 0 begins behind the robot."""
 
     def __init__(self, count: int = 8) -> None:
         self._count = count
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return the space of what `write` writes."""
+        """Return the space of the observation part."""
         return spaces.Box(0.0, 1.0, (self._count,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write to `out`, shape (count,), float32. The robot has readings and estimates, and no ground truth."""
+        """Write the observation to `out`, shape (count,), float32, from readings and estimates only."""
         ranges = np.nan_to_num(robot.reading.ranges / robot.params.lidar.range_max, nan=1.0, posinf=1.0)
         for k, part in enumerate(np.array_split(ranges, self._count)):
             out[k] = part.min()
 
 
 def main(steps: int = 50) -> dict[str, np.ndarray]:
-    """Turn away from what is near, by the sectors alone; return the last observation."""
-    # A name with None is a part of the package; "own_observation:Sectors" works too, as do objects.
+    """Turn away from obstacles by the sectors alone, and return the last observation."""
+    # None selects a part of the package by name; "own_observation:Sectors" and objects work too.
     observations = {"motion": None, "sectors": Sectors}
     env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", observations=observations, physics="kinematic")
     observation, _ = env.reset(seed=0)

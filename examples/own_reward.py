@@ -1,4 +1,4 @@
-"""Reward terms of one's own: weights with other defaults, and a term made of the task's quantities."""
+"""Custom reward: changed weights, and a term computed from the task's quantities."""
 
 from collections.abc import Mapping
 
@@ -11,18 +11,18 @@ from lidarnaut.envs.task import Rewards
 
 
 class Careful(Rewards):
-    """Contacts cost ten times as much, and what is explored without contact counts double."""
+    """Collisions cost ten times as much; exploration without contact counts double."""
 
     changes = {"collision": -5.0, "careful": 1.0}
 
     def terms(self, quantities: Mapping[str, float]) -> dict[str, float]:
-        """Return the weighted terms of a step by name; `info["rewards"]` shows them."""
+        """Return the weighted terms of a step by name, as in `info["rewards"]`."""
         careful = quantities["explored"] * (quantities["collision"] == 0.0)
         return super().terms({**quantities, "careful": careful})
 
 
 def main(steps: int = 100) -> dict[str, float]:
-    """Drive ahead for some steps; return the sums of the terms."""
+    """Drive ahead and return the sum of each term."""
     env = gymnasium.make("lidarnaut/ExploreTurtleBot3World-v0", reward=Careful, physics="kinematic")
     env.reset(seed=0)
     sums: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""A robot with a body, wheels and a lidar of one's own; `robot="my_robot.yaml"` takes a file with the same keys."""
+"""Custom robot: body, wheels and lidar; `robot="my_robot.yaml"` takes a file with these keys."""
 
 import gymnasium
 import tyro
@@ -25,22 +25,22 @@ ROBOT = RobotParams(
     max_acc_v=1.0,
     max_acc_w=3.0,
     drive=DriveParams(wheel_radius=0.035, track=0.24, slip_std=0.003),
-    # What the controller takes its wheels for; where it differs from `drive`, odometry is biased.
+    # Wheel parameters that the controller assumes; deviations from `drive` bias odometry.
     odometry=OdometryParams(
         wheel_radius=0.035, track=0.24, ticks_per_rev=1024, noise=OdometryNoise(heading_per_metre=0.04)
     ),
     body=BodyParams(mass=3.0, radius=0.16, height=0.1, center=(0.0, 0.0, 0.08), friction=0.0),
     casters=(Caster(x=0.11, y=0.0, radius=0.015), Caster(x=-0.11, y=0.0, radius=0.015)),
-    # A lidar that looks ahead only: 181 beams over 180 degrees.
+    # Lidar with a forward field of view: 181 beams over 180 degrees.
     lidar=LidarParams(num_beams=181, fov=3.1416, range_min=0.1, range_max=6.0, noise_std=0.01, mount=Mount(z=0.16)),
 )
 
 
 def main(seconds: float = 120.0) -> float:
-    """Explore a world with it; return the explored fraction.
+    """Explore a world with the robot and return the explored fraction.
 
     Args:
-        seconds: Simulated time.
+        seconds: Simulated time [s].
     """
     env = gymnasium.make(
         "lidarnaut/Explore-v0", world="turtlebot3_world", robot=ROBOT, physics="kinematic", time_limit=seconds

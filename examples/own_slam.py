@@ -1,7 +1,7 @@
-"""A SLAM of one's own: maps at the pose of a filter that takes 98 % of each turn, to see what that costs.
+"""Custom SLAM: mapping with known motions whose turns are scaled by 98 %, to show the effect.
 
-An `Estimator` has `reset`, `update` and `belief` (`envs/estimation/estimator.py`). This one changes a smaller part of
-`KnownPoses`; from scratch, subclass `lidarnaut.envs.slam.key_scans.KeyScanSlam`, or nothing at all.
+An `Estimator` has `reset`, `update` and `belief`. This example modifies `KnownPoses`; other SLAMs may subclass
+`lidarnaut.envs.slam.key_scans.KeyScanSlam`.
 """
 
 from dataclasses import replace
@@ -21,23 +21,23 @@ from lidarnaut.envs.slam import KnownPoses, load_params
 
 
 class Forgetful(KnownPoses):
-    """Maps at the pose by odometry, of whose turns it takes 98 %."""
+    """Mapping at the odometry pose, with turns scaled by 98 %."""
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a reading, and the motion since the one before."""
+        """Process a reading and the motion since the last reading."""
         return super().update(reading, motion._replace(theta=0.98 * motion.theta))
 
 
 def make_forgetful(lidar: LidarParams, resolution: float) -> Forgetful:
-    """Return the SLAM for a lidar and a cell size [m]; `slam=` takes this function, or "own_slam:make_forgetful"."""
+    """Return the SLAM for a lidar and a cell size [m]; pass this function or "own_slam:make_forgetful" as `slam=`."""
     return Forgetful(lidar, replace(load_params("default"), resolution=resolution))
 
 
 def main(seconds: float = 60.0) -> dict[str, float]:
-    """Explore with it, and with Hector; return the RMSE of the heading [rad] of each.
+    """Explore with this SLAM and with Hector; return the heading RMSE of each [rad].
 
     Args:
-        seconds: Simulated time.
+        seconds: Simulated time [s].
     """
     errors = {}
     for name, slam in (("forgetful", make_forgetful), ("hector", "hector")):

@@ -1,4 +1,4 @@
-"""A task of one's own, outside of the checkout: drive to a goal in an unknown world. See docs/customize/task.md."""
+"""Custom task: drive to a goal in an unknown world. See docs/customize/task.md."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.starts import UnknownWorldTask
 
 @dataclass(kw_only=True, eq=False)
 class ReachGoal(UnknownWorldTask):
-    """Drive to a goal that is given in the map frame, which begins where the robot starts."""
+    """Drive to a goal in the map frame, which is the robot's start pose."""
 
     measures = GOAL
     progress = "progress"
@@ -29,13 +29,13 @@ class ReachGoal(UnknownWorldTask):
     goal_tolerance: float = 0.3
 
     def observation_parts(self) -> Mapping[str, Any]:
-        """Return the goal, by the robot's own estimate of its pose."""
+        """Return the goal relative to the estimated pose."""
         return {"goal": partial(Goal, self)}
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Draw a goal, and return the time limit [s]."""
+        """Sample a goal and return the time limit [s]."""
         goal = draw_goal(self.area, self.starts[0], rng)  # world frame
         self.goal: Pose2D = self.map_pose.between(goal)
         self._distance = GeodesicDistance(self.area, goal)
@@ -44,18 +44,18 @@ class ReachGoal(UnknownWorldTask):
         return 30.0 + 4.0 * self._left / self.robot.max_v
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """See how far it is now."""
+        """Update the distance to the goal."""
         before, self._left = self._left, self._distance.length(simulator.states[0].pose)
         self.end_reason = "reached" if self._left <= self.goal_tolerance else None
         self._step = {"progress": before - self._left, "time": period, "reached": float(self.end_reason is not None)}
         self._step["collision"] = period * robots[0].reading.bumper
 
     def quantities(self) -> dict[str, float]:
-        """Return what is rewarded, by the names of the terms."""
+        """Return the quantities of the reward terms by name."""
         return self._step
 
     def metrics(self) -> dict[str, Any]:
-        """Return what `info` tells."""
+        """Return the entries of `info`."""
         share = 1.0 - self._left / max(self._shortest, self._left, 1e-9)
         return {"geodesic_distance": self._left, "progress": share, "is_success": self.end_reason is not None}
 
@@ -64,7 +64,7 @@ register("own_task/ReachGoal-v0", "own_task:ReachGoal", world="rooms")
 
 
 def main(seconds: float = 30.0) -> dict[str, Any]:
-    """Turn towards the goal and drive, whatever is in between; return the last `info`."""
+    """Drive straight towards the goal, ignoring obstacles, and return the last `info`."""
     env = gymnasium.make("own_task/ReachGoal-v0", physics="kinematic")
     observation, info = env.reset(seed=0)
     while info["time"] < seconds and not info["is_success"]:

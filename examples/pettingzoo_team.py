@@ -1,6 +1,6 @@
-"""A team of robots as PettingZoo's `ParallelEnv`: agents "robot_0", "robot_1", ... with one shared map.
+"""Robot team as PettingZoo's `ParallelEnv`: agents "robot_0", "robot_1", ... with a shared map.
 
-Needs the extra: `pip install -e ".[pettingzoo]"`.
+Install the extra first: `pip install -e ".[pettingzoo]"`.
 """
 
 import numpy as np
@@ -10,11 +10,11 @@ from lidarnaut.envs.wrappers.pettingzoo import TeamParallelEnv
 
 
 def main(steps: int = 100, num_robots: int = 3) -> dict[str, float]:
-    """Let each robot turn away from what is near; return the rewards of the agents, summed.
+    """Let each robot turn away from obstacles; return the total reward of each agent.
 
     Args:
-        steps: Control periods.
-        num_robots: Robots, up to four.
+        steps: Number of control periods.
+        num_robots: Number of robots, up to four.
     """
     env = TeamParallelEnv(num_robots=num_robots, world="rooms", world_size=(10.0, 10.0), physics="kinematic")
     observations, _ = env.reset(seed=0)

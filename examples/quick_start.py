@@ -1,4 +1,4 @@
-"""The pretrained explorer in a house, for one simulated minute: in a window, or as a film where there is no display."""
+"""Run the pretrained explorer in a house for one simulated minute, in a window or, without a display, as a film."""
 
 import os
 import sys
@@ -15,17 +15,17 @@ from lidarnaut.benchmarks.films import save_film
 
 
 def has_display() -> bool:
-    """Tell whether a window can be opened."""
+    """Return True if a window can be opened."""
     return sys.platform in ("darwin", "win32") or any(os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY"))
 
 
 def main(seconds: float = 60.0, film: Path | None = None, seed: int = 0) -> float:
-    """Explore a house that no training saw; return the explored fraction.
+    """Explore a house that is not in the training set, and return the explored fraction.
 
     Args:
-        seconds: Simulated time.
-        film: Where a film goes, instead of a window; without a display runs/quick_start.gif.
-        seed: Of start and noise.
+        seconds: Simulated time [s].
+        film: File of a film instead of a window; without a display runs/quick_start.gif.
+        seed: Seed of start and noise.
     """
     if film is None and not has_display():
         film = Path("runs/quick_start.gif")

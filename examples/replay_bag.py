@@ -1,6 +1,6 @@
-"""Record an episode as a ROS 2 bag, convert it to arrays, and replay both through SLAMs. No ROS is needed.
+"""Record an episode as a ROS 2 bag, convert it to arrays, and replay both through SLAMs, without ROS.
 
-`python examples/replay_bag.py --bag my.bag` takes a ROS 1 bag, the folder of a ROS 2 bag, or .mcap.
+`python examples/replay_bag.py --bag my.bag` takes a ROS 1 bag, a folder with a ROS 2 bag, or an .mcap file.
 """
 
 from pathlib import Path
@@ -19,7 +19,7 @@ from lidarnaut.envs.wrappers import RecordBag
 
 
 def convert(bag: Path, archive: Path) -> Path:
-    """Write what a bag holds of odometry and scans as the arrays that `load_log` reads."""
+    """Convert odometry and scans of a bag to the arrays that `load_log` reads."""
     log = load_log(bag)
     np.savez_compressed(
         archive,
@@ -36,12 +36,12 @@ def convert(bag: Path, archive: Path) -> Path:
 
 
 def main(bag: Path | None = None, out: Path = Path("runs/replay_bag"), seconds: float = 30.0) -> dict[str, float]:
-    """Replay a bag through two SLAMs; return the share of beams that conflict with the map of each.
+    """Replay a bag through two SLAMs; return the fraction of beams that conflict with each map.
 
     Args:
-        bag: The bag; records one in simulation if not given.
+        bag: Bag to replay; without one, a simulated episode is recorded.
         out: Folder of bag, arrays, maps and trajectories.
-        seconds: Length of the episode that is recorded [s].
+        seconds: Duration of the recorded episode [s].
     """
     out.mkdir(parents=True, exist_ok=True)
     if bag is None:

@@ -1,6 +1,6 @@
-"""PPO of RLlib.
+"""RLlib's PPO.
 
-RLlib 2.60 asks for Gymnasium 1.2.2, so it has an environment of its own:
+RLlib 2.60 requires Gymnasium 1.2.2 and therefore a separate environment:
 
 ```sh
 python3.11 -m venv .venv-libraries
@@ -19,7 +19,7 @@ from ray.tune.registry import register_env
 
 
 def make_env(config: dict[str, Any]) -> gymnasium.Env:
-    """Return an environment whose observation is one vector; runs in RLlib's processes."""
+    """Return an environment with a flat observation, for RLlib's worker processes."""
     import lidarnaut  # noqa: F401  (registers the environments)
 
     env = gymnasium.make("lidarnaut/ExploreRooms-v0", physics="kinematic", **config)
@@ -27,12 +27,12 @@ def make_env(config: dict[str, Any]) -> gymnasium.Env:
 
 
 def main(total_timesteps: int = 20_000, batch_size: int = 4000, num_runners: int = 0) -> float:
-    """Train; return the mean loss of the value function in the last iteration.
+    """Train and return the mean value loss of the last iteration.
 
     Args:
-        total_timesteps: Steps of the environments.
-        batch_size: Steps between two updates.
-        num_runners: Processes that step environments; 0 steps one in this process.
+        total_timesteps: Total number of environment steps.
+        batch_size: Environment steps per update.
+        num_runners: Number of processes that step environments; 0 for this process.
     """
     register_env("lidarnaut", make_env)
     arguments = {
@@ -40,7 +40,7 @@ def main(total_timesteps: int = 20_000, batch_size: int = 4000, num_runners: int
         "control_hz": 5.0,
         "observations": ("scan", "motion"),
         "time_limit": 60.0,
-        "clip_actions": True,  # unsquashed Gaussian policies leave [-1, 1]
+        "clip_actions": True,  # Gaussian policies exceed [-1, 1]
     }
     config = (
         PPOConfig()

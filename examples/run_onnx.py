@@ -1,8 +1,7 @@
-"""Drive a robot by a policy in ONNX, with onnxruntime and NumPy alone.
+"""Drive a robot with an ONNX policy, using only onnxruntime and NumPy.
 
-`python -m lidarnaut.agents.export ppo:pretrained/twist runs/twist.onnx` writes the file; where it is not there, this
-does so, in a process of its own, since writing needs torch. On a robot, the observations come from its sensors: the
-metadata of the file say what each number means.
+`python -m lidarnaut.agents.export ppo:pretrained/twist runs/twist.onnx` writes the file; if missing, this script runs
+the command in a process of its own, because it needs torch. The file's metadata describe all inputs.
 """
 
 import json
@@ -20,17 +19,17 @@ import lidarnaut  # noqa: F401  (registers the environments)
 
 
 class OnnxPolicy:
-    """Takes the most likely action; `about` says what it needs, and what the action commands."""
+    """Policy that returns the most likely action; `about` describes its inputs and actions."""
 
     def __init__(self, path: Path) -> None:
         options = onnxruntime.SessionOptions()
-        options.intra_op_num_threads = 1  # networks this small are slower on more
+        options.intra_op_num_threads = 1  # small networks are slower on more threads
         self._session = onnxruntime.InferenceSession(path, options)
         self.about: dict[str, Any] = json.loads(self._session.get_modelmeta().custom_metadata_map["lidarnaut"])
         self.reset()
 
     def reset(self, *_: Any) -> None:
-        """Begin an episode: a recurrent policy remembers nothing."""
+        """Clear the recurrent state at the start of an episode."""
         self._state = {name: np.zeros(shape, np.float32) for name, shape in self.about["states"].items()}
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
@@ -42,7 +41,7 @@ class OnnxPolicy:
 
 
 def main(path: Path = Path("runs/twist.onnx"), seconds: float = 60.0) -> dict[str, Any]:
-    """Drive in the environment of the policy's evaluations; return the last `info`."""
+    """Drive in the policy's evaluation environment and return the last `info`."""
     if not path.exists():
         subprocess.run([sys.executable, "-m", "lidarnaut.agents.export", "ppo:pretrained/twist", path], check=True)
     policy = OnnxPolicy(path)

@@ -1,8 +1,8 @@
-"""PPO of stable-baselines3, RecurrentPPO and MaskablePPO of sb3-contrib, on a vector environment.
+"""PPO of stable-baselines3, and RecurrentPPO and MaskablePPO of sb3-contrib, on a vector environment.
 
-PPO and RecurrentPPO learn twists from scans and motions; the latter has an LSTM to remember where it was. MaskablePPO
-learns which frontier to go to, in the abstract simulator, which is faster; the navigator drives there. `train.py` does
-the same with configuration files, checkpoints and evaluations.
+PPO and RecurrentPPO (with an LSTM) learn velocity commands from scans and motions. MaskablePPO learns to choose
+frontiers in the fast abstract simulator; the navigator drives. `train.py` adds configuration files, checkpoints and
+evaluations.
 """
 
 import importlib
@@ -15,7 +15,7 @@ from gymnasium.vector import AutoresetMode
 
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.agents.vec_env import GymnasiumVecEnv  # imported before torch, whose idle threads it tells to sleep
+from lidarnaut.agents.vec_env import GymnasiumVecEnv  # before torch: reduces CPU use of its idle threads
 from lidarnaut.baselines.episode import run_episode
 
 
@@ -27,15 +27,15 @@ def main(
     seconds: float = 90.0,
     out: Path = Path("runs/sb3_ppo"),
 ) -> float:
-    """Train; return the explored fraction in a test world.
+    """Train and return the explored fraction in a test world.
 
     Args:
         algorithm: Name of the algorithm.
         total_timesteps: Steps of all sub-environments together.
-        num_envs: Sub-environments.
-        num_steps: Steps of each between two updates.
-        seconds: Length of an episode [s].
-        out: Where the policy goes.
+        num_envs: Number of sub-environments.
+        num_steps: Steps per sub-environment and update.
+        seconds: Duration of an episode [s].
+        out: File of the policy.
     """
     arguments: dict[str, Any] = {"world": "rooms", "world_size": (8.0, 8.0), "time_limit": seconds}
     if algorithm == "MaskablePPO":
@@ -44,9 +44,9 @@ def main(
     else:
         train_id = test_id = "lidarnaut/Explore-v0"
         arguments |= {"control_hz": 5.0, "observations": ("scan", "motion")}
-    # stable-baselines3 expects the observation of the next episode in the step that ends one.
+    # stable-baselines3 expects the first observation of the next episode in the step that ends an episode.
     vector = gymnasium.make_vec(train_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
-    env = GymnasiumVecEnv(vector)  # also answers `action_masks`
+    env = GymnasiumVecEnv(vector)  # also provides `action_masks`
     env.seed(0)
     library = importlib.import_module("stable_baselines3" if algorithm == "PPO" else "sb3_contrib")
     policy = "MultiInputLstmPolicy" if algorithm == "RecurrentPPO" else "MultiInputPolicy"

@@ -1,4 +1,4 @@
-"""PPO of TorchRL: the environment as a `GymEnv`, a collector, and a clipped loss. See `examples/requirements.txt`."""
+"""TorchRL's PPO with `GymEnv`, a collector and a clipped loss. See `examples/requirements.txt`."""
 
 import tyro
 
@@ -15,7 +15,7 @@ from torchrl.objectives.value import GAE
 
 
 def make_env() -> TransformedEnv:
-    """Return an environment whose observation is one vector, `inputs`."""
+    """Return an environment with a single observation vector, `inputs`."""
     arguments = {
         "world_size": (8.0, 8.0),
         "control_hz": 5.0,
@@ -27,12 +27,12 @@ def make_env() -> TransformedEnv:
 
 
 def main(total_timesteps: int = 40_000, batch_size: int = 2048, epochs: int = 4) -> float:
-    """Train; return the mean reward per step of the last batch.
+    """Train and return the mean reward per step of the last batch.
 
     Args:
-        total_timesteps: Steps of the environment.
-        batch_size: Steps between two updates.
-        epochs: Passes over a batch.
+        total_timesteps: Total number of environment steps.
+        batch_size: Environment steps per update.
+        epochs: Passes over each batch.
     """
     torch.manual_seed(0)
     env = make_env()

@@ -1,4 +1,4 @@
-"""Poses, occupancy grids and ray casting: the geometry that every other folder uses."""
+"""Poses, occupancy grids and ray casting."""
 
 import lidarnaut.envs.compilation  # noqa: F401
 

@@ -1,20 +1,22 @@
-"""Distances from the nearest obstacle on a raster."""
+"""Euclidean distance transforms of occupancy rasters."""
 
 import numpy as np
 from numba import njit
 
 MAX_REACH = 180
-"""Greatest reach whose squares fit their type [cells]."""
+"""Largest `reach` whose squared distances fit in uint16 [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def squared_distances(occupied, reach):
-    """Measure how far each cell lies from the nearest occupied one, exactly up to a reach [cells], 1 to `MAX_REACH`.
+    """Return the squared distance from each cell to the nearest occupied cell [cells2].
 
-    Separable as in Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012): first along rows,
-    then down columns. With a small reach the second pass is a plain minimum over offsets, which the compiler
-    vectorises. `occupied`: shape (height, width), bool. Returns the squared distance between cell centres [cells2], of
-    this shape, uint16, where it is at most `reach**2`, and something greater everywhere else.
+    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). The result, uint16, is exact
+    up to `reach**2` and greater elsewhere.
+
+    Args:
+        occupied: shape (height, width), bool.
+        reach: 1 to `MAX_REACH` [cells].
     """
     height, width = occupied.shape
     far = np.uint16((reach + 1) * (reach + 1))
@@ -48,14 +50,12 @@ def squared_distances(occupied, reach):
 
 @njit(cache=True, error_model="numpy")
 def deepest_cell(area):
-    """Find the cell of an area, shape (height, width), bool, that lies farthest from everything outside it.
+    """Return the cell (row, column) of `area`, shape (height, width), bool, that is farthest from cells outside.
 
-    The maximum of the distance transform of Meijster, Roerdink and Hesselink, "A general algorithm for computing
-    distance transforms in linear time" (2000): a third of the time that SciPy's takes. Cells beyond the array belong to
-    neither side. Returns (row, column), the first one of equals.
+    Distance transform of Meijster, Roerdink and Hesselink (2000). Cells beyond the array do not count.
     """
     height, width = area.shape
-    # Distance to the nearest cell outside in the same column; a number above all distances where there is none.
+    # Distance to the nearest cell outside in the same column, or `nowhere`.
     nowhere = height + width
     down = np.empty((height, width), dtype=np.int32)
     for row in range(height):
@@ -66,7 +66,7 @@ def deepest_cell(area):
     for row in range(height - 2, -1, -1):
         for col in range(width):
             down[row, col] = min(down[row, col], down[row + 1, col] + 1)
-    # Columns whose parabolas are the lowest ones along a row, and where each of them begins to be.
+    # Lower envelope of parabolas along a row: columns, and where each begins.
     lowest, begins = np.empty(width, dtype=np.int64), np.empty(width, dtype=np.int64)
     greatest, at_row, at_col = -1, 0, 0
     for row in range(height):

@@ -1,31 +1,27 @@
-"""Occupancy grids as ROS has them: -1 unknown, 0 to 100 the probability of being occupied in percent."""
+"""Occupancy grids with the cell values of ROS."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
 UNKNOWN = -1
-"""Cell value of what has never been observed."""
+"""Cell value of unobserved space."""
 FREE = 0
 """Cell value of certainly free space."""
 OCCUPIED = 100
 """Cell value of certainly occupied space."""
 OCCUPIED_FROM = 50
-"""Least occupancy of a cell that is an obstacle, and blocks the view [percent]; known cells below are free."""
+"""Lowest occupancy of an obstacle cell [percent]."""
 
 
 @dataclass(slots=True)
 class OccupancyGrid:
-    """A raster of occupancy over the plane.
-
-    Row 0 holds the lowest y, column 0 the lowest x. Image files store rows the other way round; they are flipped
-    where files are read and written, nowhere else.
-    """
+    """Occupancy grid; row 0 has the lowest y, column 0 the lowest x (images are flipped on reading and writing)."""
 
     data: np.ndarray
-    """Shape (height, width), int8: -1 unknown, 0..100 occupied [percent]."""
+    """Occupancy probability, shape (height, width), int8: 0 to 100 [percent], -1 for unknown."""
     resolution: float
-    """Side of a cell [m]."""
+    """Side length of a cell [m]."""
     origin: tuple[float, float]
     """Position (x, y) of the outer corner of cell (0, 0) in the grid's frame [m]."""
 
@@ -37,23 +33,23 @@ class OccupancyGrid:
 
     @property
     def bounds(self) -> tuple[float, float, float, float]:
-        """The area covered: (x_min, y_min, x_max, y_max) [m]."""
+        """Covered area (x_min, y_min, x_max, y_max) [m]."""
         height, width = self.data.shape
         x, y = self.origin
         return x, y, x + width * self.resolution, y + height * self.resolution
 
     def cells(self, points: np.ndarray) -> np.ndarray:
-        """Return the cells that contain points, shape (..., 2), (x, y) [m]: shape (..., 2), int64, (row, column).
+        """Return the cells (row, column) of points, shape (..., 2), (x, y) [m]: shape (..., 2), int64.
 
-        Cells of points outside the grid lie outside the array.
+        Points outside the grid give indices outside the array.
         """
         return np.floor((np.asarray(points)[..., ::-1] - self.origin[::-1]) / self.resolution).astype(np.int64)
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
-        """Return the centres, shape (..., 2), float64, (x, y) [m], of cells, shape (..., 2), (row, column)."""
+        """Return the centres (x, y) of cells, shape (..., 2), (row, column): shape (..., 2), float64 [m]."""
         return (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution + self.origin
 
     def contains(self, cells: np.ndarray) -> np.ndarray:
-        """Tell which cells (shape (..., 2), (row, column)) lie inside the array: shape (...), bool."""
+        """Return whether cells, shape (..., 2), (row, column), lie inside the array: shape (...), bool."""
         cells = np.asarray(cells)
         return np.all((cells >= 0) & (cells < self.data.shape), axis=-1)

@@ -6,31 +6,30 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-_PAD = 1e-3
-"""By how much an angular interval is widened [rad]; far more than the error of `_polar`, far less than it costs."""
-_TOUCH = 1e-9
-"""A sensor this near to a segment lies on it and sees it at distance 0 in every direction [m]."""
+_ANGLE_PADDING = 1e-3
+"""Padding of angular intervals for errors of `_polar` [rad]."""
+_TOUCH_TOLERANCE = 1e-9
+"""Distance below which a sensor lies on a segment and measures 0 in every direction [m]."""
 
 
 class Beams(NamedTuple):
-    """Evenly spaced beams around a sensor; all of them lie within one turn."""
+    """Evenly spaced beams of a lidar, within one full turn."""
 
     angle_min: float
-    """Angle of the first beam in the sensor's frame [rad]."""
+    """Angle of the first beam in the sensor frame [rad]."""
     angle_increment: float
-    """Angle from one beam to the next, positive [rad]."""
+    """Positive angle between neighbouring beams [rad]."""
     range_max: float
-    """Farthest return [m]."""
+    """Maximum range [m]."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _polar(x: float, y: float) -> float:
-    """Return the angle of (x, y) in [0, 2 pi) to within 2e-5 rad, without branches so that loops over it vectorise.
+    """Return the polar angle of (x, y) in [0, 2 pi), to within 2e-5 rad, without branches.
 
-    Hastings' odd polynomial of ninth degree for the arctangent on [0, 1] (Abramowitz and Stegun 4.4.49), reflected
-    into the other seven octants.
+    Polynomial of Hastings (Abramowitz and Stegun 4.4.49).
     """
-    # Written as selections: `min` and `max` treat NaN in ways that keep loops from being vectorised.
+    # `min` and `max` treat NaN in ways that prevent vectorisation.
     ax, ay = abs(x), abs(y)
     low, high = (ax if ax < ay else ay), (ay if ax < ay else ax)
     q = low / (high if high > 1e-300 else 1e-300)
@@ -43,10 +42,10 @@ def _polar(x: float, y: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
-    """Find the beams that can meet each segment as seen from (x, y), with the first beam's direction (cos0, sin0).
+    """Compute the interval of beams that may hit each segment, from a sensor at (x, y).
 
-    Writes to `intervals`, shape (6, n), the segments in the frame of the first beam, as start and extent along x and y
-    [m]; start of the interval and its length [beams]. A segment out of range gets the length -1.
+    The first beam has direction (`cos0`, `sin0`). `intervals`: output, shape (6, n): start and extent of each segment
+    in the frame of the first beam [m], first beam and length of the interval [beams], -1 if out of range.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]
@@ -69,8 +68,8 @@ def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
         distance2 = nx * nx + ny * ny
         counter_clockwise = ax * by - ay * bx >= 0.0
         angle_a, angle_b = _polar(ax, ay), _polar(bx, by)
-        start = (angle_a if counter_clockwise else angle_b) - _PAD
-        sweep = (angle_b - angle_a if counter_clockwise else angle_a - angle_b) + 2.0 * _PAD
+        start = (angle_a if counter_clockwise else angle_b) - _ANGLE_PADDING
+        sweep = (angle_b - angle_a if counter_clockwise else angle_a - angle_b) + 2.0 * _ANGLE_PADDING
         start = start + turn if start < 0.0 else start
         sweep = sweep + turn if sweep < 0.0 else sweep
         sweep = turn if distance2 < 1e-12 else sweep
@@ -81,7 +80,6 @@ def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
 
 @njit(cache=True, error_model="numpy")
 def _hit_segment(low, high, segment, cosines, sines, out):
-    """Shorten beams `low` to `high` - 1 to where they meet a segment, given as start and extent along x and y."""
     ax, ay, ex, ey = segment
     area = ax * ey - ay * ex
     for k in range(low, high):
@@ -89,13 +87,12 @@ def _hit_segment(low, high, segment, cosines, sines, out):
         scale = 1.0 / (dx * ey - dy * ex)
         t = area * scale
         u = (ax * dy - ay * dx) * scale
-        if t >= -_TOUCH and t < out[k] and u >= -_TOUCH and u <= 1.0 + _TOUCH:
+        if t >= -_TOUCH_TOLERANCE and t < out[k] and u >= -_TOUCH_TOLERANCE and u <= 1.0 + _TOUCH_TOLERANCE:
             out[k] = max(t, 0.0)
 
 
 @njit(cache=True, error_model="numpy")
 def _hit_circle(low, high, circle, cosines, sines, out):
-    """Shorten beams `low` to `high` - 1 to where they meet a circle (x, y, radius)."""
     cx, cy, radius = circle
     power = cx * cx + cy * cy - radius * radius
     for k in range(low, high):
@@ -110,15 +107,11 @@ def _hit_circle(low, high, circle, cosines, sines, out):
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(x, y, heading, beams, segments, circles, out):
-    """Measure the distance from a point to the obstacles around it, along evenly spaced beams.
+    """Cast evenly spaced beams from a sensor at (x, y, heading) [m, m, rad] and write their ranges to `out`.
 
-    Each segment and circle is tested against the beams in the angular interval that it covers as seen from the sensor,
-    and against no others. The intersection itself is exact, so the result equals testing all pairs.
-
-    `x`, `y`, `heading`: of the sensor [m, m, rad]; `beams`: `Beams`, or any record that has its fields; `segments`:
-    shape (n, 4), float64, (x0, y0, x1, y1) [m], those of no length are never hit; `circles`: shape (m, 3), float64, (x,
-    y, radius) [m], seen from inside, the far side is hit; `out`: shape (num_beams,), float32 or float64, written:
-    ranges [m], inf where nothing lies within `beams.range_max`. A sensor on a segment sees it at 0 in every direction.
+    `beams`: `Beams` or a record with the same fields. `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m].
+    `circles`: shape (m, 3), float64, (x, y, radius) [m]; a sensor inside a circle sees its far side. `out`: ranges,
+    shape (num_beams,), float32 or float64 [m]; inf without a hit within `beams.range_max`.
     """
     num_beams = out.shape[0]
     turn = 2.0 * math.pi
@@ -157,7 +150,7 @@ def cast_rays(x, y, heading, beams, segments, circles, out):
         if distance <= radius:
             _hit_circle(0, num_beams, (cx, cy, radius), cosines, sines, out)
             continue
-        half = math.asin(radius / distance) + _PAD
+        half = math.asin(radius / distance) + _ANGLE_PADDING
         start = _polar(cx, cy) - half
         start = start + turn if start < 0.0 else start
         last_beam = (start + 2.0 * half) / increment

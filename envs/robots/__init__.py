@@ -1,4 +1,4 @@
-"""Robots: their parameters as data, one YAML file each in `library/`."""
+"""Robot parameters, loaded from the YAML files in `library/`."""
 
 from pathlib import Path
 
@@ -23,13 +23,15 @@ ROBOT_NAMES: tuple[str, ...] = tuple(_LIBRARY)
 
 
 def load_robot(robot: str | Path | RobotParams) -> RobotParams:
-    """Return a robot by its name in the library, by the path of a YAML file, by `module:attribute`, or as it is.
+    """Return the parameters of a robot.
+
+    Args:
+        robot: name in the library, path of a YAML file, `module:attribute`, or the parameters themselves.
 
     Raises:
-        ValueError: the name is unknown, or the file misses a key, has one too many, or holds a value that makes no
-            sense; the message names the file and the key.
-        FileNotFoundError: there is no file at the path.
-        TypeError: `robot` is none of these.
+        ValueError: the name is unknown, or the file has missing or unknown keys or invalid values.
+        FileNotFoundError: the path does not exist.
+        TypeError: `robot` has another type.
     """
     found = resolve(robot, _LIBRARY, "robot", files=True)
     if isinstance(found, Path):

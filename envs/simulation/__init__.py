@@ -1,4 +1,4 @@
-"""Two physics for one or several equal robots, and their sensors."""
+"""Physics simulation of robots and their sensors."""
 
 from lidarnaut.envs.robots import RobotParams
 
@@ -8,17 +8,16 @@ from .rows import Reading, RobotState, Twist
 from .simulator import Simulator
 
 PHYSICS = ("bullet", "kinematic")
-"""Names of the physics."""
 
 
 def make_simulator(
     physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
 ) -> Simulator:
-    """Return equal robots among people under one of `PHYSICS`, which get commands every `control_period` seconds.
+    """Return a simulator of identical robots that are commanded every `control_period` [s].
 
     Raises:
-        ValueError: the physics is unknown, the control period is not positive, or there is not at least one robot.
-        ImportError: bullet is asked for where PyBullet is not installed.
+        ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.
+        ImportError: PyBullet is not installed.
     """
     if num_robots < 1:
         raise ValueError(f"num_robots must be at least 1, got {num_robots}")

@@ -1,4 +1,4 @@
-"""Robots as rigid bodies in PyBullet, driven by the motors of their two wheels."""
+"""Physics with PyBullet: robots as rigid bodies with motor-driven wheels."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -18,19 +18,14 @@ from .records import COMMAND_V, COMMAND_W, DRAW, STATE_SIZE, TOUCHED, TOUCHED_PE
 from .simulator import Simulator
 
 GRAVITY = 9.81
-"""Acceleration of gravity [m/s2]."""
+"""Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
-"""Iterations of the constraint solver in a substep."""
 CONTACT_BREAKING = 0.1
-"""Distance at which a contact begins and ends, as a fraction of the smaller shape's size. At PyBullet's 0.02 wheels
-drag old points of contact along, which costs time, and robots meet walls too late to stop before them."""
+"""Contact breaking distance as a fraction of the smaller shape's size."""
 
 
 class BulletSimulator(Simulator):
-    """Robots in a world, moved by PyBullet; one physics client of its own, opened at the first reset.
-
-    The lidar of each sees the others as circles, as under the kinematic physics.
-    """
+    """Robots simulated by PyBullet, in one physics client."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
@@ -41,15 +36,14 @@ class BulletSimulator(Simulator):
         self._nearby: NearbyWalls | None = None
         self._people: list[int] = []
         self.is_copy = False
-        """Whether this is a copy that was made in mid-episode, and has not been reset since."""
+        """Whether the simulator is a copy that has to be reset."""
         self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        """Pickle as a new simulator: what happens in PyBullet stays there, and the copy says so until its reset."""
+        """Pickle without the state in PyBullet."""
         return _copy, (*self._arguments, self.is_copy or self._world is not None)
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Change the robots' parameters from the next reset on, which builds the simulation anew; see `Simulator`."""
         super().set_robot(robot)
         self._arguments = robot, self._period, len(self.rows.numbers), self.crowd.crowd
         self._substeps = int(robot_record(robot, self._period).substeps)
@@ -59,7 +53,6 @@ class BulletSimulator(Simulator):
         self._built: World | None = None
 
     def close(self) -> None:
-        """Disconnect from PyBullet. The next reset connects again."""
         if self._bullet is not None:
             self._bullet.close()
         self._bullet = self._built = self._world = self._nearby = None
@@ -106,8 +99,7 @@ class BulletSimulator(Simulator):
     def _reset_world(self) -> World:
         if self._world is None and self.is_copy:
             raise gymnasium.error.ResetNeeded(
-                "physics='bullet' cannot be copied in mid-episode: call reset of the copy, or use physics='kinematic', "
-                "whose copies go on"
+                "physics='bullet' cannot be copied in mid-episode: reset the copy, or use physics='kinematic'"
             )
         return super()._reset_world()
 
@@ -119,7 +111,7 @@ class BulletSimulator(Simulator):
             numSubSteps=0,
             numSolverIterations=SOLVER_ITERATIONS,
             contactBreakingThreshold=CONTACT_BREAKING,
-            enableConeFriction=0,  # with it the pushing wheels of a robot held by a wall turn it on the spot
+            enableConeFriction=0,  # with cone friction, wheels turn a robot that a wall blocks
             deterministicOverlappingPairs=1,
         )
         bullet.setGravity(0.0, 0.0, -GRAVITY)
@@ -130,7 +122,6 @@ class BulletSimulator(Simulator):
         self._built = world
 
     def _place_people(self) -> None:
-        """Put people where they are; robots drive past them as past what rests, as under the kinematic physics."""
         for body, (x, y, *_) in zip(self._people, self.crowd.states.tolist(), strict=True):
             position = [x, y, 0.5 * self._reset_world().height]
             self._bullet.resetBasePositionAndOrientation(body, position, [0.0, 0.0, 0.0, 1.0])

@@ -1,4 +1,4 @@
-"""One robot in PyBullet: a chassis on two wheels and casters, and the controller between command and motors."""
+"""Robot in PyBullet."""
 
 import math
 from collections.abc import Sequence
@@ -17,39 +17,31 @@ from .contact import is_cut
 from .kinematic import plan_wheels
 
 WHEEL_LINKS = (0, 1)
-"""Links of the left and the right wheel."""
 CHASSIS_LINK = 2
-"""Link of the chassis."""
 
-_LIGHT = 1e-3
-"""Mass of the base and of each caster, as a fraction of the body's."""
-_PLATE = 0.01
-"""Thickness of the part of the body that touches obstacles. It lies at the height of the axle, or of the centre of mass
-where that is lower, where neither the wheels' push nor the body's momentum tips the robot over [m]."""
-_ROTOR = 0.25
-"""Inertia of a wheel with its motor's rotor as the gears transmit it, as a fraction of the body's mass times the square
-of the wheel's radius. Without it the few iterations of the solver do not reconcile motors with friction: wheels that
-weigh next to nothing between a heavy body and the ground leave errors of several percent in speed."""
-_OTHER, _NORMAL_FORCE = 2, 9
-"""Entries of a contact point that hold the other body's id, and the force between the bodies."""
-_OUT_OF_REACH = 1e3
-"""Height at which a body touches nothing [m]."""
-_UPRIGHT = math.cos(math.radians(20.0))
-"""Cosine of the tilt from which on a robot tips over. Walls tilt those of the library by less than 10 degrees."""
-_DEPTH = 0.01
-"""How deep a wall may be in the body, beside what a robot drives in a physics step [m]. Where it is some centimetres
-deep, the engine no longer pushes some robots back, but farther in."""
-_MAX_DEPTH = 0.25
-"""How deep it may be at most, as a fraction of half the body's size."""
+_LINK_MASS_RATIO = 1e-3
+"""Mass of base and casters, relative to the body's mass."""
+_PLATE_HEIGHT = 0.01
+"""Thickness of the chassis plate that touches obstacles [m]."""
+_WHEEL_INERTIA_RATIO = 0.25
+"""Inertia of wheel and motor, relative to body mass times squared wheel radius, for solver accuracy."""
+_OTHER_BODY, _NORMAL_FORCE = 2, 9
+"""Indices of other body and normal force in a PyBullet contact point."""
+_LIFT_HEIGHT = 1e3
+"""Height above all obstacles, at which a robot touches nothing [m]."""
+_MIN_COS_TILT = math.cos(math.radians(20.0))
+"""Cosine of the tilt beyond which a robot is tipping over."""
+_MAX_PENETRATION = 0.01
+"""Tolerated wall penetration beyond the travel of a physics step [m]."""
+_MAX_PENETRATION_RATIO = 0.25
+"""Maximum tolerated wall penetration, relative to half the body size."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
-    """Put the robot into the simulation and return its id.
+    """Create the robot in PyBullet and return its body id.
 
-    The base is the middle of the axle. Were it the centre of mass, which turns about the axle, every substep would
-    carry it off along the tangent, and a robot that turns on the spot would creep. Links: the left wheel, the right
-    wheel, the chassis, then the casters. Wheels are spheres to the ground, so that they touch it in one point,
-    exactly under their middle.
+    Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle; a base at the centre of mass
+    would drift in turns on the spot.
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
@@ -61,7 +53,7 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     shapes = [sphere(radius=radius)] * 2 + [_plate(bullet, robot)]
     shapes += [sphere(radius=caster.radius) for caster in robot.casters]
     count, casters = len(positions), len(robot.casters)
-    light = _LIGHT * body.mass
+    light = _LINK_MASS_RATIO * body.mass
     offsets = np.zeros((count, 3))
     offsets[CHASSIS_LINK] = np.subtract(center_of_mass, plate)
     upright = [0.0, 0.0, 0.0, 1.0]
@@ -78,10 +70,9 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
         linkJointTypes=[bullet.JOINT_REVOLUTE] * 2 + [bullet.JOINT_FIXED] * (1 + casters),
         linkJointAxis=[[0.0, 1.0, 0.0]] * count,
     )
-    rolling = [_ROTOR * body.mass * radius**2] * 3
+    rolling = [_WHEEL_INERTIA_RATIO * body.mass * radius**2] * 3
     inertias = {WHEEL_LINKS[0]: rolling, WHEEL_LINKS[1]: rolling, CHASSIS_LINK: _inertia(body)}
-    # Were a square body slippery, then of the two wheels of a robot whose turn a wall blocks the faster one, on which
-    # more weight rests, would drag it along the wall, faster than it can drive.
+    # Chassis friction keeps square robots from sliding along walls.
     frictions = {WHEEL_LINKS[0]: drive.friction, WHEEL_LINKS[1]: drive.friction, CHASSIS_LINK: body.friction}
     for link in range(-1, count):
         bullet.changeDynamics(
@@ -101,19 +92,15 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of the shape that touches obstacles: the body's outline, `_PLATE` thick.
-
-    Obstacles stand upright, so that the outline alone decides what it touches. A body of full height would touch a
-    wall in one corner after another, one in a substep, and rock itself into it.
-    """
+    """Return the id of a flat shape with the body's outline; a tall body would rock at walls."""
     size, radius = robot.body.size, robot.body.radius
     if size is None:
-        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE)
-    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE])
+        return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE_HEIGHT)
+    return bullet.createCollisionShape(bullet.GEOM_BOX, halfExtents=[0.5 * size[0], 0.5 * size[1], 0.5 * _PLATE_HEIGHT])
 
 
 def _inertia(body: BodyParams) -> list[float]:
-    """Return the principal moments of inertia of the body, solid and even [kg m2]."""
+    """Return the principal moments of inertia of the solid body [kg m2]."""
     if body.size is not None:
         x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
         return [y + z, x + z, x + y]
@@ -124,30 +111,24 @@ def _inertia(body: BodyParams) -> list[float]:
 
 @njit(cache=True, error_model="numpy")
 def _plan_wheels(reached, command, normals, numbers, rates, slips):
-    """Call `plan_wheels` for numbers that Python hands over fast; see `unpack_robot`."""
     return plan_wheels(reached, command, normals, at.unpack_robot(numbers), rates, slips)
 
 
 class BulletRobot:
-    """A robot whose controller turns commands into wheel rates as it does under the kinematic physics.
-
-    Motors of limited torque turn the wheels, and friction moves the robot. Wheel slip beyond what the contact itself
-    yields is a disturbance of the wheel's rate that the encoder does not see.
-    """
+    """Robot in PyBullet with the wheel controller of the kinematic physics and limited motor torque."""
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
-        """Prepare a robot whose state is written to `row`, shape (11,), float64; see `records`."""
         record = at.robot_record(robot, control_period)
         self._robot, self._numbers, self._row = robot, np.array(record), row
         substeps, self._period = int(record.substeps), record.period
         self._dt = self._period / substeps
         fastest = robot.max_v * robot.drive.wheel_radius / robot.odometry.wheel_radius
-        body, depth = robot.body, fastest * self._dt + _DEPTH
+        body, depth = robot.body, fastest * self._dt + _MAX_PENETRATION
         sides = (body.radius or 0.0, 0.0) if body.size is None else (0.5 * body.size[0], 0.5 * body.size[1])
-        self._core = (*body.center[:2], *(side - min(depth, _MAX_DEPTH * side) for side in sides))
+        self._core = (*body.center[:2], *(side - min(depth, _MAX_PENETRATION_RATIO * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched: set[int] = set()
-        """Ids of what the body touched during the control period."""
+        """Ids of bodies touched during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -157,18 +138,16 @@ class BulletRobot:
         return roll, pitch
 
     def build(self, bullet: BulletClient, world: World) -> None:
-        """Put the body into the simulation of a world."""
         self._bullet, self._body = bullet, build_robot(bullet, self._robot)
         self._walls = world.segments, world.circles
 
     def move_away(self, pose: Pose2D) -> None:
-        """Reset the wheels high above a pose, where nothing is: contacts remember their impulses."""
+        """Lift the robot out of contact, to clear cached contact impulses."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
-        self._set_pose(pose, _OUT_OF_REACH)
+        self._set_pose(pose, _LIFT_HEIGHT)
 
     def reset_pose(self, pose: Pose2D) -> None:
-        """Place the robot at rest."""
         self._settle(pose, [0.0] * 3, [0.0] * 3)
         self._row[:] = 0.0
         self._row[: at.THETA + 1] = pose
@@ -178,10 +157,11 @@ class BulletRobot:
         self._row[at.MEAN_W] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
-        """Plan what the wheels do during the next control period.
+        """Plan the wheel rates of a control period.
 
-        `command`: shape (2,), float64, twist (v, w), finite [m/s, rad/s]; `normals`: shape (n,), float64, standard
-        normal draws; the first two are for the slip of the wheels.
+        Args:
+            command: twist (v, w), shape (2,), float64 [m/s, rad/s].
+            normals: standard normal numbers for wheel slip, shape (n,), n >= 2, float64.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
@@ -193,7 +173,6 @@ class BulletRobot:
         self.touched = set()
 
     def turn_wheels(self, substep: int) -> None:
-        """Set the motors for a step of physics."""
         self._bullet.setJointMotorControlArray(
             self._body,
             WHEEL_LINKS,
@@ -204,16 +183,11 @@ class BulletRobot:
         )
 
     def update_contacts(self) -> None:
-        """Read from the engine what the body touches."""
         points = self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)
-        self.touched.update(point[_OTHER] for point in points if point[_NORMAL_FORCE] > 0.0)
+        self.touched.update(point[_OTHER_BODY] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
-        """Read pose, velocity and wheel angles from the engine.
-
-        Where people, peers or its own motors press a robot against walls, the engine may tip it over, or let it climb
-        or slip through them. Then it is put back to where it was before the control period, at rest.
-        """
+        """Read the robot's state from PyBullet; after tipping over or passing through a wall, restore the last pose."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
@@ -224,9 +198,9 @@ class BulletRobot:
             x, y, theta = row[: at.THETA + 1].tolist()
             linear = angular = (0.0, 0.0, 0.0)
             self.touched.add(self._body)
-        if is_back or rotation[8] < _UPRIGHT:
+        if is_back or rotation[8] < _MIN_COS_TILT:
             self._settle(Pose2D(x, y, theta), linear, angular)
-        # Headings tell turns up to whole circles; which of them it was the command tells.
+        # The commanded yaw rate determines the number of full turns.
         period, expected = self._period, row[at.COMMANDED_W]
         row[at.MEAN_W] = expected + wrap_angle(theta - row[at.THETA] - expected * period) / period
         row[at.X], row[at.Y], row[at.THETA] = x, y, wrap_angle(theta)
@@ -238,14 +212,13 @@ class BulletRobot:
             row[at.LEFT_ANGLE], row[at.RIGHT_ANGLE] = left[0] - self._slipped[0], right[0] - self._slipped[1]
 
     def _settle(self, pose: Pose2D, linear: Sequence[float], angular: Sequence[float]) -> None:
-        """Place the robot level on the ground, and keep of its velocities [m/s, rad/s] what is possible there."""
         self._set_pose(pose, self._robot.drive.wheel_radius)
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        """Tell whether a wall lies deep in the body, or between there and the pose before."""
+        """Return True if a wall is inside the body, or between its last and present pose."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
-        # A body that is larger than its footprint may have a wall in it from the start on, and has to get free.
+        # A body larger than its footprint may start inside a wall.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)
 
     def _set_pose(self, pose: Pose2D, height: float) -> None:

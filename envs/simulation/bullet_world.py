@@ -1,4 +1,4 @@
-"""PyBullet, and what it holds of a world: the ground, upright walls, all of them or those around robots, and people."""
+"""PyBullet client, and the bodies of a world."""
 
 import math
 import os
@@ -14,28 +14,32 @@ from lidarnaut.envs.worlds import World
 from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""Collision groups: wheels and casters touch the ground alone, the chassis obstacles and other robots."""
+"""Collision groups; wheels and casters touch only the ground."""
 
 _MESH_RECTANGLES = 30_000
-"""Most rectangles of a mesh, of four vertices each: PyBullet refuses more than 131,072."""
-_MANY = 100_000
-"""Rectangles from which on a world has many walls, which would take PyBullet long to build."""
-_PER_CIRCLE = 32
-"""Rectangles that stand for a circle of 0.1 m; larger ones have more."""
-_SLACK = 2.0
-"""How far robots drive before the walls around them are built again, in a world with many [m]."""
+"""Maximum number of rectangles per mesh (PyBullet allows 131,072 vertices)."""
+_MAX_RECTANGLES = 100_000
+"""Number of wall rectangles above which only nearby walls are built."""
+_RECTANGLES_PER_CIRCLE = 32
+"""Typical number of rectangles per circular obstacle."""
+_REBUILD_DISTANCE = 2.0
+"""Travel of a robot before nearby walls are rebuilt [m]."""
 
 
 def import_pybullet() -> ModuleType:
-    """Import PyBullet without the line that it prints on standard error; ImportError says how to get it."""
+    """Import PyBullet without its message on standard error.
+
+    Raises:
+        ImportError: PyBullet cannot be imported.
+    """
     stderr, null = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     os.dup2(null, 2)
     try:
         import pybullet
-    except Exception as error:  # a build for another Python or NumPy raises more than ImportError
+    except Exception as error:  # builds for another Python or NumPy raise other exceptions
         raise ImportError(
-            f"physics='bullet' needs PyBullet, which does not import here ({error}): `pip install pybullet-arm64` with "
-            "Python 3.12 and 3.13, `pybullet` with others (a build needs g++, python3-dev), or use physics='kinematic'"
+            f"physics='bullet' needs PyBullet, which cannot be imported ({error}): `pip install pybullet-arm64` for "
+            "Python 3.12 and 3.13, otherwise `pybullet` (a build needs g++, python3-dev), or use physics='kinematic'"
         ) from error
     finally:
         os.dup2(stderr, 2)
@@ -45,28 +49,23 @@ def import_pybullet() -> ModuleType:
 
 
 class BulletClient:
-    """A physics client: the functions of PyBullet without their argument `physicsClientId`, and its constants."""
+    """PyBullet functions and constants, bound to one physics client."""
 
     def __init__(self) -> None:
         self._module = import_pybullet()
         self._id = self._module.connect(self._module.DIRECT)
         self.close = weakref.finalize(self, self._module.disconnect, self._id)
-        """Disconnects, when it is called or the client is collected; a second time does no harm."""
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._module, name)
         if callable(found):
             found = partial(found, physicsClientId=self._id)
-        setattr(self, name, found)  # so that the next look-up does not come here
+        setattr(self, name, found)
         return found
 
 
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
-    """Put ground, walls and people of some radii, shape (n,), float64 [m], into an empty simulation; return their ids.
-
-    A person is a body that nothing pushes, and that is moved between control periods. The walls of a world with very
-    many are left to `NearbyWalls`.
-    """
+    """Create ground, walls (unless too many) and people with `radii`, shape (n,) [m]; return the ids of people."""
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
     cylinders = [
@@ -81,21 +80,18 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
 
 
 def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
-    """Set the collision group of a body of the world, what it touches, and how."""
+    """Set the collision filter and friction of a body."""
     bullet.setCollisionFilterGroupMask(body, -1, group, mask)
     bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
 
 
 def has_many_walls(world: World) -> bool:
-    """Tell whether a world has too many walls for PyBullet to hold all of them."""
-    return len(world.segments) + _PER_CIRCLE * len(world.circles) > _MANY
+    """Return True if PyBullet cannot hold all walls of a world."""
+    return len(world.segments) + _RECTANGLES_PER_CIRCLE * len(world.circles) > _MAX_RECTANGLES
 
 
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
-    """Return the static part of a world as segments, shape (n, 4), float64 [m].
-
-    Polygons stand for circles, at a distance of at most `sagitta` [m].
-    """
+    """Return all obstacles as segments, shape (n, 4), float64 [m]; polygons match circles within `sagitta` [m]."""
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
         corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
@@ -105,8 +101,7 @@ def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
     return np.vstack(found)
 
 
-# PyBullet never lets go of the lists that it reads a mesh from, nor of what they hold: fresh ones leak a third of a
-# megabyte for a world of 350 segments. So the same objects are filled anew for every mesh.
+# PyBullet never frees the lists of a mesh; sharing them limits the leak.
 _POINTS: list[list[float]] = []
 _NUMBERS: list[int] = []
 _VERTICES: list[list[float]] = []
@@ -114,10 +109,7 @@ _TRIANGLES: list[int] = []
 
 
 def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> list[int]:
-    """Return the ids of collision shapes for segments, shape (n, 4) [m], as upright rectangles of a height [m].
-
-    Each rectangle is two triangles; they are smooth where they join.
-    """
+    """Create meshes of upright rectangles over segments, shape (n, 4) [m], and return their ids."""
     meshes = []
     for first in range(0, len(segments), _MESH_RECTANGLES):
         part = segments[first : first + _MESH_RECTANGLES]
@@ -129,7 +121,6 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
         triangles = np.array([0, 1, 2, 0, 2, 3]) + 4 * np.arange(len(part))[:, None]
         _POINTS.extend([0.0, 0.0, 0.0] for _ in range(len(vertices) - len(_POINTS)))
         _NUMBERS.extend(range(len(_NUMBERS), len(vertices)))
-        # By columns: a list for each vertex would keep the garbage collector busy.
         for point, x, y, z in zip(_POINTS, *vertices.T.tolist()):
             point[0], point[1], point[2] = x, y, z
         _VERTICES[:] = _POINTS[: len(vertices)]
@@ -141,10 +132,10 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
 
 
 class NearbyWalls:
-    """The walls around the robots, in a world that has too many for PyBullet."""
+    """Walls near the robots, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Take the world; robots drive no farther than `reach` [m] between two calls of `follow`, with their bodies."""
+        """Store the walls; `reach` bounds the travel of a robot and its body between calls of `follow` [m]."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height
@@ -154,18 +145,15 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Build the walls around the robots anew if one has come too far; positions: shape (n, 2), float64 [m].
-
-        PyBullet removes bodies, but keeps the shapes of meshes until the simulation is reset.
-        """
-        if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _SLACK:
+        """Rebuild nearby walls if a robot has moved far; `positions`: shape (n, 2), float64 [m]."""
+        if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()
         for body in self._bodies:
             self._bullet.removeBody(body)
         found = []
         for x, y in positions:
-            count = select_near(x, y, _SLACK + self._reach, self._segments, self._near)
+            count = select_near(x, y, _REBUILD_DISTANCE + self._reach, self._segments, self._near)
             found.append(self._near[:count].copy())
         chosen = self._segments[np.unique(np.concatenate(found))]
         shapes = build_meshes(self._bullet, chosen, self._height) if len(chosen) else []

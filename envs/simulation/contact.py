@@ -1,4 +1,4 @@
-"""Contact of a circular footprint with segments and circles."""
+"""Contact of circular footprints with obstacles, people and other robots."""
 
 import math
 from collections.abc import Sequence
@@ -15,23 +15,19 @@ from .crowd import records as crowd_at
 from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12
-"""How often a footprint is pushed out of what it overlaps before it is taken to be wedged."""
 _TOLERANCE = 1e-6
 """Overlap that counts as touching [m]."""
 CONTACT_GAP = 0.01
-"""Gap up to which a robot that has touched something touches what lies beside it [m]."""
+"""Maximum gap to objects that a collision reports as touched [m]."""
 FAULT_SPEED = 0.05
-"""Speed towards a person up to which a robot did not drive into it [m/s]."""
+"""Maximum approach speed at which touching a person is not the robot's fault [m/s]."""
 _MIN_GAP = 1e-4
-"""Least gap between the footprints of two robots at the start [m]."""
+"""Minimum gap between two robots at the start [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def select_near(x, y, reach, segments, near):
-    """Write the indices of segments to `near`, among them all within `reach` [m] of (x, y); return how many.
-
-    Those are taken whose bounding box comes that near: no division, and more than is near does no harm.
-    """
+    """Write the indices of segments with bounding boxes within `reach` [m] of (x, y) to `near`; return their number."""
     count = 0
     for i in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[i, 0] - x, segments[i, 1] - y, segments[i, 2] - x, segments[i, 3] - y
@@ -44,11 +40,13 @@ def select_near(x, y, reach, segments, near):
 
 @njit(cache=True, error_model="numpy")
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
-    """Push a circle out of what it overlaps, the deepest overlap first.
+    """Push a circle out of overlapping obstacles, the deepest overlap first.
 
-    Of the segments, shape (n, 4) [m], those at the first `num_near` indices of `near` count; `hits`, shape (m,), bool,
-    becomes True for those of the circles, shape (m, 3) [m], that push. Returns the centre (x, y), whether anything was
-    touched, and whether the circle is free now.
+    `segments`: shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: shape (m, 3),
+    float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
+
+    Returns:
+        Centre x, y, whether the circle touched anything, and whether no overlap remains.
     """
     touched = False
     for _ in range(_MAX_PUSHES):
@@ -75,11 +73,14 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 
 @njit(cache=True, error_model="numpy")
 def is_cut(pose, before, body, segments, circles):
-    """Tell whether a segment or a circle lies in a body, or between there and where the body was before.
+    """Return True if an obstacle lies inside a body, or between its last and present centre.
 
-    `pose`, `before`: (x, y, theta) of the base; `body`: where the body's centre lies from there (x, y), and half the
-    length and width of a rectangle, or the radius of a circle and 0 [m]; `segments`, `circles`: of the world, shapes
-    (n, 4) and (m, 3), float64 [m].
+    Args:
+        pose: pose of the base (x, y, theta).
+        before: last pose of the base.
+        body: centre (x, y) in the base frame, then half length and half width, or radius and 0 [m].
+        segments: shape (n, 4) [m].
+        circles: shape (m, 3) [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
@@ -104,7 +105,7 @@ def is_cut(pose, before, body, segments, circles):
             continue
         along, across = c * dx + s * dy, c * dy - s * dx
         start_along, start_across = c * x0 + s * y0, c * y0 - s * x0
-        # The parts of the segment between both pairs of sides; infinite where it is parallel to them.
+        # Intervals of the segment between opposite sides; infinite if parallel.
         a, b = (-half_length - start_along) / along, (half_length - start_along) / along
         e, f = (-half_width - start_across) / across, (half_width - start_across) / across
         if max(0.0, min(a, b), min(e, f)) < min(1.0, max(a, b), max(e, f)):
@@ -127,10 +128,10 @@ def is_cut(pose, before, body, segments, circles):
 
 
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
-    """Refuse start poses, world frame, of robots with a radius [m].
+    """Check that start poses of robots with a radius [m] are free of collisions.
 
     Raises:
-        ValueError: a pose is not finite, or a footprint overlaps an obstacle or touches another footprint.
+        ValueError: a pose is not finite, or a footprint overlaps an obstacle or footprint.
     """
     circles = world.circles_at_start
     for pose in poses:
@@ -147,7 +148,7 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
             apart = math.dist(first[:2], second[:2])
             if apart <= 2.0 * radius + _MIN_GAP:
                 raise ValueError(
-                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint of {radius:.3f} m"
+                    f"robots {a} and {b} start {apart:.3f} m apart, but each has a footprint radius of {radius:.3f} m"
                 )
 
 
@@ -155,39 +156,35 @@ Kind = Literal["wall", "cylinder", "person", "robot"]
 
 
 class Contact(NamedTuple):
-    """A contact of a robot in a control period."""
+    """Contact of a robot in a control period."""
 
     robot: int
-    """Which robot."""
+    """Index of the robot."""
     kind: Kind
-    """What it touched."""
+    """Kind of the touched object."""
     which: int
-    """Which one: row of `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
+    """Row of the object in `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
     by: Literal["robot", "other"] = "robot"
-    """Who moved into whom: "other" where the person or the other robot came nearer faster than this robot did."""
+    """Cause of the contact: the party that approached faster."""
 
 
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
-    """Return how fast a robot, by its row, is driven towards a point [m/s]."""
+    """Return the commanded speed of a robot towards a point [m/s]."""
     dx, dy = x - row[X], y - row[Y]
     return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Tell whether a robot came nearer to a person that it touches faster than the person did; both by their rows."""
+    """Return True if a robot approached a person faster than the person approached it."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
 
 
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
-    """Return what robots touched in the last period: the person, or else what is nearest, and what is near then.
-
-    That is all within `CONTACT_GAP` of the footprint. `rows`: all robots, see `records`; `people`: all people, see
-    `crowd.records`.
-    """
+    """Return the contacts of the last control period: the nearest object and all within `CONTACT_GAP`."""
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]
     bodies = people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]

@@ -1,7 +1,4 @@
-"""Robots as a motion model: wheels that roll and slip, and a circular footprint that slides along obstacles.
-
-The controller between the commanded twist and the wheels is that of both physics.
-"""
+"""Kinematic physics: rolling wheels with slip, and circular footprints that slide along obstacles."""
 
 import math
 from collections.abc import Sequence
@@ -19,24 +16,25 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Share of the greatest speed and yaw rate by which slip may move a robot beyond them. It is far from what the robots
-of the library slip by: eight standard deviations or more at 20 Hz, five at 50 Hz."""
-_DETOUR = 1.1
-"""Greatest motion of a substep along what the footprint meets, as a factor of the motion without it."""
+"""Maximum wheel slip, relative to maximum speed and yaw rate."""
+_MAX_SLIDE_RATIO = 1.1
+"""Maximum motion along obstacles, relative to free motion."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan what the wheels do during one control period; return the twist that the controller has reached at its end.
+    """Plan the wheel rates of a control period, and return the twist (v, w) at its end.
 
-    The command is clipped to the limits, approached at no more than the greatest accelerations, and turned into wheel
-    rates by the controller's own idea of the wheels. Each wheel also slips: the variance of the slipped distance grows
-    with the distance rolled (Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots, equation 5.8). Rolling
-    and slip together move the base no faster than its limits and `SLIP_MARGIN` allow.
+    Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
+    equation 5.8.
 
-    `reached`, `command`: twists (v, w), reached before and commanded [m/s, rad/s]; `normals`: standard normal draws for
-    the slip of the left and the right wheel; `rates`, `slips`: shape (substeps, 2), float64, written: rates of the left
-    and the right wheel, and what slip adds to these over the ground, and encoders do not see [rad/s].
+    Args:
+        reached: last twist (v, w) [m/s, rad/s].
+        command: commanded twist (v, w) [m/s, rad/s].
+        normals: normal random numbers for the slip of both wheels.
+        robot: `RobotRecord`.
+        rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
+        slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
     """
     v, w = reached
     substeps = int(robot.substeps)
@@ -57,7 +55,7 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
             slips[i, wheel] = slipped / (robot.wheel_radius * dt)
         left, right = rates[i, 0] + slips[i, 0], rates[i, 1] + slips[i, 1]
         forward, turn = 0.5 * (left + right), 0.5 * (right - left)
-        forward -= min(max(forward, -most_forward), most_forward)  # zero for all usual slip, which is left as it is
+        forward -= min(max(forward, -most_forward), most_forward)  # zero except for extreme slip
         turn -= min(max(turn, -most_turn), most_turn)
         slips[i, 0] -= forward - turn
         slips[i, 1] -= forward + turn
@@ -66,13 +64,13 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot, whose row is `state`, for one control period; see `plan_wheels` for command and normals.
+    """Move a robot by one control period; the footprint slides along obstacles.
 
-    The wheels roll and slip as planned, and the base follows the arc of each substep. What the footprint then overlaps
-    pushes it out along the normal, so that it slides along walls. Wheels keep turning while the robot is held.
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64: what is in its way [m].
+    `state`: row of the robot. `command`, `normals`: see `plan_wheels`. `robot`: `RobotRecord`. `segments`, `circles`:
+    obstacles, shapes (n, 4) and (m, 3), float64 [m].
 
-    Returns whether the footprint touched anything, and which circles it touched: shape (m,), bool.
+    Returns:
+        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
     """
     substeps = int(robot.substeps)
     dt = robot.period / substeps
@@ -93,15 +91,15 @@ def advance(state, command, normals, robot, segments, circles):
         half = 0.5 * turn
         chord = 0.5 * (left + right) * (math.sin(half) / half if half != 0.0 else 1.0)
         x, y, theta = state[at.X], state[at.Y], state[at.THETA]
-        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:  # something pushed it
+        if (x - near_x) ** 2 + (y - near_y) ** 2 > ahead * ahead:
             num_near, near_x, near_y = select_near(x, y, 2.0 * (robot.radius + ahead), segments, near), x, y
         c, s = math.cos(theta + half), math.sin(theta + half)
         new_x, new_y, contact, free = push_out(
             x + chord * c, y + chord * s, robot.radius, segments, near, num_near, circles, hits
         )
         touched |= contact
-        if contact:  # less than the radius, so that it comes to lie beyond nothing that it was free of
-            limit = max(_DETOUR * abs(chord), 0.5 * robot.radius)
+        if contact:  # prevents tunnelling
+            limit = max(_MAX_SLIDE_RATIO * abs(chord), 0.5 * robot.radius)
             if not free or math.hypot(new_x - x, new_y - y) > limit:
                 new_x, new_y = x, y
         state[at.X], state[at.Y], state[at.THETA] = new_x, new_y, wrap_angle(theta + turn)
@@ -115,13 +113,11 @@ def advance(state, command, normals, robot, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def step_robots(rows, draws, ranges, segments, circles, crowd):
-    """Move people and all robots of a world for one control period, and measure what robots sense at its end.
+    """Move people and robots of a world by one control period, then sense.
 
-    First people walk, and stop at robots. Then the robots move one after the other, past people and peers that rest
-    where they are by then. So no two of them ever overlap, and nobody pushes a robot. Arguments are plain: unpacking
-    named tuples would take a tenth of a step. `rows`, `draws`, `ranges` and `segments` are as for `sense`, `COMMAND_V`
-    and `COMMAND_W` are obeyed, contacts are written; `circles`: static ones, shape (m, 3), float64 [m]; `crowd`: see
-    `People.arrays`, of which the rows are written, or None for nobody: the kernels of people need not be compiled then.
+    People move first and stop at robots. Robots move in turn; all others are static meanwhile. `rows`, `draws`,
+    `ranges`, `segments`: see `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`; None
+    without people, which saves compilation.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -132,13 +128,13 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
         rows[k, at.DRAW] += 1.0
     if crowd is not None and crowd[0].shape[0] > 0:
         step_people(crowd[0], crowd[1], crowd[2], crowd[3], rows)
-    around = circles if crowd is None else with_people(circles, crowd[0])
-    num_fixed = around.shape[0]
+    bodies = circles if crowd is None else with_people(circles, crowd[0])
+    num_fixed = bodies.shape[0]
     for k in range(rows.shape[0]):
         row = rows[k]
         noise = draws[k, int(row[at.DRAW])]
         command, slip = (row[at.COMMAND_V], row[at.COMMAND_W]), (noise[SLIP_LEFT], noise[SLIP_RIGHT])
-        touched, hits = advance(row, command, slip, robot, segments, with_peers(around, rows, k, radius))
+        touched, hits = advance(row, command, slip, robot, segments, with_peers(bodies, rows, k, radius))
         row[at.TOUCHED] = max(row[at.TOUCHED], 1.0 if touched else 0.0)
         for j in range(num_circles, hits.shape[0]):
             if hits[j] and j < num_fixed:
@@ -151,7 +147,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
 
 
 class KinematicSimulator(Simulator):
-    """Robots in a world, moved by `advance`. Needs no PyBullet."""
+    """Robots with kinematic physics, without PyBullet."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 

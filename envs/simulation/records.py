@@ -1,4 +1,4 @@
-"""A simulated robot as a row of numbers, which both physics, the sensors and the kernels of a step share."""
+"""Layout of a robot's row of numbers."""
 
 import math
 from collections import namedtuple
@@ -13,11 +13,11 @@ from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.robots import RobotParams
 
 SUBSTEP = 1.0 / 60.0
-"""Target duration of one physics step [s]."""
+"""Target duration of a physics substep [s]."""
 MAX_SUBSTEPS = 10_000
-"""Most physics steps in a control period."""
+"""Maximum number of substeps per control period."""
 MIN_PERIOD = 1e-4
-"""Shortest control period [s]."""
+"""Minimum control period [s]."""
 
 _SOURCES = {
     "radius": "radius",
@@ -49,48 +49,46 @@ _SOURCES = {
     "compass_std": "imu.compass_std",
     "compass_resolution": "imu.compass_resolution",
 }
-"""Fields of `RobotRecord`, and the attributes of `RobotParams` that they hold; meaning and unit stand there."""
+"""Fields of `RobotRecord`, with their source attributes in `RobotParams`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
-"""What kernels read of a robot, all of it float: `_SOURCES`, the control period [s], and into how many equal physics
-steps it is cut."""
+"""Robot parameters for kernels, all float: fields of `_SOURCES`, control period [s], substeps per control period."""
 RECORD_SIZE = len(RobotRecord._fields)
-"""Number of these."""
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
-"""Ground truth: pose in the world frame [m, m, rad], the controller's twist after its ramp [m/s, rad/s], how far
-the wheels have turned since the reset, as encoders measure it [rad], the true twist of the base [m/s, rad/s], its mean
-yaw rate during the last control period, and the bias of its gyroscope [rad/s]."""
+"""Columns of ground truth.
+
+Pose in the world frame [m, m, rad], controller's twist after acceleration limits [m/s, rad/s], wheel rotation since the
+reset [rad], twist of the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
 STATE_SIZE = 11
-"""Number of these entries."""
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
-"""Measurements beside the scan: encoder counts, gyroscope [rad/s], compass [rad]; and 0 without contact, 1 for contact
-with what rests or drives, `TOUCHED_PERSON` and its index for contact with a person."""
+"""Columns of measurements: encoder counts, yaw rate [rad/s], compass heading [rad], and contact.
+
+Contact: 0 for none, 1 for an obstacle or robot, `TOUCHED_PERSON` plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Control periods and time [s] since the reset, row of `Rows.draws` in use, and commanded twist [m/s, rad/s]."""
+"""Columns of control periods and time [s] since the reset, row of `Rows.draws` in use, and command [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
-"""True pose, encoder counts and contact when the row was last brought up to date."""
+"""Columns of true pose, encoder counts and contact at the previous update."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""Motion during the period by odometry, and as the estimator learns of it (three entries each); velocity by odometry
-or the estimator [m/s, rad/s]; the gyroscope's bias as odometry estimates it, and its variance."""
+"""First columns of the last motion by odometry and by the estimator (three each), estimated twist [m/s, rad/s], and
+gyroscope bias estimate with variance."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""Pose estimate, predicted by odometry until the scan is processed, and that of the last key scan, map frame; pose of
-the map frame in the world (three entries each); positions remembered last, estimated and true (two entries each)."""
+"""First columns of pose estimate and last key pose (map frame), pose of the map frame in the world, and last trail
+points, estimated and true."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Distance driven [m] and contacts so far, the last action, and what is left to do for the robot."""
+"""Columns of driven distance [m], number of collisions, last action, and flags of pending updates."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Gap between footprint and nearest person, and the least one so far [m]; least time to collision with a person at the
-velocities of a moment [s]; time in personal space [s]; who caused a contact of this period, see
-`lidarnaut.envs.transition`; and contacts so far in which the robot touched what rests, drove into a person, or a person
-walked into it."""
+"""Columns about people.
+
+Present and least gap to people [m], least time to collision [s], time in personal space [s], cause of the present
+contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
 SETUP, ROBOT = 63, 70
-"""Where the `Setup` of `lidarnaut.envs.robot` and the robot's `RobotRecord` begin; both outlive a reset."""
+"""First columns of the `Setup` of `envs.robot` and of `RobotRecord`, kept at a reset."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
-"""The control period [s]."""
+"""Column of the control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
-"""Number of entries of a row."""
 SENSED = np.ones(ROW_SIZE)
-"""Shape (ROW_SIZE,), float64: NaN for entries that hold ground truth, which a robot does not know, and 1 for others."""
+"""Mask of columns that a robot can measure, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
 
@@ -99,12 +97,8 @@ SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(RO
 def robot_record(robot: RobotParams, control_period: float) -> Any:
     """Return the `RobotRecord` of a robot.
 
-    A control period is cut into physics steps near 1/60 s, short enough that nothing moves by half the footprint's
-    radius in one of them.
-
     Raises:
-        ValueError: the control period is shorter than `MIN_PERIOD`, not finite, or so long for the robot's speed that
-            it takes more than `MAX_SUBSTEPS`.
+        ValueError: the control period is not finite, below `MIN_PERIOD`, or needs more than `MAX_SUBSTEPS`.
     """
     if not MIN_PERIOD <= control_period < math.inf:
         raise ValueError(
@@ -125,8 +119,5 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 @njit(cache=True)
 def unpack_robot(numbers):
-    """Return the `RobotRecord` whose fields an array holds, shape (30,), float64.
-
-    Handing an array to a compiled function takes 0.1 us, a named tuple 0.1 us for each number in it.
-    """
+    """Return the `RobotRecord` stored in an array, shape (30,), float64, which is faster to pass to kernels."""
     return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

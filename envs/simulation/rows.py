@@ -1,4 +1,4 @@
-"""Robots as rows of arrays: what kernels write, and what records of readings and states are made of when asked for."""
+"""States, measurements and noise of robots, as array rows."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -13,11 +13,11 @@ from . import records as at
 from .sensors import OTHER_NORMALS
 
 BLOCK = 16
-"""Control periods for which noise is drawn at once."""
+"""Number of control periods with noise drawn at once."""
 
 
 class Twist(NamedTuple):
-    """Velocity of a differential-drive robot in its own frame."""
+    """Velocity of a differential-drive robot in its base frame."""
 
     v: float
     """Forward speed [m/s]."""
@@ -26,85 +26,79 @@ class Twist(NamedTuple):
 
 
 class Reading(NamedTuple):
-    """Everything that a robot's sensors report at the end of one control period. Holds no ground truth."""
+    """Sensor measurements of a robot, without ground truth."""
 
     time: float
     """Time since the reset [s]."""
     ranges: np.ndarray
-    """Shape (num_beams,), float32 [m]: +inf where nothing lies within the lidar's range, NaN where the beam was
-    dropped or hit something nearer than the least range (REP 117 has -inf for the latter)."""
+    """Lidar ranges, shape (num_beams,), float32 [m]: +inf beyond the maximum range, NaN for dropped beams or below the
+    minimum range."""
     ticks: tuple[int, int]
-    """Cumulative encoder counts of the left and the right wheel."""
+    """Cumulative encoder counts of the left and right wheel."""
     yaw_rate: float
-    """Gyroscope: mean over the control period, as integrated by the robot's own controller [rad/s]."""
+    """Gyroscope: mean yaw rate over the control period [rad/s]."""
     heading: float
-    """Compass, in the world frame [rad]; NaN for robots without one."""
+    """Compass heading in the world frame [rad]; NaN without a compass."""
     bumper: bool
-    """Whether the body touched anything during the period."""
+    """Whether the body touched anything during the control period."""
     extra: Mapping[str, np.ndarray] = {}
-    """What sensors of the user's own measured, by their names; see `lidarnaut.envs.sensor.Sensor`."""
+    """Measurements of user-defined sensors by name; see `lidarnaut.envs.sensor.Sensor`."""
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
-        """Return a reading that holds a scan alone, shape (num_beams,), float32 [m]; for estimators without a robot."""
+        """Return a reading with a scan only, shape (num_beams,), float32 [m]."""
         return cls(time, ranges, (0, 0), 0.0, math.nan, False)
 
 
 class RobotState(NamedTuple):
-    """Ground truth of one robot. For metrics, rewards, `info` and tests; never for a policy."""
+    """Ground truth of a robot, for metrics, rewards, `info` and tests."""
 
     pose: Pose2D
-    """Pose of the robot's base (midpoint of the wheel axle) in the world frame."""
+    """Pose of the robot's base in the world frame."""
     twist: Twist
     """Velocity of the base."""
 
 
 class Rows:
-    """The numbers, scans and noise of several equal robots.
-
-    All noise of a control period is drawn before the robots move: the order of draws depends neither on the physics
-    nor on what the robots meet.
-    """
+    """States, scans and noise of identical robots; noise is drawn before robots move, independent of physics."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
         self.numbers = np.zeros((num_robots, at.ROW_SIZE))
-        """Shape (num_robots, ROW_SIZE), float64; see `records`."""
+        """Rows of the robots, shape (num_robots, ROW_SIZE), float64; see `records`."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Scans, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Noise, shape (num_robots, BLOCK, n): for a control period standard normal draws, see `SLIP_LEFT`, and one for
-        each beam; then, once the lidar has had dropout, a uniform draw in [0, 1) for each beam."""
+        """Standard normal numbers, shape (num_robots, BLOCK, n): see `SLIP_LEFT`, then one per beam; with lidar
+        dropout, then uniform numbers in [0, 1) per beam."""
         self.memory: dict[Hashable, np.ndarray] = {}
-        """What tasks and observation parts keep of an episode, by name: shape (num_robots, n) each; see `remember`."""
+        """Episode state of tasks and observations by name, shape (num_robots, n) each."""
         self.set_robot(robot, control_period)
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return the memory of this name, shape (num_robots, size), zeros at first; kernels get all of them at once."""
+        """Return a named array of episode state, shape (num_robots, size), initially zero."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]
 
     def set_robot(self, robot: RobotParams, control_period: float) -> None:
-        """Change the robots' parameters; the number of beams stays as it was."""
         self.numbers[:, at.ROBOT :] = at.robot_record(robot, control_period)
         if robot.lidar.dropout > 0.0 and not self._num_uniforms:
             self._num_uniforms = robot.lidar.num_beams
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
 
     def reset(self) -> None:
-        """Begin an episode: everything is zero, and no noise is left."""
         self.numbers[:, : at.SETUP] = 0.0
         self.numbers[:, at.DRAW] = BLOCK - 1
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the noise of one scan, each robot's from its own generator."""
+        """Draw the noise of one scan, with one generator per robot."""
         self.draw_ahead(rngs, 1)
         self.numbers[:, at.DRAW] += 1.0
 
     def draw_ahead(self, rngs: Sequence[np.random.Generator], count: int = BLOCK) -> None:
-        """Draw the noise of so many control periods if what was drawn before is used up."""
+        """Draw the noise of `count` control periods if none is left."""
         if self.numbers[0, at.DRAW] == BLOCK - 1:
             for rng, block in zip(rngs, self.draws, strict=True):
                 self._draw(rng, block[BLOCK - count :])
@@ -120,32 +114,28 @@ class Rows:
 
     @property
     def steps(self) -> int:
-        """Control periods since the reset."""
         return int(self.numbers[0, at.STEPS])
 
     def tick(self) -> None:
-        """Begin a control period, with a row of noise of its own; `step_robots` does the same."""
         self.go_to(self.steps + 1)
         self.numbers[:, at.DRAW] += 1.0
 
     def go_to(self, steps: int) -> None:
-        """Set the number of control periods since the reset, and the time."""
+        """Set the number of control periods since the reset."""
         self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
 
     def state(self, k: int) -> RobotState:
-        """Return the ground truth of a robot."""
         x, y, theta, *_, v, w = self.numbers[k, : at.W + 1].tolist()
         return RobotState(Pose2D(x, y, theta), Twist(v, w))
 
     def reading(self, k: int) -> Reading:
-        """Return the measurements of a robot in fresh arrays."""
         left, right, yaw_rate, heading, touched, _, time = self.numbers[k, at.LEFT_TICKS : at.TIME + 1].tolist()
         return Reading(time, self.ranges[k].copy(), (int(left), int(right)), yaw_rate, heading, touched > 0.0)
 
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move to rows of larger arrays, which kernels step together."""
+        """Move all data into rows of larger arrays, for batched kernels."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

@@ -1,4 +1,4 @@
-"""The robots' sensors and their noise, the same under both physics."""
+"""Sensor models with noise, for both physics engines."""
 
 import math
 
@@ -12,18 +12,15 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Entries of a robot's standard normal draws in a control period; those of the beams follow."""
+"""Indices of a robot's normal random numbers in a control period; beams follow."""
 OTHER_NORMALS = 4
-"""Number of normal draws before the beams' own."""
 
 
 @njit(cache=True, error_model="numpy")
 def tilt_ranges(ranges, robot):
-    """Turn exact ranges of a level lidar into those of a tilted one, in place: walls farther along, and the floor.
+    """Convert exact ranges of a level lidar to ranges of a tilted lidar, in place.
 
-    A beam at azimuth a points by sin(pitch) cos(a) - cos(pitch) sin(roll) sin(a) of its length down (rotations by yaw,
-    pitch, roll as in REP 103). Walls are taken to have no upper end. That a tilt also turns beams, by a quarter of its
-    square at most, 0.1 degrees at 5, is left out.
+    Walls have unlimited height; beams may hit the floor; changes of azimuth are neglected.
     """
     down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
     for k in range(ranges.shape[0]):
@@ -37,9 +34,12 @@ def tilt_ranges(ranges, robot):
 
 @njit(cache=True, error_model="numpy")
 def disturb_ranges(ranges, draws, robot):
-    """Turn exact ranges, inf where nothing lies within range, into measured ones, in place; see `Reading.ranges`.
+    """Convert exact ranges to measured ranges, in place; see `Reading.ranges`.
 
-    `draws`: a standard normal draw for each beam, then, for a lidar with dropout, a uniform one in [0, 1).
+    Args:
+        ranges: shape (num_beams,), float32 [m]; inf without a hit.
+        draws: standard normal number per beam; with dropout, then a uniform number in [0, 1) per beam.
+        robot: `RobotRecord`.
     """
     num_beams = ranges.shape[0]
     for k in range(num_beams):
@@ -59,7 +59,7 @@ def disturb_ranges(ranges, draws, robot):
 
 @njit(cache=True, error_model="numpy")
 def measure_ranges(pose, draws, robot, segments, circles, ranges):
-    """Take a scan at a pose (x, y, theta) of the base, world frame; see `disturb_ranges` and `sense`."""
+    """Measure a scan at a pose (x, y, theta) of the base in the world frame; arguments as in `sense`."""
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * robot.mount_x - s * robot.mount_y
     y = pose[1] + s * robot.mount_x + c * robot.mount_y
@@ -71,32 +71,35 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 @njit(cache=True, error_model="numpy")
 def with_room(circles, num_more):
-    """Return circles, shape (m, 3) [m], and after them rows for so many more, shape (m + num_more, 3)."""
-    joined = np.empty((circles.shape[0] + num_more, 3))
+    """Return circles, shape (m, 3) [m], followed by `num_more` empty rows."""
+    extended = np.empty((circles.shape[0] + num_more, 3))
     for row in range(circles.shape[0]):
-        write_row(joined[row], circles[row])
-    return joined
+        write_row(extended[row], circles[row])
+    return extended
 
 
 @njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
-    """Return circles, shape (m, 3) [m], and after them the robots of the rows `states` but the one at `index`."""
+    """Return circles, shape (m, 3) [m], followed by the footprints of all robots except `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
-    joined = with_room(circles, num_robots - 1)
+    extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
         if k != index:
             row = count + k - (k > index)
-            joined[row, 0], joined[row, 1], joined[row, 2] = states[k, at.X], states[k, at.Y], radius
-    return joined
+            extended[row, 0], extended[row, 1], extended[row, 2] = states[k, at.X], states[k, at.Y], radius
+    return extended
 
 
 @njit(cache=True, error_model="numpy")
 def sense(rows, draws, ranges, segments, circles):
-    """Measure what all robots sense, but for contact, which the physics determines.
+    """Simulate all sensors of all robots except contact.
 
-    `rows`: shape (num_robots, ROW_SIZE), float64, written, see `records`; `draws`: see `Rows.draws`; `ranges`: shape
-    (num_robots, num_beams), float32 [m], written, see `Reading.ranges`; `segments`: shape (n, 4), float64, obstacles,
-    (x0, y0, x1, y1) [m]; `circles`: shape (m, 3), float64, obstacles and people, (x, y, radius) [m].
+    Args:
+        rows: shape (num_robots, ROW_SIZE), float64, see `records`; written.
+        draws: see `Rows.draws`.
+        ranges: output, shape (num_robots, num_beams), float32 [m].
+        segments: obstacles, shape (n, 4), float64, (x0, y0, x1, y1) [m].
+        circles: obstacles and people, shape (m, 3), float64, (x, y, radius) [m].
     """
     robot = at.unpack_robot(rows[0, at.ROBOT :])
     for k in range(rows.shape[0]):

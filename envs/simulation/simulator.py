@@ -1,4 +1,4 @@
-"""One or several equal robots in a world, whatever moves them."""
+"""Interface of the physics engines."""
 
 import math
 from abc import ABC, abstractmethod
@@ -21,43 +21,41 @@ from .sensors import SLIP_LEFT, sense
 
 
 class Simulator(ABC):
-    """Robots that see each other and collide with each other; physics are subclasses."""
+    """Identical robots in a world; base class of physics engines."""
 
     ignored: tuple[str, ...] = ()
-    """Parameters of robots that make no difference, as dotted names of attributes of `RobotParams`."""
+    """Robot parameters without effect, as dotted attribute names of `RobotParams`."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
     ) -> None:
         self.rows = Rows(robot, control_period, num_robots)
-        """The robots' states, measurements and noise."""
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
-        """The people of the episode, as kernels see them."""
         self.robot = robot
-        """The robots as they are: where parameters are drawn, those of this episode."""
+        """Parameters of the robots in this episode."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Change the robots' parameters from the next reset on; footprint and beams of the lidar stay as they were."""
+        """Set the robots' parameters for the next reset; footprint and lidar beams do not change."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
-        """Ground truth of each robot after the last `reset` or `step`."""
+        """Ground truth of each robot."""
         self._reset_world()
         return [self.rows.state(k) for k in range(len(self.rows.numbers))]
 
     @property
     def contacts(self) -> list[Contact]:
-        """What the robots touched during the last period, one entry for each thing."""
+        """Contacts during the last control period, one per touched object."""
         return find_contacts(self.rows.numbers, self._reset_world(), self.crowd.rows)
 
     @property
     def people(self) -> np.ndarray:
-        """Ground truth of people: shape (n, 5), float64, x, y, radius [m], vx, vy [m/s], world frame."""
+        """Ground truth of people; see `People.states`."""
         return self.crowd.states
 
     def reset(
@@ -67,14 +65,16 @@ class Simulator(ABC):
         rngs: Sequence[np.random.Generator],
         crowd_rng: np.random.Generator | None = None,
     ) -> list[Reading]:
-        """Place the robots at rest at poses in the world frame and return their first readings.
+        """Place the robots at rest and return their first readings.
 
-        All noise of a robot's episode is drawn from its own generator, so that it does not depend on the others':
-        same generator state, same bytes. People are drawn from `crowd_rng`, which a crowd needs.
+        Args:
+            world: world to simulate.
+            poses: start pose of each robot, world frame.
+            rngs: generator of each robot's noise.
+            crowd_rng: generator of the crowd.
 
         Raises:
-            ValueError: a robot does not fit there, two of them overlap, there is no room for all people, or there are
-                not as many poses and generators as robots.
+            ValueError: robots or people do not fit or overlap, or a list has the wrong length.
         """
         self._check_number(poses=poses, rngs=rngs)
         check_starts(poses, self._radius, world)
@@ -83,26 +83,23 @@ class Simulator(ABC):
         rows.reset()
         self._place(world, poses)
         rows.draw(rngs)
-        # The bias of an episode is by the draw that slip leaves unused at a reset.
+        # The draw for wheel slip is unused at a reset and determines the gyroscope bias.
         rows.numbers[:, GYRO_BIAS] = self.robot.imu.gyro_bias_std * rows.draws[:, -1, SLIP_LEFT]
         self.sense()
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Drive each robot with its command for one control period and return the readings at its end.
+        """Apply one command per robot for a control period and return the readings.
 
         Raises:
-            ValueError: a command holds NaN or infinity, or there are not as many commands as robots.
-            gymnasium.error.ResetNeeded: there was no reset.
+            ValueError: a command is not finite, or the number of commands is wrong.
+            gymnasium.error.ResetNeeded: `reset` was not called.
         """
         self.move(commands, 1)
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Drive as `step` does; `rows` then hold what it returns. An environment calls this one.
-
-        `ahead`: control periods for which noise is drawn at once, which nobody else may draw from the generators.
-        """
+        """Apply commands as `step` does, with results in `rows`; draw noise for `ahead` control periods at once."""
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
         for k, (v, w) in enumerate(commands):
@@ -113,18 +110,18 @@ class Simulator(ABC):
         self._move(world)
 
     def close(self) -> None:  # noqa: B027
-        """Release what the simulator holds. Closing twice does no harm."""
+        """Release resources; repeated calls have no effect."""
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Put the robots at rest at their poses, and write these to `rows`."""
+        """Put the robots at rest at their poses."""
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Let people walk and drive all robots, by the commands in `rows`, for one control period; then `sense`."""
+        """Move people and robots by the commands in `rows`, then call `sense`."""
 
     def sense(self) -> None:
-        """Measure what the robots sense now, but for contact."""
+        """Update all measurements except contact."""
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)
@@ -133,7 +130,6 @@ class Simulator(ABC):
         return [self.rows.reading(k) for k in range(len(self.rows.numbers))]
 
     def _reset_world(self) -> World:
-        """Return the world of the last reset."""
         if self._world is None:
             raise gymnasium.error.ResetNeeded("call reset before step")
         return self._world

@@ -89,7 +89,7 @@ def test_ever_new_worlds_do_not_fill_the_memory():
 @pytest.fixture
 def many(monkeypatch):
     """Let every world count as one with many walls."""
-    monkeypatch.setattr(bullet_world, "_MANY", 0)
+    monkeypatch.setattr(bullet_world, "_MAX_RECTANGLES", 0)
 
 
 def corridor(length):

@@ -121,7 +121,7 @@ def test_a_pybullet_that_does_not_import_is_reported_with_its_cause_and_a_remedy
     (tmp_path / "pybullet.py").write_text(f"raise {cause}")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.delitem(sys.modules, "pybullet", raising=False)
-    with pytest.raises(ImportError, match=r"does not import here \((no libstdc|built for NumPy 1).*'kinematic'"):
+    with pytest.raises(ImportError, match=r"cannot be imported \((no libstdc|built for NumPy 1).*'kinematic'"):
         make_simulator("bullet", BURGER, 0.1)
 
 

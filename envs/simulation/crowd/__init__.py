@@ -1,4 +1,4 @@
-"""People that walk, give way to robots, or do not."""
+"""Pedestrian crowds."""
 
 from .params import CROWDS, Crowd, crowd_of
 from .people import People

@@ -1,8 +1,7 @@
-"""ORCA: each person takes the velocity nearest to the desired one that avoids everybody if the others do their half.
+"""ORCA pedestrian model.
 
-Van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance" (2011). Each neighbour allows a half plane
-of velocities; the best one of all is found by an incremental linear program, and where there is none, the one that
-violates them least. Lines are (x, y, along_x, along_y): a point and a unit vector; what lies to the left is allowed.
+Van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance" (2011). Half-planes of permitted velocities
+are stored as (x, y, along_x, along_y): a point [m/s] and a unit vector with the permitted side on its left.
 """
 
 import math
@@ -22,29 +21,27 @@ class Orca(NamedTuple):
     """Parameters of ORCA."""
 
     horizon: Positive = 5.0
-    """Time for which people avoid each other and robots [s]."""
+    """Time horizon for avoiding people and robots [s]."""
     wall_horizon: Positive = 0.5
-    """Time for which they avoid walls [s]."""
+    """Time horizon for avoiding walls [s]."""
     sight: Positive = 4.0
-    """Distance between centres up to which people see each other and robots [m]."""
+    """Distance between centres within which people see each other and robots [m]."""
     margin: Positive = 0.05
-    """Gap that is kept to others [m]."""
+    """Clearance to people and robots [m]."""
     excess: Positive = 1.3
-    """Greatest speed over the desired one."""
+    """Maximum speed as a multiple of the desired speed."""
 
 
 NUM_ORCA = len(Orca._fields)
-"""Number of these."""
 _EPSILON = 1e-9
-"""Sine of an angle between lines below which they count as parallel."""
+"""Sine of the angle below which two lines count as parallel."""
 
 
 @njit(cache=True, error_model="numpy")
 def walk_by_orca(people, directions, robots, walls, model, dt):
-    """Take attentive and blind people on by `dt` [s]; arguments as for `social_forces`, `model` is `Orca`.
+    """Move the walking people of the crowd by `dt` [s]; arguments as in `social_forces`.
 
-    People do half of what avoids each other, and all of what avoids robots (attentive ones), who stands or walks along
-    a fixed route, and walls, which no other half plane overrules.
+    Two walking people share a velocity change. Walls have priority.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0
@@ -76,10 +73,9 @@ def walk_by_orca(people, directions, robots, walls, model, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _add_walls(lines, people, i, near, grid, horizon, dt):
-    """Write the lines of near walls; return how many. Ends of segments and circles are round, segments straight."""
     x, y, radius, own = people[i, at.X], people[i, at.Y], people[i, at.RADIUS], (people[i, at.VX], people[i, at.VY])
     first, end = near_list(near, grid, x, y)
-    count = np.int64(0)  # no literal, for which the linear program would be compiled once more
+    count = np.int64(0)  # a literal would compile the linear program twice
     for k in range(first, end):
         item = int(near[k])
         nx, ny, gap = offset(near, item, x, y)
@@ -99,11 +95,11 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
-    """Write line k: velocities that avoid a disc, by the smallest change of the relative velocity (equation 5).
+    """Write the half-plane of velocities that avoid a disc (equation 5) to row `k` of `lines`.
 
-    `away`: its position from the person's [m]; `own`, `other`: velocities [m/s]; `reach`: sum of the radii [m];
-    `horizon`: time for which they avoid each other [s], `dt` where they overlap [s]; `share`: of the change that the
-    person does.
+    `away`: position of the disc relative to the person [m]. `own`, `other`: velocities of person and disc [m/s].
+    `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with overlap [s]. `share`: person's
+    fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -116,7 +112,7 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
         ux, uy = wx / max(length, 1e-300), wy / max(length, 1e-300)
         change_x, change_y = (reach * rate - length) * ux, (reach * rate - length) * uy
         lines[k, 2], lines[k, 3] = uy, -ux
-    else:  # past one of the tangents
+    else:
         leg = math.sqrt(square - reach2)
         side = 1.0 if px * wy - py * wx > 0.0 else -1.0
         ex, ey = (side * px * leg - py * reach) / square, (px * reach + side * py * leg) / square
@@ -128,10 +124,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the velocity nearest to the desired one, no faster than `limit`, that lines allow [m/s].
+    """Return the permitted velocity closest to `desired` and no faster than `limit` [m/s].
 
-    Where there is none, the one that the first `num_hard` lines allow and the others as nearly as possible. Of `lines`,
-    shape (n, 4), float64, the first `num_lines` count.
+    If none is permitted, the first `num_hard` half-planes hold and the remaining ones are violated least. Of `lines`,
+    shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
@@ -142,10 +138,9 @@ def best_velocity(lines, num_lines, num_hard, desired, limit):
 
 @njit(cache=True, error_model="numpy")
 def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
-    """Solve the linear program in two dimensions from its solution (x, y) without lines, adding one line at a time.
+    """Solve the 2D linear program for the velocity closest to, or farthest along, `target`.
 
-    What is sought is the velocity nearest to `target`, or the farthest one in this direction. Returns the solution of
-    all lines before the first one that leaves none, and the index of that: the number of lines if all hold.
+    Returns the solution (x, y) and the index of the first infeasible half-plane, or `num_lines`.
     """
     for i in range(num_lines):
         px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
@@ -180,11 +175,7 @@ def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
 
 @njit(cache=True, error_model="numpy")
 def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
-    """Solve the linear program in three dimensions: the hard lines hold, the others are violated as little as can be.
-
-    (x, y) holds for all lines before `first`. A line that is violated more than all before it is the one to give way
-    to, along the lines on which it and another one are violated equally.
-    """
+    """Solve the 3D linear program that minimises the largest violation of soft half-planes."""
     depth = 0.0
     equal = np.empty_like(lines)
     for i in range(first, num_lines):
@@ -208,7 +199,7 @@ def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
             equal[count, 2], equal[count, 3] = bx / length, by / length
             count += 1
         new_x, new_y, failed = _nearest_allowed(equal, count, -ey * limit, ex * limit, limit, (-ey, ex), True)
-        if failed == count:  # else rounding: the present solution is as good
+        if failed == count:
             x, y = new_x, new_y
         depth = ex * (py - y) - ey * (px - x)
     return x, y

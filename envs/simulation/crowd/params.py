@@ -1,4 +1,4 @@
-"""How many people are in a world, and how they walk."""
+"""Parameters of pedestrian crowds."""
 
 import re
 from collections.abc import Mapping
@@ -22,24 +22,24 @@ Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 class Crowd:
-    """The people of a world. Of pairs (low, high), numbers are drawn uniformly."""
+    """Parameters of a pedestrian crowd; pairs (low, high) are sampled uniformly."""
 
     number: Number | tuple[Number, Number] = 10
-    """How many people there are, at most 1,000; of a pair, drawn for each episode."""
+    """Number of people, at most 1,000; a pair (low, high) is sampled per episode."""
     model: Literal["social_force", "orca"] = "social_force"
     """Pedestrian model: Helbing and Molnar (1995), or van den Berg et al. (2011)."""
     attentive: Share = 1.0
-    """Probability that a person sees robots and gives way to them; the others are blind to robots."""
+    """Probability that a person sees and avoids robots."""
     standing: Share = 0.0
     """Probability that a person stands still."""
     radius: tuple[Radius, Radius] = (0.3, 0.3)
-    """Radius of a person [m], drawn for each."""
+    """Radius of a person (low, high) [m]."""
     speed: tuple[Speed, Speed] = (1.2, 1.5)
-    """Desired speed of a person [m/s], drawn for each."""
+    """Desired walking speed (low, high) [m/s]."""
     body: Literal["disc", "legs"] = "disc"
-    """What lidars see of a person: a disc of its radius, or two legs that swing."""
+    """Shape that lidars see of a person: a disc of its radius, or two swinging legs."""
     flow: Literal["anywhere", "along", "across"] = "anywhere"
-    """Where people walk: between points all over the world, between its two ends, or between its four sides."""
+    """Walking directions: between points all over the world, between its two ends, or between its four sides."""
     forces: SocialForce = SocialForce()
     """Parameters of the social force model."""
     orca: Orca = Orca()
@@ -59,18 +59,18 @@ CROWDS = {
     "doorway": Crowd(number=6, flow="along"),
     "crossing": Crowd(number=12, flow="across"),
 }
-"""Crowds by name. All people give way to robots."""
+"""Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""What stands for people: how many, (low, high), a crowd or the name of one, or parameters that differ from those of
-the crowd under the key `crowd`, such as `{"crowd": "dense", "attentive": 0.5}`; as text, `dense?attentive=0.5` and
-`20?attentive=0.5,model=orca`."""
+"""Number of people, range (low, high), `Crowd` or name, or mapping of changes to the crowd under the key `crowd`.
+
+Text forms of mappings: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
-    """Return the crowd that an argument stands for; None where there are no people.
+    """Return the crowd of a specification, or None without people.
 
     Raises:
-        ValueError: there is no such crowd, it has no such parameter, or a value is not allowed.
+        ValueError: the crowd or a parameter is unknown, or a value is invalid.
     """
     changes: dict[str, Any] = {}
     if isinstance(people, str):

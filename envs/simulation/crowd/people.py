@@ -1,4 +1,4 @@
-"""The people of an episode, as arrays that kernels step."""
+"""People of an episode, as arrays for kernels."""
 
 from collections.abc import Sequence
 
@@ -14,29 +14,30 @@ from .routes import plan_routes
 
 
 class People:
-    """The people in a world: those on its fixed routes, and after them a crowd that is drawn for each episode."""
+    """People in a world: people on fixed routes, then a crowd that is sampled per episode."""
 
     def __init__(self, crowd: Crowd | None = None) -> None:
-        """Prepare for a crowd; None for nobody but those on fixed routes."""
         self.crowd = crowd
         self.rows = np.empty((0, at.PERSON_SIZE))
-        """Shape (n, PERSON_SIZE), float64; see `records`."""
+        """State of each person, shape (n, PERSON_SIZE), float64; see `records`."""
         self.points = np.empty((0, 3))
-        """Shape (k, 3), float64: points to walk to (x, y), world frame [m], and the row of the one after it on a fixed
-        route."""
+        """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the next destination."""
         self.fields = np.empty((0, 0, 0), dtype=np.float32)
-        """Shape (k, height, width), float32: cost-to-go to the points that a crowd walks to [m]."""
+        """Cost-to-go to each destination of the crowd, shape (k, height, width), float32 [m]."""
         self.setup = np.zeros(at.WALLS)
-        """Shape (k,), float64: numbers of the model and of the walls; see `records`."""
+        """Parameters of pedestrian model and walls, shape (k,), float64; see `records`."""
 
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
-        """Begin an episode.
+        """Place people at the start of an episode.
 
-        `poses`, `radius`: where robots start, world frame, and how large they are [m]; `rng`: draws the crowd, None
-        without one.
+        Args:
+            world: world with fixed routes.
+            poses: start poses of the robots, world frame.
+            radius: radius of a robot [m].
+            rng: generator of the crowd.
 
         Raises:
-            ValueError: there is no room for all people.
+            ValueError: not all people fit into the world.
         """
         routes = world.people
         self.rows = np.zeros((len(routes), at.PERSON_SIZE))
@@ -53,7 +54,6 @@ class People:
     def _draw(
         self, crowd: Crowd, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator
     ) -> None:
-        """Add a crowd to the people on fixed routes."""
         routes, first = plan_routes(world, crowd.radius[1], crowd.flow), len(self.points)
         people = draw_people(crowd, routes, poses, radius, self.rows, rng, world)
         people[:, at.GOAL] += first
@@ -67,10 +67,10 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What kernels take: rows, points, fields, setup."""
+        """Arrays for kernels: rows, points, fields, setup."""
         return self.rows, self.points, self.fields, self.setup
 
     @property
     def states(self) -> np.ndarray:
-        """Shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
+        """States of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
         return self.rows[:, [at.X, at.Y, at.RADIUS, at.VX, at.VY]]

@@ -1,4 +1,4 @@
-"""Where the people of a crowd are at the start of an episode."""
+"""Start positions of a crowd."""
 
 import math
 from collections.abc import Sequence
@@ -15,9 +15,9 @@ from .routes import RESOLUTION, Routes
 from .walls import clearance
 
 ROBOT_GAP = 1.0
-"""Least distance between the surfaces of a person and a robot at the start [m]."""
+"""Minimum gap between a person and a robot at the start [m]."""
 PEOPLE_GAP = 0.05
-"""Least distance between the surfaces of two people at the start [m]."""
+"""Minimum gap between two people at the start [m]."""
 
 
 def draw_people(
@@ -29,13 +29,19 @@ def draw_people(
     rng: np.random.Generator,
     world: World,
 ) -> np.ndarray:
-    """Draw the people of an episode, at rest, and uniform over where there is room: rows, shape (n, PERSON_SIZE).
+    """Sample people at rest in free space: rows, shape (n, PERSON_SIZE).
 
-    `robots`, `robot_radius`: poses of the robots, world frame, and how large they are [m]; `others`: rows of people who
-    are there already.
+    Args:
+        crowd: parameters of the crowd.
+        routes: free space and destinations.
+        robots: poses of the robots, world frame.
+        robot_radius: radius of a robot [m].
+        others: rows of people on fixed routes.
+        rng: random generator.
+        world: world of the people.
 
     Raises:
-        ValueError: there is no room for all people.
+        ValueError: not all people fit into the world.
     """
     low, high = crowd.number if isinstance(crowd.number, tuple) else (crowd.number, crowd.number)
     count = int(rng.integers(low, high, endpoint=True))
@@ -61,7 +67,7 @@ def draw_people(
     else:
         raise ValueError(
             f"world {world.name!r} has room for {placed} of {count} people of a radius of {crowd.radius[1]:g} m, "
-            f"{ROBOT_GAP:g} m from robots at least; take fewer people or a larger world"
+            f"at least {ROBOT_GAP:g} m from robots; use fewer people or a larger world"
         )
     rows[:, [at.X, at.Y]] = taken[first:, :2]
     return rows
@@ -69,10 +75,6 @@ def draw_people(
 
 @njit(cache=True, error_model="numpy")
 def _fill(taken, first, tries, walls):
-    """Write discs of `taken`, shape (n, 3), from row `first` on, to the first positions with room; return how many.
-
-    A position that is too near for a large person is tried for nobody else: there are many.
-    """
     row, (near, grid) = first, walls
     for k in range(tries.shape[0]):
         if row == taken.shape[0]:

@@ -1,4 +1,4 @@
-"""Routes of a crowd: the places between which people walk, and which way it is to each of them from everywhere."""
+"""Destinations of a crowd, with cost-to-go fields."""
 
 import math
 from typing import NamedTuple
@@ -12,60 +12,59 @@ from lidarnaut.envs.worlds.raster import rasterize
 from lidarnaut.envs.worlds.world import kept_with_world
 
 from . import records as at
-from .walls import REACH, Walls, clearance, list_walls
+from .walls import WALL_RANGE, Walls, clearance, list_walls
 
 RESOLUTION = 0.15
-"""Side of the cells of cost-to-go fields [m]."""
+"""Cell size of cost-to-go fields [m]."""
 NUM_DESTINATIONS = 8
-"""How many places people walk between who go anywhere."""
-STRIP = 0.5
-"""Width of the strips at the ends or sides of a world between which people walk [m]."""
-ARRIVAL = 0.5
-"""A person that is so near to its destination takes the next one [m]."""
-PATIENCE = 3.0
-"""A person that has been slow for so long takes another destination [s]; by its own draw half as long to half as long
-again, so that one of two who are in each other's way turns first."""
-SLOW = 0.2
-"""Share of the desired speed below which progress is slow."""
+"""Number of destinations in `anywhere` mode."""
+STRIP_WIDTH = 0.5
+"""Width of destination strips along the borders of a world [m]."""
+ARRIVAL_DISTANCE = 0.5
+"""Distance below which a destination is reached [m]."""
+MEAN_STUCK_TIME = 3.0
+"""Mean time of slow progress before a person changes its destination [s]; individual times vary by 50 %."""
+SLOW_FRACTION = 0.2
+"""Fraction of the desired speed below which progress is slow."""
 NEXT_BY_DRAW = -1.0
-"""Stands in `points` for the next destination where a person draws it."""
+"""Marker in `Routes.points` of a next destination chosen at random."""
 _PRECISION = 1e-3
-"""Smaller improvements of costs-to-go are left out [m]."""
+"""Smallest change of cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Multiples of it, modulo 1, are evenly spread."""
-_HUGGING, _COMFORT = 3.0, 0.25
-"""How much longer a metre seems beside a wall, and the gap between body and wall at which it does not [m]."""
-_SQUEEZING = 8.0
-"""How fast costs-to-go rise beyond where a person fits, so that they lead out of there."""
+"""Golden ratio; its multiples modulo 1 are evenly spread."""
+_WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
+"""Extra cost per metre at a wall, and clearance without extra cost [m]."""
+_OUTSIDE_COST = 8.0
+"""Cost per metre outside of free space, to lead people back."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 
 
 class Routes(NamedTuple):
-    """Where the people of a world can be and walk to. Equal for all episodes in it."""
+    """Destinations and free space of a crowd in a world."""
 
     points: np.ndarray
-    """Shape (k, 3), float64: destinations (x, y), world frame [m], and the row of the next one or `NEXT_BY_DRAW`."""
+    """Destinations, shape (k, 3), float64: x, y [m], and the row of the next destination or `NEXT_BY_DRAW`."""
     fields: np.ndarray
-    """Shape (k, height, width), float32: cost-to-go to each from the centre of each cell [m]; inf in obstacles."""
+    """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
-    """Shape (n, 2), float64: centres of the cells where a person fits, and from where it gets everywhere [m]."""
+    """Centres of connected free cells, shape (n, 2), float64 [m]."""
     walls: Walls
-    """Obstacles, whose grid begins where that of the fields does."""
+    """Obstacles, in a grid with the origin of the fields."""
 
 
 @kept_with_world
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
-    """Return the routes of people of a radius [m] who walk `anywhere`, `along` or `across` a world.
+    """Return the routes of people of a radius [m] for a walking direction `flow`, see `Crowd`.
 
     Raises:
-        ValueError: nobody of this radius fits anywhere that can be reached from the world's first spawn.
+        ValueError: people of this radius do not fit into the world.
     """
     grid = rasterize(world, RESOLUTION)
     walls = list_walls(world.segments, world.circles, grid.bounds, radius)
     free = grid.data == 0
-    gaps = np.minimum(_clearances(free, walls), radius + REACH)
-    # Not all of the radius: in doors that are just wide enough, no cell lies in the middle.
+    gaps = np.minimum(_clearances(free, walls), radius + WALL_RANGE)
+    # Narrow doors may have no cell centre with full clearance.
     labels, _ = ndimage.label(gaps > radius - 0.25 * RESOLUTION)
     spawn = np.array(world.spawns[0][:2])
     cells = np.argwhere(labels > 0)
@@ -73,9 +72,9 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
         raise ValueError(f"world {world.name!r} has no room for people of a radius of {radius:g} m")
     nearest = cells[np.argmin(np.hypot(*(grid.centers(cells) - spawn).T))]
     fits = labels == labels[tuple(nearest)]
-    beside_walls = np.clip(1.0 - (gaps - radius) / _COMFORT, 0.0, 1.0)
-    slowness = np.where(fits, 1.0 + _HUGGING * beside_walls, np.inf)
-    outside = np.where(fits | ~free, np.inf, _SQUEEZING)
+    beside_walls = np.clip(1.0 - (gaps - radius) / _FREE_CLEARANCE, 0.0, 1.0)
+    slowness = np.where(fits, 1.0 + _WALL_COST * beside_walls, np.inf)
+    outside = np.where(fits | ~free, np.inf, _OUTSIDE_COST)
     slowness[[0, -1]] = slowness[:, [0, -1]] = outside[[0, -1]] = outside[:, [0, -1]] = np.inf
     costs = slowness.astype(np.float32), outside.astype(np.float32)
     if flow == "anywhere":
@@ -89,10 +88,6 @@ def plan_routes(world: World, radius: float, flow: str) -> Routes:
 
 
 def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Choose destinations all over the cells that fit, the first near a cell; return cells and fields.
-
-    They are as far apart as people walk, not as far as can be: those would all lie in corners.
-    """
     roomy = np.argwhere(fits & (gaps >= np.quantile(gaps[fits], 0.6)))
     k = int(np.argmin(np.hypot(*(roomy - first).T)))
     chosen: list[np.ndarray] = []
@@ -102,8 +97,8 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
     rows, cols = np.ogrid[: fits.shape[0], : fits.shape[1]]
     while len(chosen) < min(NUM_DESTINATIONS, len(roomy)):
         row, col = roomy[k]
-        around = RESOLUTION * np.hypot(rows - row, cols - col)
-        fields.append(_travel(costs, np.where(around <= gaps[row, col], around, np.inf)))
+        distances = RESOLUTION * np.hypot(rows - row, cols - col)
+        fields.append(_travel(costs, np.where(distances <= gaps[row, col], distances, np.inf)))
         chosen.append(roomy[k])
         nearest = np.minimum(nearest, fields[-1][roomy[:, 0], roomy[:, 1]])
         far = np.flatnonzero(nearest >= min(apart, nearest.max()))
@@ -112,12 +107,11 @@ def _spread(fits: np.ndarray, gaps: np.ndarray, costs: Costs, first: np.ndarray)
 
 
 def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]:
-    """Return the middles of strips at both ends of the longer axis, or at all four sides, and fields to the strips."""
     cells = np.argwhere(fits)
     extents = np.ptp(cells, axis=0)
     chosen, fields = [], []
     for axis in (0, 1) if flow == "across" else (int(np.argmax(extents)),):
-        width = min(STRIP / RESOLUTION, 0.25 * extents[axis])
+        width = min(STRIP_WIDTH / RESOLUTION, 0.25 * extents[axis])
         for distances in (cells[:, axis] - cells[:, axis].min(), cells[:, axis].max() - cells[:, axis]):
             strip = cells[distances <= width]
             chosen.append(strip[np.argmin(np.hypot(*(strip - strip.mean(axis=0)).T))])
@@ -128,10 +122,6 @@ def _strips(fits: np.ndarray, costs: Costs, flow: str) -> tuple[np.ndarray, ...]
 
 
 def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
-    """Return the cost-to-go to where a field is finite, shape (height, width), float32 [m].
-
-    `costs`: what a metre costs where a person fits, and beyond, where no route leads through.
-    """
     field = field.astype(np.float32)
     for slowness in costs:
         spread_costs(slowness, field)
@@ -140,12 +130,13 @@ def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def spread_costs(slowness, field):
-    """Solve |grad field| = slowness on cells of `RESOLUTION` from where `field` is finite.
+    """Solve the eikonal equation |grad field| = slowness from the finite cells of `field`.
 
-    By fast sweeping (Zhao, 2005), which leaves out cells around which nothing has changed (Bak et al., 2010), and along
-    diagonals, too: so its gradient points to within 2 degrees straight to a goal, unlike that of path lengths on a
-    grid. `slowness`, shape (height, width), float32: cost per metre; inf in obstacles, and in the outermost cells.
-    `field`, the same shape and type [m], is written.
+    Fast sweeping (Zhao, 2005; Bak et al., 2010), also along diagonals.
+
+    Args:
+        slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
+        field: cost-to-go, shape (height, width), float32 [m]; written.
     """
     height, width = field.shape
     is_open = np.zeros((height, width), dtype=np.bool_)
@@ -174,7 +165,6 @@ def spread_costs(slowness, field):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _solve(slowness, field, row, col):
-    """Return the value of a cell by those of its eight neighbours."""
     cost = np.float32(RESOLUTION) * slowness[row, col]
     up_down = min(field[row - 1, col], field[row + 1, col])
     sides = min(field[row, col - 1], field[row, col + 1])
@@ -185,7 +175,6 @@ def _solve(slowness, field, row, col):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _upwind(a, b, cost):
-    """Return the value of a cell by those of the lower neighbours on two crossing lines, `cost` from the cell."""
     low, high = min(a, b), max(a, b)
     if not high < low + cost:
         return low + cost
@@ -194,7 +183,6 @@ def _upwind(a, b, cost):
 
 @njit(cache=True, error_model="numpy")
 def _clearances(free, walls):
-    """Return the distance from the centre of each cell to the nearest obstacle [m]; 0 if not free."""
     gaps, (near, grid) = np.zeros(free.shape), walls
     for row in range(free.shape[0]):
         for col in range(free.shape[1]):
@@ -206,10 +194,7 @@ def _clearances(free, walls):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def descent(fields, k, grid, x, y):
-    """Return the unit vector of the steepest descent of field k at (x, y), and the field's value there [m].
-
-    Bilinear between cells. Obstacles are as steep as they can be; where nothing is known, the vector is (0, 0).
-    """
+    """Return the unit vector of steepest descent of field `k` at (x, y), and the cost-to-go there [m]."""
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
@@ -230,11 +215,10 @@ def descent(fields, k, grid, x, y):
 
 @njit(cache=True, error_model="numpy")
 def choose_directions(people, points, fields, grid, dt, directions):
-    """Write where attentive and blind people walk next to `directions`, shape (n, 2), float64, unit vectors.
+    """Compute the directions of the crowd's walking people, and change destinations if due.
 
-    Who has arrived, or has made little progress for `PATIENCE`, takes the next destination; see `_next_goal`.
-    `people`: rows, of which `GOAL`, `TRIP` and `SLOW` are written; `points`, `fields`: see `People`; `grid`: see
-    `Walls`; `dt`: time that passes [s].
+    `people`: rows; `GOAL`, `TRIP` and `SLOW` are written. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`:
+    time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):
@@ -245,24 +229,20 @@ def choose_directions(people, points, fields, grid, dt, directions):
             goal = int(people[i, at.GOAL])
             ahead_x, ahead_y, cost = descent(fields, goal - first, grid, people[i, at.X], people[i, at.Y])
             draw = people[i, at.DRAWS + int(people[i, at.TRIP]) % at.NUM_DRAWS]
-            if cost > ARRIVAL and people[i, at.SLOW] < PATIENCE * (0.5 + draw):
+            if cost > ARRIVAL_DISTANCE and people[i, at.SLOW] < MEAN_STUCK_TIME * (0.5 + draw):
                 break
-            away = (ahead_x, ahead_y) if cost > ARRIVAL else (0.0, 0.0)
+            away = (ahead_x, ahead_y) if cost > ARRIVAL_DISTANCE else (0.0, 0.0)
             people[i, at.GOAL] = _next_goal(people[i], goal, draw, points, fields, grid, away)
             people[i, at.TRIP] += 1.0
             people[i, at.SLOW] = 0.0
         directions[i, 0], directions[i, 1] = ahead_x, ahead_y
         progress = people[i, at.VX] * ahead_x + people[i, at.VY] * ahead_y
-        people[i, at.SLOW] = people[i, at.SLOW] + dt if progress < SLOW * people[i, at.SPEED] else 0.0
+        people[i, at.SLOW] = people[i, at.SLOW] + dt if progress < SLOW_FRACTION * people[i, at.SPEED] else 0.0
 
 
 @njit(cache=True, error_model="numpy")
 def _next_goal(person, goal, draw, points, fields, grid, away):
-    """Return the row of `points` to walk to after `goal`: the one that stands there, or another one by a draw.
-
-    Who gets nowhere along the vector `away` turns back, if there is a destination behind: two who meet in a passage for
-    one would stand there until one draws such a destination by chance.
-    """
+    """Return the row in `points` of the next destination; a person blocked in direction `away` turns back."""
     count = fields.shape[0]
     first = points.shape[0] - count
     if points[goal, 2] != NEXT_BY_DRAW:
@@ -270,6 +250,6 @@ def _next_goal(person, goal, draw, points, fields, grid, away):
     drawn = goal - first + 1 + int(draw * (count - 1))
     for k in range(drawn, drawn + count):
         x, y, cost = descent(fields, k % count, grid, person[at.X], person[at.Y])
-        if x * away[0] + y * away[1] < 0.0 and cost > ARRIVAL:
+        if x * away[0] + y * away[1] < 0.0 and cost > ARRIVAL_DISTANCE:
             return first + k % count
     return first + drawn % count

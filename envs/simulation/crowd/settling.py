@@ -1,4 +1,4 @@
-"""Where people end up in a step: not in each other, not in walls, not in robots."""
+"""Collision resolution between people, walls and robots."""
 
 import math
 
@@ -9,27 +9,32 @@ from . import records as at
 from .walls import clearance, push_out
 
 MAX_OVERLAP = 0.02
-"""Deepest overlap of two people [m]."""
+"""Maximum overlap of two people [m]."""
 _ROUNDS = 6
-"""How often people are pushed apart in a step."""
-MAX_HASTE = 1.5
-"""Greatest speed at which a person moves, pushed or not, over the desired one."""
-TOUCH = 1e-4
-"""Gap to a robot at which a person stops [m]."""
+"""Maximum number of separation passes."""
+MAX_SPEED_RATIO = 1.5
+"""Maximum speed of a person when pushed, as a multiple of its desired speed."""
+STOP_GAP = 1e-4
+"""Gap between a person and the robot that stopped the person [m]."""
 _TOLERANCE = 2e-6
-"""Overlap with walls that does not count [m]."""
+"""Overlap with walls that is ignored [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def settle(people, starts, robots, walls, dt):
-    """Move people apart who overlap, and out of walls; who has no room goes back, and who meets a robot stops at it.
+    """Separate overlapping people, push people out of walls, and stop people at robots.
 
-    So nobody ends in a wall, and two people no deeper in each other than `MAX_OVERLAP`, as long as they began so.
-    People on fixed routes make way for nobody; they walk through walls, each other and who stands, and wait for others.
+    A person without room returns to its start. People on fixed routes do not avoid anyone.
 
-    `people`: rows, at the positions that they want to take; `starts`: shape (n, 2), float64, where they come from [m];
-    `robots`: shape (m, 5), float64, see `social_forces`; `walls`: `Walls`; `dt`: how long the step takes [s]. Returns
-    for each the robot that stopped it, or -1: shape (n,), int64; `BLOCKED` is written for these.
+    Args:
+        people: rows of people at their desired positions; `BLOCKED` is written.
+        starts: positions before the step, shape (n, 2), float64 [m].
+        robots: see `social_forces`.
+        walls: `Walls`.
+        dt: time step [s].
+
+    Returns:
+        Index of the robot that stopped each person, or -1: shape (n,), int64.
     """
     count, (near, grid) = people.shape[0], walls
     stopped_by, is_free = np.full(count, -1), False
@@ -45,7 +50,7 @@ def settle(people, starts, robots, walls, dt):
             break
     for i in range(count):
         dx, dy = people[i, at.X] - starts[i, 0], people[i, at.Y] - starts[i, 1]
-        longest = MAX_HASTE * people[i, at.SPEED] * dt
+        longest = MAX_SPEED_RATIO * people[i, at.SPEED] * dt
         if people[i, at.KIND] <= at.BLIND and dx * dx + dy * dy > longest * longest:
             share = longest / math.sqrt(dx * dx + dy * dy)
             people[i, at.X], people[i, at.Y] = starts[i, 0] + share * dx, starts[i, 1] + share * dy
@@ -63,7 +68,6 @@ def settle(people, starts, robots, walls, dt):
 
 @njit(cache=True, error_model="numpy")
 def _push_apart(people):
-    """Move those apart who overlap, each by half; return whether there were any."""
     found = False
     for i in range(people.shape[0]):
         for j in range(i):
@@ -89,10 +93,7 @@ def _push_apart(people):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _robot_ahead(people, i, starts, robots, dt):
-    """Return which robot person i would walk into, or -1; who walks away from one does not walk into it.
-
-    It writes no position: inlined, that would make all of a step a sixth slower.
-    """
+    """Return the index of the robot that person `i` would walk into, or -1."""
     for k in range(robots.shape[0]):
         dx, dy = robots[k, at.X] - people[i, at.X], robots[k, at.Y] - people[i, at.Y]
         reach = robots[k, at.RADIUS] + people[i, at.RADIUS]
@@ -106,10 +107,9 @@ def _robot_ahead(people, i, starts, robots, dt):
 
 @njit(cache=True, error_model="numpy")
 def _share_until(person, start, robot):
-    """Return the share of its way from `start` after which a person touches a robot; 0 if it does from the start."""
     dx, dy = person[at.X] - start[0], person[at.Y] - start[1]
     away_x, away_y = start[0] - robot[at.X], start[1] - robot[at.Y]
-    reach = robot[at.RADIUS] + person[at.RADIUS] + TOUCH
+    reach = robot[at.RADIUS] + person[at.RADIUS] + STOP_GAP
     gap, closing, length = away_x**2 + away_y**2 - reach * reach, away_x * dx + away_y * dy, dx * dx + dy * dy
     root = closing * closing - length * gap
     return 0.0 if gap <= 0.0 or root < 0.0 else min(max((-closing - math.sqrt(root)) / length, 0.0), 1.0)
@@ -117,7 +117,7 @@ def _share_until(person, start, robot):
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
-    """Put those back where they came from who are in a wall or too deep in somebody; return whether any moved."""
+    """Reset people that penetrate walls or people; return True if any was moved."""
     moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND
@@ -137,7 +137,6 @@ def _take_back(people, starts, walls):
 
 @njit(cache=True, error_model="numpy")
 def _put_back(person, start):
-    """Put a person where it came from; return whether it moves by that."""
     moved = person[at.X] != start[0] or person[at.Y] != start[1]
     person[at.X], person[at.Y] = start[0], start[1]
     return moved

@@ -1,7 +1,7 @@
-"""Social force model: people are drawn towards where they walk, and pushed by each other, by robots and by walls.
+"""Social force pedestrian model.
 
-Helbing and Molnar, "Social force model for pedestrian dynamics" (1995), with circles of equal repulsion, discs for
-bodies, and a share of the force beside its line, which lets two people pass who meet head-on.
+Helbing and Molnar, "Social force model for pedestrian dynamics" (1995), with circular repulsion and a sideways force
+for head-on encounters.
 """
 
 import math
@@ -19,50 +19,54 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class SocialForce(NamedTuple):
-    """Parameters of the social force model, which uses accelerations."""
+    """Parameters of the social force model; forces are accelerations."""
 
     strength: Positive = 7.0
-    """How strongly people push each other who touch [m/s2]; with the 2.1 of some libraries many collide."""
+    """Repulsion between two people in contact [m/s2]."""
     reach: Positive = 0.3
-    """Distance in which this falls by the factor e [m]."""
+    """Distance over which repulsion between people falls by the factor e [m]."""
     behind: Share = 0.5
-    """Weight of who is behind a person, where who is ahead has 1 (the anisotropy, lambda)."""
+    """Anisotropy lambda: weight of people behind, relative to people ahead."""
     sideways: Share = 0.3
-    """Share of a push that acts across its line, to the right of who faces the other, so that two who meet pass."""
+    """Fraction of the repulsion that acts sideways, to the right."""
     braking: Positive = 1.0
-    """Greatest push of other people against where a person walks, over what makes it walk: 1 stops it, and nobody walks
-    backwards. Speed then falls with density as Weidmann (1993) measured it."""
+    """Maximum braking by other people, relative to the driving force; 1 stops a person (speed-density relation of
+    Weidmann, 1993)."""
     wall_strength: Positive = 6.0
-    """How strongly a wall pushes a person who touches it [m/s2]."""
+    """Repulsion of a wall at contact [m/s2]."""
     wall_reach: Positive = 0.12
-    """Distance in which this falls by the factor e [m]."""
+    """Distance over which wall repulsion falls by the factor e [m]."""
     relaxation: Positive = 0.5
-    """Time in which a person takes up the desired velocity (tau) [s]."""
+    """Relaxation time tau towards the desired velocity [s]."""
     excess: Positive = 1.3
-    """Greatest speed over the desired one."""
+    """Maximum speed as a multiple of the desired speed."""
     max_acceleration: Positive = 12.0
-    """Greatest acceleration [m/s2]."""
+    """Maximum acceleration [m/s2]."""
 
 
 NUM_FORCES = len(SocialForce._fields)
-"""Number of these."""
-HESITATION = 0.5
-"""Who has been slow for so long tries to pass on the other side [s]."""
-NEGLIGIBLE = 1e-3
-"""Pushes below this share of those at touch are left out."""
+SIDE_SWITCH_TIME = 0.5
+"""Time of slow progress after which a person evades to the left [s]."""
+MIN_PUSH_RATIO = 1e-3
+"""Fraction of the contact repulsion below which repulsion is ignored."""
 
 
 @njit(cache=True, error_model="numpy")
 def social_forces(people, directions, robots, walls, model, forces):
-    """Write the accelerations of all people to `forces`, shape (n, 2), float64 [m/s2].
+    """Compute the accelerations of all people.
 
-    `people`: rows; `directions`: shape (n, 2), float64, unit vectors of where they walk; `robots`: shape (m, 5),
-    float64, as the first entries of people; `walls`: `Walls`; `model`: `SocialForce`. All in the world frame [m, m/s].
+    Args:
+        people: rows of people.
+        directions: walking directions, shape (n, 2), float64, unit vectors.
+        robots: shape (m, 5), float64, laid out as the first columns of `people`.
+        walls: `Walls`.
+        model: `SocialForce`.
+        forces: output, shape (n, 2), float64, world frame [m/s2].
     """
     count, (near, grid) = people.shape[0], walls
-    cutoff = -model.reach * math.log(NEGLIGIBLE)
+    cutoff = -model.reach * math.log(MIN_PUSH_RATIO)
     forces[:] = 0.0
-    for i in range(count):  # by indices: making a view of a row takes as long as a push
+    for i in range(count):
         x, y, radius = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
         for j in range(i):
             dx, dy = x - people[j, at.X], y - people[j, at.Y]
@@ -100,19 +104,18 @@ def social_forces(people, directions, robots, walls, model, forces):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _add(forces, i, push, nx, ny, people, directions, model):
-    """Add a push along the unit vector (nx, ny), weighted by how far ahead it comes from (equation 8 as a cosine)."""
     ahead = -(nx * directions[i, 0] + ny * directions[i, 1])
     push *= model.behind + (1.0 - model.behind) * 0.5 * (1.0 + ahead)
-    sideways = model.sideways if people[i, at.SLOW] < HESITATION else -model.sideways
+    sideways = model.sideways if people[i, at.SLOW] < SIDE_SWITCH_TIME else -model.sideways
     forces[i, 0] += push * (nx - sideways * ny)
     forces[i, 1] += push * (ny + sideways * nx)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wall_force(near, grid, x, y, radius, model):
-    """Return the push of the obstacles of `Walls` on a person at (x, y) with a radius [m]: (ax, ay) [m/s2].
+    """Return the repulsion (ax, ay) of walls on a person at (x, y) [m/s2].
 
-    To the left and to the right, down and up, the strongest push counts: a wall of many pieces pushes like one.
+    Only the strongest repulsion towards +x, -x, +y and -y counts.
     """
     left = right = down = up = 0.0
     first, end = near_list(near, grid, x, y)
@@ -126,7 +129,7 @@ def wall_force(near, grid, x, y, radius, model):
 
 @njit(cache=True, error_model="numpy")
 def walk_by_forces(people, directions, robots, walls, model, dt):
-    """Take attentive and blind people on by `dt` [s] (semi-implicit Euler); arguments as for `social_forces`."""
+    """Move the walking people of the crowd by `dt` [s] (semi-implicit Euler); arguments as in `social_forces`."""
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)
     for i in range(people.shape[0]):

@@ -1,4 +1,4 @@
-"""One control period of people, and what lidars and robots meet of them."""
+"""Step of all people, and the circles that represent people."""
 
 import math
 
@@ -12,22 +12,22 @@ from lidarnaut.envs.simulation.sensors import with_room
 from . import records as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
 from .routes import choose_directions
-from .settling import MAX_HASTE, settle
+from .settling import MAX_SPEED_RATIO, settle
 from .social_force import NUM_FORCES, SocialForce, walk_by_forces
 from .walls import Walls
 
 SUBSTEP, ORCA_SUBSTEP = 0.05, 0.1
-"""Longest time in which people walk straight on, by forces and by ORCA [s]."""
+"""Maximum time steps of the social force model and of ORCA [s]."""
 LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
-"""Radius of a leg, its distance from the middle, and how far it swings ahead and back [m], at the height of a lidar."""
+"""Radius of a leg, distance of legs from the body's centre, and stride length [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def step_people(people, points, fields, setup, robots):
-    """Let people walk for one control period, before the robots move.
+    """Move people by one control period, before the robots move.
 
-    `people`, `points`, `fields`, `setup`: see `People`, the first written; `robots`: rows of robots, see
-    `lidarnaut.envs.simulation.records`, of which `TOUCHED` of those is written that a person walked into.
+    `people`, `points`, `fields`, `setup`: see `People`; `people` is written. `robots`: rows of robots; `TOUCHED` is
+    written for robots that people walk into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -41,8 +41,8 @@ def step_people(people, points, fields, setup, robots):
     longest = ORCA_SUBSTEP if setup[at.ORCA] > 0.0 else SUBSTEP
     for i in range(count):
         before[i, 0], before[i, 1], people[i, at.BLOCKED] = people[i, at.X], people[i, at.Y], 0.0
-        if people[i, at.KIND] <= at.BLIND:  # nobody gets through a thin wall in a step
-            longest = min(longest, people[i, at.RADIUS] / (MAX_HASTE * people[i, at.SPEED]))
+        if people[i, at.KIND] <= at.BLIND:  # prevents tunnelling through walls
+            longest = min(longest, people[i, at.RADIUS] / (MAX_SPEED_RATIO * people[i, at.SPEED]))
     num_steps = max(1, math.ceil(period / longest - 1e-9))
     dt = period / num_steps
     for _ in range(num_steps):
@@ -71,7 +71,6 @@ def step_people(people, points, fields, setup, robots):
 
 @njit(cache=True, error_model="numpy")
 def _walk(people, directions, discs, walls, setup, dt):
-    """Take attentive and blind people on by the crowd's model."""
     if setup[at.ORCA] > 0.0:
         orca = Orca(*as_tuple(setup[at.MODEL :], NUM_ORCA))
         walk_by_orca(people, directions, discs, walls, orca, dt)
@@ -82,7 +81,6 @@ def _walk(people, directions, discs, walls, setup, dt):
 
 @njit(cache=True, error_model="numpy")
 def _follow_route(person, points, dt):
-    """Walk on along a fixed route, around its corners."""
     left = person[at.SPEED] * dt
     while left > 0.0:
         goal = int(person[at.GOAL])
@@ -98,32 +96,29 @@ def _follow_route(person, points, dt):
 
 @njit(cache=True, error_model="numpy")
 def with_people(circles, people):
-    """Return circles, shape (m, 3) [m], and after them people."""
+    """Return circles, shape (m, 3) [m], followed by one circle per person."""
     count = circles.shape[0]
-    joined = with_room(circles, people.shape[0])
+    extended = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
         row = count + i
-        joined[row, 0], joined[row, 1], joined[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
-    return joined
+        extended[row, 0], extended[row, 1], extended[row, 2] = people[i, at.X], people[i, at.Y], people[i, at.RADIUS]
+    return extended
 
 
 @njit(cache=True, error_model="numpy")
 def with_bodies(circles, people, setup):
-    """Return circles, shape (m, 3) [m], and after them what lidars see of people: a disc of each, or two legs.
-
-    Legs swing by turns, and rest beside each other at the end of a step.
-    """
+    """Return circles, shape (m, 3) [m], followed by the circles of people for lidars: bodies or swinging legs."""
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]
-    joined = with_room(circles, 2 * people.shape[0])
+    extended = with_room(circles, 2 * people.shape[0])
     for i in range(people.shape[0]):
         person = people[i]
         c, s = math.cos(person[at.HEADING]), math.sin(person[at.HEADING])
         swing = 0.5 * STRIDE * math.sin(person[at.PHASE])
         for leg, side in enumerate((-1.0, 1.0)):
             ahead, left = side * swing, side * LEG_OFFSET
-            row = joined[count + 2 * i + leg]
+            row = extended[count + 2 * i + leg]
             row[0], row[1] = person[at.X] + c * ahead - s * left, person[at.Y] + s * ahead + c * left
             row[2] = LEG_RADIUS
-    return joined
+    return extended

@@ -1,4 +1,4 @@
-"""Static obstacles around people: which are near, how far they are, and what keeps people out of them."""
+"""Lookup of static obstacles near people."""
 
 import math
 from typing import NamedTuple
@@ -6,41 +6,40 @@ from typing import NamedTuple
 import numpy as np
 from numba import njit
 
-REACH = 0.4
-"""Obstacles farther than this from a person's body are not looked at [m]."""
+WALL_RANGE = 0.4
+"""Maximum gap between a person and a listed obstacle [m]."""
 CELL = 0.25
-"""Side of the cells that list the obstacles near them [m]."""
+"""Cell size of the lookup grid [m]."""
 _MAX_PUSHES = 12
-"""How often a disc is pushed out of what it overlaps; then it is wedged."""
 _TOLERANCE = 1e-6
-"""Overlap that does not count [m]."""
+"""Overlap that is ignored [m]."""
 
 
 class Walls(NamedTuple):
-    """Static obstacles of a world, listed by the cells of a grid that they are near; for kernels.
-
-    These unpack it once: to take an array out of it for each person takes longer than all that is done with it.
-    """
+    """Static obstacles listed by grid cell."""
 
     near: np.ndarray
-    """Shape (k,), float64: where each cell's list begins in this array and where the last one ends; the lists, which
-    hold where obstacles begin in this array; and the obstacles: lines (x0, y0, x1, y1) and their radius [m]."""
+    """Start of each cell's list and end of the last, lists of obstacle indices, and obstacles (x0, y0, x1, y1, radius)
+    [m]: shape (k,), float64."""
     grid: tuple[float, float, float, float]
-    """Where the first column and the first row begin [m], and how many rows and columns there are."""
+    """Origin (x, y) of the grid [m], and number of rows and columns."""
 
 
 def list_walls(
     segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, float, float, float], radius: float
 ) -> Walls:
-    """List the obstacles within `REACH` of a body of a radius [m] in each cell of a grid.
+    """List the obstacles near each cell of a grid.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), are float64 [m]; `bounds`: of the grid, (x_min, y_min, x_max,
-    y_max) [m].
+    Args:
+        segments: shape (n, 4), float64 [m].
+        circles: shape (m, 3), float64 [m].
+        bounds: bounds of the grid (x_min, y_min, x_max, y_max) [m].
+        radius: radius of the largest person [m].
     """
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
     bodies = np.vstack([np.column_stack([segments, np.zeros(len(segments))]), circles[:, [0, 1, 0, 1, 2]]])
-    cells, items = _pairs(bodies, bodies.ravel(), radius + REACH, x_min, y_min, rows, cols)
+    cells, items = _pairs(bodies, bodies.ravel(), radius + WALL_RANGE, x_min, y_min, rows, cols)
     order, first = np.argsort(cells, kind="stable"), rows * cols + 1
     starts = first + np.searchsorted(cells[order], np.arange(first))
     near = np.concatenate([starts, first + len(items) + items[order], bodies.ravel()])
@@ -61,7 +60,6 @@ def offset(near, item, x, y):
 
 @njit(cache=True, error_model="numpy")
 def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
-    """Return the indices of cells, and for each where an obstacle that is near it begins in `near`: shapes (n,)."""
     reach += math.sqrt(0.5) * CELL
     cells, items = [0 for _ in range(0)], [0 for _ in range(0)]
     for k in range(bodies.shape[0]):
@@ -79,7 +77,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return where the list of what is near (x, y) begins and ends in `Walls.near`; empty beyond the grid."""
+    """Return start and end in `Walls.near` of the list of obstacles near (x, y); empty outside the grid."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
@@ -89,7 +87,7 @@ def near_list(near, grid, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def clearance(near, grid, x, y):
-    """Return the distance from (x, y) to the nearest obstacle of `Walls` [m]; inf where none is near."""
+    """Return the distance from (x, y) to the nearest listed obstacle [m], inf without any."""
     first, end = near_list(near, grid, x, y)
     nearest = np.inf
     for k in range(first, end):
@@ -99,10 +97,7 @@ def clearance(near, grid, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def push_out(near, grid, x, y, radius):
-    """Push a disc out of the obstacles of `Walls` that it overlaps, the deepest overlap first.
-
-    Returns its centre (x, y) [m], and whether it is free now; where it is wedged it is not.
-    """
+    """Push a disc out of overlapping obstacles; return its centre (x, y) [m], and whether the overlap is resolved."""
     for _ in range(_MAX_PUSHES):
         first, end = near_list(near, grid, x, y)
         deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0

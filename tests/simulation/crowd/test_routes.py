@@ -9,7 +9,7 @@ import pytest
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation.crowd import records as at
 from lidarnaut.envs.simulation.crowd.routes import (
-    ARRIVAL,
+    ARRIVAL_DISTANCE,
     NEXT_BY_DRAW,
     RESOLUTION,
     choose_directions,
@@ -60,7 +60,7 @@ def test_open_halls_are_crossed_straight():
         for k, (goal_x, goal_y, _) in enumerate(routes.points):
             distance = math.hypot(goal_x - x, goal_y - y)
             ahead_x, ahead_y, cost = descent(routes.fields, k, routes.walls.grid, x, y)
-            if distance > ARRIVAL:
+            if distance > ARRIVAL_DISTANCE:
                 assert ahead_x * (goal_x - x) + ahead_y * (goal_y - y) > 0.99 * distance
                 assert cost == pytest.approx(distance, abs=0.1)
 
@@ -76,10 +76,10 @@ def test_destinations_are_far_apart_and_each_is_reached_from_everywhere_without_
             k = rng.integers(8)
             for _ in range(3000):
                 ahead_x, ahead_y, cost = descent(routes.fields, k, routes.walls.grid, x, y)
-                if cost < ARRIVAL:
+                if cost < ARRIVAL_DISTANCE:
                     break
                 x, y = x + 0.02 * ahead_x, y + 0.02 * ahead_y
-            assert cost < ARRIVAL
+            assert cost < ARRIVAL_DISTANCE
 
 
 def test_flows_lead_to_the_other_end_or_side():

@@ -11,8 +11,8 @@ from lidarnaut.envs.simulation.crowd import Crowd
 from lidarnaut.envs.simulation.crowd import records as at
 from lidarnaut.envs.simulation.crowd.settling import settle
 from lidarnaut.envs.simulation.crowd.social_force import (
-    HESITATION,
-    NEGLIGIBLE,
+    MIN_PUSH_RATIO,
+    SIDE_SWITCH_TIME,
     SocialForce,
     social_forces,
     walk_by_forces,
@@ -29,7 +29,7 @@ def reference(people, directions, robots, walls, model):
 
     def push(offset, touching, ahead, sideways):
         distance = np.hypot(*offset)
-        if distance >= touching - model.reach * math.log(NEGLIGIBLE):
+        if distance >= touching - model.reach * math.log(MIN_PUSH_RATIO):
             return np.zeros(2)
         normal = offset / distance
         weight = model.behind + (1.0 - model.behind) * (1.0 - normal @ ahead) / 2.0
@@ -39,7 +39,7 @@ def reference(people, directions, robots, walls, model):
     forces = []
     for i, person in enumerate(people):
         at_i, ahead, radius = person[[at.X, at.Y]], directions[i], person[at.RADIUS]
-        sideways = model.sideways if person[at.SLOW] < HESITATION else -model.sideways
+        sideways = model.sideways if person[at.SLOW] < SIDE_SWITCH_TIME else -model.sideways
         others = sum(
             push(at_i - other[[at.X, at.Y]], radius + other[at.RADIUS], ahead, sideways)
             for j, other in enumerate(people)

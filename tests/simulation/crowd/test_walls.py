@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry.clearance import clearance as slow_clearance
-from lidarnaut.envs.simulation.crowd.walls import REACH, clearance, list_walls, push_out
+from lidarnaut.envs.simulation.crowd.walls import WALL_RANGE, clearance, list_walls, push_out
 from tests.crowds import CYLINDERS, DOORWAY
 
 
@@ -15,10 +15,10 @@ def test_near_obstacles_give_the_clearance_from_all(world):
     walls = list_walls(world.segments, world.circles, world.bounds, 0.3)
     for x, y in np.random.default_rng(0).uniform(world.bounds[:2], world.bounds[2:], (500, 2)):
         expected = slow_clearance(x, y, world.segments, world.circles)
-        if expected <= 0.3 + REACH:
+        if expected <= 0.3 + WALL_RANGE:
             assert clearance(*walls, x, y) == pytest.approx(expected, abs=1e-12)
         else:
-            assert clearance(*walls, x, y) > 0.3 + REACH
+            assert clearance(*walls, x, y) > 0.3 + WALL_RANGE
 
 
 def test_beyond_the_world_nothing_is_near():
