@@ -1,4 +1,4 @@
-"""Poses by adding up motions."""
+"""Dead reckoning."""
 
 from typing import Any
 
@@ -11,7 +11,7 @@ from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate, Window
 
 
 class DeadReckoning:
-    """An `Estimator` that adds up motions and looks at no scan, on a known map or without one."""
+    """`Estimator` that integrates odometry and ignores scans, with or without a known map."""
 
     uses_first_scan = False
     belief: Belief
@@ -19,9 +19,9 @@ class DeadReckoning:
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at a pose, ValueError without one; see `Estimator`.
+        """Start at a pose; ValueError for None.
 
-        Without a map the belief has one of one unknown cell, told as new: planners are free to leave it.
+        Without a map, the belief has a map of one unknown cell, marked as changed.
         """
         if pose is None:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
@@ -33,6 +33,5 @@ class DeadReckoning:
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Follow a motion; see `Estimator`."""
         self.belief.pose = self.belief.pose.compose(motion)
         return self.belief

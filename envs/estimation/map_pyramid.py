@@ -1,7 +1,6 @@
-"""The map at the scales at which a policy sees it, brought up to date when a crop is asked for.
+"""Multi-resolution pyramid of a map, for crops of different scales around a robot.
 
-A level joins blocks of map cells to one word each. A crop then costs one look-up per pixel, and no wall is lost between
-look-ups, however thin it is.
+A level stores one word per block of cells. A crop needs one lookup per pixel and preserves thin walls.
 """
 
 import math
@@ -15,9 +14,9 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.geometry.lookup import load
 
 OCCUPIED_FROM = 50
-"""Least occupancy at which a cell counts as occupied [percent]."""
+"""Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Largest block that is pooled from map cells [cells]; larger ones are pooled from blocks a quarter as large."""
+"""Maximum side of a block pooled from map cells [cells]; larger blocks are pooled from a finer level."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -27,7 +26,7 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write to `sums`, shape (n,), uint16, what each column of `lines` holds: free cells + 256 x occupied ones."""
+    """Write free cells + 256 x occupied cells of each column of `lines` to `sums`, shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -39,11 +38,15 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks where the map, shape (height, width), int8, may have changed, a `Window` of cells.
+    """Pool map cells into blocks, inside a window of changed cells.
 
-    `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`; `level`: shape (n + 1,), uint16, written:
-    the words of n blocks row by row, and 0 for everything outside. A word holds the share of free cells times 255, and
-    whether any cell is occupied and was visited.
+    Args:
+        data: occupancy, shape (height, width), int8 [percent].
+        window: `Window` of cells.
+        block: side of a block [cells], a power of two up to `LARGEST_POOLED`.
+        level: updated in place, shape (n + 1,), uint16: words of n blocks in row-major order, then 0 for outside. A
+            word
+            holds 255 x the share of free cells, and flags for occupied and visited blocks.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col_min // block, window.col_max // block + 1
@@ -55,14 +58,14 @@ def pool_cells(data, window, block, level):
             total = np.uint16(0)
             for j in range(k * block, (k + 1) * block):
                 total += sums[j]
-            # Half a cell more keeps what single precision loses from rounding a whole number down.
+            # Half a cell prevents rounding a whole number down in single precision.
             share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
             words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
 
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one, in a `Window` of them."""
+    """Pool 4 x 4 blocks of a finer level of `height` x `width` blocks, inside a `Window` of finer blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row_min // _POOL, window.row_max // _POOL + 1):
         for j in range(window.col_min // _POOL, window.col_max // _POOL + 1):
@@ -78,12 +81,19 @@ def _pool_blocks(finer, height, width, window, level):
 
 @njit(cache=True, error_model="numpy")
 def crop_level(level, height, width, x, y, theta, pixel, crop):
-    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left, the robot in the middle.
+    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: shape (height * width + 1,), uint16, of blocks, see `pool_cells`; `x`, `y`, `theta`: the robot's pose from
-    the map's corner [blocks, blocks, rad]; `pixel`: side of a crop pixel [blocks]; `crop`: shape (3, size, size),
-    uint8, written: 255 where the block in the middle of the pixel has an occupied cell; the share of its cells that are
-    free, times 255; 255 where the robot has been in it.
+    Args:
+        level: words of the blocks, shape (height * width + 1,), uint16; see `pool_cells`.
+        height: number of rows of blocks.
+        width: number of columns of blocks.
+        x: position of the robot from the map's corner [blocks].
+        y: position of the robot from the map's corner [blocks].
+        theta: heading of the robot [rad].
+        pixel: side of a crop pixel [blocks].
+        crop: written, shape (3, size, size), uint8. Channels of the block at a pixel's centre: 255 if any cell is
+            occupied; 255 x the share of
+            free cells; 255 if the robot has visited it.
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -108,25 +118,25 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
 
 
 class Level:
-    """Blocks of one size."""
+    """Pyramid level: blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Make an empty level of blocks of a side [cells], pooled from a finer level, or for None from the map."""
+        """Create an empty level with blocks of a side [cells], pooled from `finer`, or from the map if None."""
         self.block, self.finer = block, finer
         self.is_stale = True
-        """Whether the level is to be rebuilt before it is read."""
+        """True if the level must be rebuilt before use."""
         self.pending: Window | None = None
-        """Cells that may have changed since the level was brought up to date."""
+        """Cells that may have changed since the level was last updated."""
 
     def rebuild(self, data: np.ndarray) -> None:
-        """Pool a map that is new, has grown, or was redrawn: shape (height, width), int8."""
+        """Pool a whole map that is new, has grown or was redrawn: shape (height, width), int8."""
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        """Shape (height * width + 1,), uint16; see `pool_cells`."""
+        """Words of the blocks, see `pool_cells`: shape (height * width + 1,), uint16."""
         self.update(data, Window(0, 0, data.shape[1] - 1, data.shape[0] - 1))
 
     def update(self, data: np.ndarray, window: Window) -> None:
-        """Pool what may have changed in a map."""
+        """Pool the cells of a window that may have changed."""
         if self.finer is None:
             pool_cells(data, window, self.block, self.words)
         else:
@@ -135,23 +145,23 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Remember that the robot has been at a position, given from the map's corner [cells]."""
+        """Mark the block at a position, relative to the map's corner [cells], as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
 
 
 class MapPyramid:
-    """Levels of one map, made when a crop first asks for them."""
+    """Levels of one map, created on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
-        """Follow a map, whose array may be replaced, and where robots have been, map frame; both go on growing."""
+        """Use a map and the trails of robots (map frame); both may grow later."""
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
         self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
-        """Take note of a change of the map; levels follow when they are next asked for."""
+        """Record a change of the map; levels are updated at the next crop."""
         data = self.grid.data
         if update.redrawn or data is not self._data:
             self._data = data
@@ -162,14 +172,14 @@ class MapPyramid:
                 level.pending = update.window if level.pending is None else level.pending.union(update.window)
 
     def mark(self, x: float, y: float) -> None:
-        """Remember that a robot has been at (x, y), map frame [m]."""
+        """Mark (x, y), map frame [m], as visited by a robot."""
         col, row = self._in_cells(x, y)
         for level in self._levels.values():
             if not level.is_stale:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose in the map frame, pixels of a side [m], into `out`; see `crop_level`."""
+        """Crop the map around a pose in the map frame into `out`, with pixels of a side [m]; see `crop_level`."""
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin
@@ -177,7 +187,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return, up to date, the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
+        """Return the updated level with the block side nearest to a pixel's side [m], by powers of two."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

@@ -1,4 +1,4 @@
-"""Other robots in a robot's scan."""
+"""Removal of other robots from a robot's scans."""
 
 import math
 
@@ -9,15 +9,20 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
-"""Beams that end this near to a peer's footprint are taken to have hit it [m]: both poses are off by centimetres."""
+"""Distance from a peer's footprint within which a beam's end counts as a hit [m]; covers pose errors."""
 
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan with NaN for the beams that end within `reach` [m] of a peer.
+    """Return a scan with NaN for beams that end near a peer.
 
-    `directions`, shape (2, num_beams), are cosine and sine of the beams and `mount` the position of the lidar in the
-    base frame; `pose` (x, y, theta) and `peers`, shape (m, 2), are estimates in the map frame [m, rad].
+    Args:
+        ranges: scan, shape (num_beams,), float32 [m].
+        directions: cosine and sine of the beam angles, shape (2, num_beams).
+        mount: position of the lidar in the base frame [m].
+        pose: estimated pose (x, y, theta), map frame [m, m, rad].
+        peers: estimated positions of peers, shape (m, 2), map frame [m].
+        reach: maximum distance between a beam's end and a peer's centre [m].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -35,22 +40,21 @@ def remove_peers(ranges, directions, mount, pose, peers, reach):
 
 
 class PeerFilter:
-    """Removes other robots from a robot's scans, so that they do not become walls of the map."""
+    """Removes other robots from scans, to keep them out of the map."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Prepare for robots of one kind."""
         self._mount, self._directions = (robot.lidar.mount.x, robot.lidar.mount.y), robot.lidar.directions
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan, shape (num_beams,), float32 [m], with NaN for beams that end at estimated poses of peers."""
+        """Return a scan with NaN for beams that end at peers: shape (num_beams,), float32 [m]. Poses are estimates."""
         if not peers:
             return ranges
         positions = np.array([peer[:2] for peer in peers])
         return remove_peers(ranges, self._directions, self._mount, tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
-        """Return where the beams end that end at a peer: shape (k, 2), float64, base frame [m]; see `__call__`."""
+        """Return the end points of beams that hit a peer: shape (k, 2), float64, base frame [m]."""
         is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
         points: np.ndarray = self._mount + (ranges[is_hit] * self._directions[:, is_hit]).T
         return points

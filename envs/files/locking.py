@@ -1,4 +1,4 @@
-"""Folders that one process at a time may add to."""
+"""Folder locks between processes."""
 
 import os
 import platform
@@ -14,19 +14,19 @@ except ImportError:  # Windows
 
 
 class LockedError(RuntimeError):
-    """Another process holds a lock; the message names its folder, and the process where it is known."""
+    """Another process holds a lock; the message names the folder and, if known, the process."""
 
 
 class Lock:
-    """A lock on a folder, which ends with its process, however that ends; none where the system has no such locks."""
+    """Folder lock that is released when its process ends. Without effect on systems without file locks."""
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock by the file `.<name>` in a folder; who shares it may hold it at the same time."""
+        """Prepare a lock on the file `.<name>` in a folder; several processes can hold a shared lock."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 
     def __enter__(self) -> "Lock":
-        """Take the lock; LockedError if another process holds it, ValueError if the file is not regular."""
+        """Acquire the lock; LockedError if another process holds it, ValueError if the file is not regular."""
         if fcntl is None:
             return self
         if self._path.exists():
@@ -48,7 +48,7 @@ class Lock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the lock back. The file stays: were it removed, two processes could lock two files of one name."""
+        """Release the lock. The file stays, because removing it could let two processes hold the lock."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -1,4 +1,4 @@
-"""BARN: 300 worlds for local navigation, fields of cylinders between three walls."""
+"""BARN benchmark for local navigation: 300 worlds with cylinders between three walls."""
 
 import math
 from functools import lru_cache
@@ -12,20 +12,24 @@ from lidarnaut.envs.geometry import Pose2D
 from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
-"""Names of BARN's worlds."""
+"""Names of the BARN worlds."""
 _SPEED = 2.0
-"""Optimal times of the benchmark are those of paths at this speed [m/s]."""
+"""Robot speed that the benchmark's optimal times assume [m/s]."""
 _MARGIN = 5.0
 
 
 @lru_cache(maxsize=len(BARN_NAMES))
 def barn_world(name: str) -> World:
-    """Return one of BARN's worlds, the same object each time; ValueError if `name` is none of `BARN_NAMES`."""
+    """Return a BARN world; the result is cached.
+
+    Raises:
+        ValueError: `name` is not in `BARN_NAMES`.
+    """
     if name not in BARN_NAMES:
         raise ValueError(f"unknown world {name!r}; BARN's are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
     number = BARN_NAMES.index(name)
     with open_archive(Path(__file__).with_suffix(".npz")) as archive:
-        # Numbers are float32 on a grid of 0.15 m.
+        # Remove the float32 rounding error of the archive.
         first, last = archive["offsets"][number : number + 2]
         centres, radius = archive["centres"][first:last].astype(np.float64).round(3), round(float(archive["radius"]), 3)
         ends = np.array([archive["start"][:2], archive["goal"]], dtype=np.float64)

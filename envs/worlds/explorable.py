@@ -18,29 +18,28 @@ from .world import World, kept_with_world
 
 @dataclass(frozen=True, eq=False)
 class ExplorableArea:
-    """The part of a world that a robot could see, on a raster in the world frame."""
+    """Traversable and explorable cells of a world for one robot, on a raster in the world frame."""
 
     walls: OccupancyGrid
-    """Ground truth: 0 free, 100 touched by something static."""
+    """Rasterized static geometry: 0 is free, 100 is occupied."""
     traversable: np.ndarray
-    """Shape of `walls`, bool: cells where the robot's base is collision-free, connected to the world's first spawn."""
+    """Collision-free cells connected to the first spawn: shape of `walls`, bool."""
     start_cells: np.ndarray
-    """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
+    """Traversable cells with one extra cell of clearance, used as start positions: shape of `walls`, bool."""
     near_people: np.ndarray
-    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a person on a fixed route at time 0."""
+    """Cells at which the robot would overlap a person on a fixed route at time 0: shape of `walls`, bool."""
     name: str
-    """Name of the world."""
     lidar_reach: float
-    """Range of the lidar [cells]."""
+    """Maximum range of the lidar [cells]."""
 
     @cached_property
     def explorable(self) -> np.ndarray:
-        """Shape of `walls`, bool: free cells visible from a traversable one; found when first asked for.
+        """Free cells that the lidar can see from a traversable cell: shape of `walls`, bool.
 
-        That takes two to six times as long as all else, and tasks with a goal have no use for it.
+        Computed at first access, because the visibility search is slow and tasks with a goal do not need it.
         """
         free = self.walls.data == 0
-        # Only free cells connected to a traversable one can be seen from it.
+        # Only free cells connected to a traversable cell can be visible.
         pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
         touches = np.zeros(num_pieces + 1, dtype=bool)
         touches[pieces[self.traversable]] = True
@@ -53,9 +52,9 @@ class ExplorableArea:
 
     @property
     def corridor_length(self) -> float:
-        """Half the boundary of the traversable cells [m]: the length of a corridor, which has a border on either side.
+        """Estimated total corridor length: half the boundary length of the traversable cells [m].
 
-        By Crofton's formula: crossings of lines in four directions, to 6 % however the corridor is turned.
+        Uses Crofton's formula with lines in four directions. The error is at most 6 % for any orientation.
         """
         t = self.traversable
         straight = np.count_nonzero(t[1:] != t[:-1]) + np.count_nonzero(t[:, 1:] != t[:, :-1])
@@ -63,26 +62,26 @@ class ExplorableArea:
         return math.pi / 16.0 * (straight + diagonal / math.sqrt(2.0)) * self.walls.resolution
 
     def usual_time_limit(self, speed: float) -> float:
-        """Return the time to explore the area at `speed` [m/s]: the longer one of two, rounded to ten seconds [s].
+        """Return a time limit for exploration at `speed` [m/s], rounded to ten seconds [s].
 
-        Time to sweep the area twice with a swath of a metre, and two minutes more; or time to drive all corridors at
-        0.4 of the speed, as where they are narrow, and a minute more.
+        The limit is the longer of two times: to sweep the area twice with a swath of 1 m, plus two minutes; or to drive
+        all corridors at 0.4 of the speed, plus one minute.
         """
         sweep = 120.0 + 10.0 * round(0.2 * self.area / speed)
         return max(sweep, 60.0 + 10.0 * round(0.25 * self.corridor_length / speed))
 
     def is_traversable(self, pose: Pose2D) -> bool:
-        """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
+        """Return True if the robot fits at `pose` (world frame) and can reach the first spawn."""
         row, col = self.walls.cells(np.array([pose.x, pose.y]))
         return bool(self.walls.contains(np.array([row, col])) and self.traversable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
-        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
+        """Sample a start pose in the world frame, uniform over `start_cells` and over headings.
 
-        A pose on a position of a person on a fixed route at time 0 is drawn again.
+        Cells in `near_people` are rejected.
 
         Raises:
-            ValueError: if these people leave no room anywhere.
+            ValueError: people cover every start cell.
         """
         cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
@@ -98,14 +97,14 @@ class ExplorableArea:
 
 @kept_with_world
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Find where the footprint of `robot` fits, on cells of a side `resolution` [m], and what it can see from there.
+    """Compute the explorable area of a world for a robot, on cells of side `resolution` [m].
 
     Raises:
-        ValueError: if the robot does not fit at the world's first spawn.
+        ValueError: the robot does not fit at the world's first spawn.
     """
     walls = rasterize(world, resolution)
     free = walls.data == 0
-    # Exact as far as it is compared with: the whole transform takes half of a reset of a large world.
+    # A bounded distance transform is enough; the full one takes half of a reset of a large world.
     reach = math.ceil(robot.radius / resolution) + 2
     if reach <= MAX_REACH:
         clearance = np.sqrt(squared_distances(~free, reach)) * resolution

@@ -1,4 +1,4 @@
-"""Finding a world by what users call it."""
+"""Lookup of worlds by name or path."""
 
 import contextlib
 import os
@@ -21,24 +21,23 @@ from .world import World
 from .world_file import WorldFile, build_world
 
 LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
-"""World files that come with the project, by name."""
+"""Paths of the built-in world files, by world name."""
 WORLD_NAMES = tuple(LIBRARY)
-"""Names of the worlds in the library."""
+"""Names of the built-in worlds."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Return a world of the library or of BARN, from a world file or a map, by `module:attribute`, or as it is.
+    """Load a world by name (library or BARN), file path, or `module:attribute`; return a `World` as it is.
 
-    Loaded once: the same name, or path to an unchanged file, gives the same object.
+    Files are world files or `map_server` YAML files. Results are cached until the file changes.
 
     Raises:
-        ValueError: for a name that the library does not have, a file that is not a valid world, or `module:attribute`
-            of something else.
-        FileNotFoundError: if there is no such file.
-        TypeError: `world` is none of these.
+        ValueError: the name is unknown, the file is not a valid world, or `module:attribute` is not a `World`.
+        FileNotFoundError: the file does not exist.
+        TypeError: `world` has another type.
     """
     found = _resolve(world, LIBRARY)
     if isinstance(found, World):
@@ -56,7 +55,6 @@ def load_world(world: str | Path | World) -> World:
 
 
 def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
-    """Return what a name stands for, see `resolve`; those that begin with `barn:` are no modules."""
     if isinstance(world, str) and world.startswith("barn:"):
         return barn_world(world)
     if isinstance(world, str) and world not in table:
@@ -65,7 +63,7 @@ def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
 
 
 def _version(path: Path) -> tuple[int, ...] | None:
-    """Return numbers that differ once a file is changed or replaced; None if it is missing."""
+    """Return a fingerprint of a file that changes with its content, or None if the file is missing."""
     with contextlib.suppress(OSError, ValueError):
         found = path.stat()
         return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
@@ -74,14 +72,14 @@ def _version(path: Path) -> tuple[int, ...] | None:
 
 @lru_cache(maxsize=64)
 def _image_of(path: Path, version: tuple[int, ...] | None) -> Path | None:
-    """Return the image that a map names; None for a world file."""
+    """Return the path of a map's image, or None for a world file."""
     image = read_mapping(path).get("image")
     return path.parent / image if isinstance(image, str) else None
 
 
 @lru_cache(maxsize=64)
 def _read(path: Path, version: tuple[int, ...] | None, image: tuple[int, ...] | None) -> World:
-    """Read a world file or a map; versions of the file and its image make a changed one another key of the cache."""
+    """Read a world file or a map; the fingerprints of the file and its image are cache keys."""
     content = read_mapping(path)
     build: Callable[[], World]
     if "image" in content:
@@ -103,25 +101,22 @@ def world_sampler(
     difficulty: float | None = None,
     num_worlds: int | None = None,
 ) -> WorldSampler:
-    """Return a function that gives the world of the next episode.
+    """Return a function that samples the world of an episode with a random generator.
 
     Args:
-        world: name of a library world, of one of BARN's (`barn:12`) or of a procedural family, path of a world file or
-            of a `map_server` YAML, a world, a function from a random generator to a world, or `module:attribute` of
-            either; or several of these, one of which is drawn. Worlds and files give the same object each time.
-        split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
-        size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
-        radius: of the robot that a family's worlds are to fit [m].
-        difficulty: of the worlds of `clutter`, from 0 to 1; `None` draws it for each.
-        num_worlds: how many worlds a family has, each of which is made once; `None` makes another one for each episode.
-
-    Of several worlds, families alone take a size, and `clutter` alone a difficulty.
+        world: name of a library world, a BARN world (`barn:12`) or a procedural family; path of a world file or a
+            `map_server` YAML; a `World`; a function from a random generator to a `World`; `module:attribute` of either;
+            or a list of these to draw from.
+        split: worlds of a family: `train` has even seeds, `test` has odd seeds.
+        size: outer size (x, y) of a family's worlds [m]; `None` uses the family's range.
+        radius: radius of the robot that has to fit into a family's worlds [m].
+        difficulty: difficulty of `clutter` worlds, from 0 to 1; `None` draws a value for each world.
+        num_worlds: number of different worlds of a family; `None` means unlimited.
 
     Raises:
-        ValueError: for an unknown world, split, size, difficulty or number, no world at all, or a world that leaks;
-            names the allowed values.
-        FileNotFoundError: if there is no such file.
-        TypeError: `world` is none of these.
+        ValueError: a world, split, size, difficulty or number is invalid, or a world is not closed.
+        FileNotFoundError: the file does not exist.
+        TypeError: `world` has another type.
     """
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
@@ -144,7 +139,7 @@ def world_sampler(
         return partial(_draw_one_of, each)
     if isinstance(world, str) and world in FAMILIES:
         settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}
-        FAMILIES[world](0, **settings)  # what the family refuses should fail here, not at the first reset
+        FAMILIES[world](0, **settings)  # fail here, not at the first reset
         if num_worlds is None:
             return partial(_draw, partial(FAMILIES[world], **settings), split == "test", 2**31)
         settings["size"] = None if size is None else tuple(size)
@@ -159,7 +154,7 @@ def world_sampler(
     return partial(_same, load_world(world if isinstance(world, str) else found))
 
 
-# Functions of the module and not closures, so that environments can be pickled.
+# Module-level functions instead of closures, because environments are pickled.
 def _draw(generate: Callable[[int], World], is_test: bool, count: int, rng: np.random.Generator) -> World:
     return generate(2 * int(rng.integers(count)) + is_test)
 
@@ -185,6 +180,6 @@ def _same(world: World, rng: np.random.Generator) -> World:
 
 
 def has_no_effects(sample: WorldSampler) -> bool:
-    """Return True if a sampler calls no code of users: its worlds depend on the generator alone."""
+    """Return True if a sampler runs no user code: its worlds depend only on the random generator."""
     kind = getattr(sample, "func", None)
     return kind in (_draw, _same) or (kind is _draw_one_of and all(map(has_no_effects, sample.args[0])))  # type: ignore[attr-defined]

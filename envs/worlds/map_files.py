@@ -1,4 +1,4 @@
-"""Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
+"""Map files in the format of ROS map_server: an image and a YAML file."""
 
 import io
 import logging
@@ -20,28 +20,28 @@ from .raster import MAX_CELLS
 from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
-"""Occupancy above which a saved cell reads as occupied."""
+"""Occupancy, from 0 to 1, above which a pixel of a saved map is occupied."""
 FREE_THRESH = 0.196
-"""Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
+"""Occupancy, from 0 to 1, below which a pixel of a saved map is free; unknown pixels (grey 205) have 0.19608."""
 SAVED_UNKNOWN = 205
-"""Grey of unknown cells as map_savers write them."""
+"""Grey value of unknown cells in images written by map_saver."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
-"""Greys that map_savers write, and pure white, a usual colour of painted free space."""
+"""Grey values written by map_saver, and pure white, common in painted maps."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Difference of greys that are the same, and share of the pixels with such greys in an image of a map_saver, which may
-have been retouched."""
+"""Tolerance of a grey value in `SAVED_VALUES`, and minimum share of pixels with these values in an image from
+map_saver."""
 MAX_YAW = 1e-6
-"""Maps that are turned by less are not rotated [rad]."""
+"""Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
-"""Of images of maps."""
+"""File name suffixes of map images."""
 MAX_IMAGE_BYTES = 4 * MAX_CELLS
-"""Largest image of a map: digits in text for each cell."""
+"""Maximum size of a map image file [bytes]: text formats take up to four characters per cell."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
-"""Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
+"""Image formats of maps, by Pillow's names; PPM includes PGM and PBM."""
 
 
 class MapFile(BaseModel):
-    """The YAML part of a map. Keys that map_server does not know are ignored, as map_server does."""
+    """Content of a map's YAML file. Unknown keys are ignored, as in map_server."""
 
     image: str
     resolution: Size
@@ -53,7 +53,7 @@ class MapFile(BaseModel):
 
 
 def check_no_image(path: Path) -> None:
-    """Raise a ValueError if a path is that of the image of a map; names the YAML file beside it."""
+    """Raise ValueError if a path is a map image; the message names the map's YAML file."""
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
         beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
         advice = f"such as {beside[0]}" if beside else "there is none beside it"
@@ -61,7 +61,7 @@ def check_no_image(path: Path) -> None:
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
-    """Return the image and the YAML file that `save_map` writes; ValueError if the path ends otherwise."""
+    """Return the paths of the image and the YAML file that `save_map` writes; ValueError for other suffixes."""
     if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
         raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
     image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
@@ -69,17 +69,17 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
-    """Save a grid for map_server; a full disk changes nothing.
+    """Save a grid in map_server format; return the path of the YAML file.
 
-    `trinary` writes the classes that planners use, as map_saver does: 254 for free, 0 for occupied (`OCCUPIED_FROM`
-    percent or more), 205 for unknown. `scale` keeps the percentages; unknown cells are transparent, which takes a PNG.
-
-    `path`, which is returned: `NAME.yaml` or `NAME` (image in `NAME.pgm`, or for `scale` in `NAME.png`), `NAME.pgm` or
-    `NAME.png` (YAML in `NAME.yaml`).
+    Args:
+        grid: map to save.
+        path: `NAME`, `NAME.yaml`, `NAME.pgm` or `NAME.png`. The default image is `NAME.pgm`, or `NAME.png` for `scale`.
+        mode: `trinary` writes 254 for free, 0 for occupied (`OCCUPIED_FROM` percent or more) and 205 for unknown, as
+            map_saver does. `scale` keeps percentages; unknown cells are transparent, which requires PNG.
 
     Raises:
-        ValueError: another suffix or mode, or a PGM for `scale`.
-        OSError: writing fails.
+        ValueError: the suffix or mode is invalid, or `scale` is used with PGM.
+        OSError: writing failed.
     """
     image_path, yaml_path = map_paths(Path(path))
     if mode == "scale" and Path(path).suffix not in (".pgm", ".png"):
@@ -104,7 +104,7 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
         "free_thresh": FREE_THRESH if mode == "trinary" else 0.0,
         "mode": mode,
     }
-    file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
+    file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow's name for PGM
     Image.fromarray(np.ascontiguousarray(pixels)).save(image, format=file_format)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     for target, written in ((image_path, image.getvalue()), (yaml_path, text)):
@@ -116,17 +116,16 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 
 
 def load_map(path: str | Path) -> OccupancyGrid:
-    """Read a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
+    """Load a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    As in map_server, colours are averaged, in `trinary` together with the opacity of an image that is transparent
-    somewhere; transparent pixels are unknown in `scale`. In `raw`, pixel values up to 100 are percentages and all
-    others unknown. One case differs from map_server: a `free_thresh` that takes the grey 205 for free, such as the 0.25
-    of older Nav2 map_savers. If an image holds the greys of map_savers alone (0, 205, 254, and 255), 205 is unknown,
-    and the logger warns.
+    As in map_server, colours are averaged, and in `trinary` also the opacity of partly transparent images. Transparent
+    pixels are unknown in `scale`. In `raw`, pixel values above 100 are unknown. Unlike map_server, grey 205 is read as
+    unknown, with a warning, if
+    `free_thresh` would make it free (such as 0.25 of older Nav2 map_savers) and the image has only map_saver's greys.
 
     Raises:
-        ValueError: if the YAML or the image is damaged, or the map is rotated; names the file and the key.
-        FileNotFoundError: if one of the files is missing.
+        ValueError: the YAML or the image is damaged, or the map is rotated.
+        FileNotFoundError: the YAML file or the image is missing.
     """
     path = Path(path)
     check_no_image(path)
@@ -140,13 +139,13 @@ def load_map(path: str | Path) -> OccupancyGrid:
 
 
 def _read_image(source: Path, file: MapFile) -> np.ndarray:
-    """Return the occupancy of the pixels of the image that a YAML file names, its shape, int8 [percent], -1 unknown."""
+    """Return the occupancy of a map image: shape of the image, int8 [percent], -1 for unknown."""
     path = source.parent / file.image
-    if not os.path.isfile(path):  # False for what is no path at all
+    if not os.path.isfile(path):  # False for invalid paths too
         raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of damaged files, and of large images: there is a limit of ours
+            warnings.simplefilter("ignore")  # Pillow warns of damaged and of large images
             check_file(path, MAX_IMAGE_BYTES)
             with Image.open(path, formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > MAX_CELLS:
@@ -157,7 +156,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
                 array = np.asarray(image if plain else image.convert("RGB"))
     except PermissionError:
         raise
-    except Exception as error:  # Pillow raises many kinds for damaged files
+    except Exception as error:  # Pillow raises many types for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
     is_transparent = None if alpha is None or alpha.min(initial=255) == 255 else alpha < 255
@@ -191,7 +190,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
 
 
 def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
-    """Return the occupancy of grey values from 0 to 255: int8 [percent], -1 for unknown."""
+    """Convert grey values from 0 to 255 to occupancy: int8 [percent], -1 for unknown."""
     if file.mode == "raw":
         return np.where(grey <= 100, np.rint(grey), UNKNOWN).astype(np.int8)
     occupancy = grey / 255 if file.negate else (255 - grey) / 255

@@ -1,4 +1,4 @@
-"""Endless worlds by seed."""
+"""Procedural worlds, generated from seeds."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -14,18 +14,18 @@ from .plan import UNIT, Size, units
 
 @dataclass(frozen=True, slots=True)
 class _Family:
-    """How the worlds of a family are made."""
+    """Generator and size limits of a family of worlds."""
 
     build: Callable[..., World]
-    """Makes a world from its name, a generator and its outer size."""
+    """Function from name, random generator and outer size to a world."""
     smallest: Size
-    """Smallest outer size [m]."""
+    """Minimum outer size (x, y) [m]."""
     low: Size
-    """From where sizes are drawn [m]."""
+    """Lower limit of random outer sizes (x, y) [m]."""
     high: Size
-    """Up to where they are drawn [m]."""
+    """Upper limit of random outer sizes (x, y) [m]."""
     radius: float = 0.25
-    """Robots up to this radius get everywhere that they should [m]; see `plan.REACH`."""
+    """Maximum radius of a robot that fits everywhere without scaling the world [m]."""
 
 
 _FAMILIES = {
@@ -46,16 +46,17 @@ _FAMILIES = {
 def _generate(
     family: str, seed: int, size: Size | None = None, radius: float = 0.0, difficulty: float | None = None
 ) -> World:
-    """Return a world of a family; the same arguments give the same bytes.
+    """Return a world of a family; equal arguments give identical worlds.
 
-    A robot of a radius of 0.25 m (of some families larger) fits everywhere that it should. For one of a larger `radius`
-    [m] everything is larger, but for the outer `size` (x, y) [m]. This is rounded to whole units; by default it is
-    drawn from the family's range, and at least as large as its smallest. `difficulty` is for `clutter`, from 0 to 1, by
-    default drawn.
+    Args:
+        family: name of the family.
+        seed: world seed.
+        size: outer size (x, y) [m], rounded to grid units; None draws a size from the family's range.
+        radius: robot radius [m]. For large robots, everything except the outer size is scaled up.
+        difficulty: difficulty of `clutter`, from 0 to 1; None draws a value.
 
     Raises:
-        ValueError: if the size is not two numbers from the family's smallest, for this robot, to 200 m; or the
-            difficulty is not from 0 to 1, or the family has none.
+        ValueError: the size is below the family's minimum for this robot or above 200 m, or the difficulty is invalid.
     """
     one = _FAMILIES[family]
     scale = max(1.0, radius / one.radius)
@@ -77,10 +78,10 @@ def _generate(
 def _is_size(size: Any, smallest: Size) -> bool:
     try:
         return len(size) == 2 and all(least <= side <= 200 for side, least in zip(size, smallest))
-    except TypeError:  # no sequence, or one of something else than numbers
+    except TypeError:  # not a sequence of numbers
         return False
 
 
 FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}
-"""Generators of worlds: seed, optional outer size [m], radius of the robot [m] and difficulty in, world out. Even seeds
-train, odd ones test."""
+"""World generators by family name. Arguments: seed (even for training, odd for testing) and optionally outer size [m],
+robot radius [m] and difficulty."""

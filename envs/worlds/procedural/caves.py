@@ -10,13 +10,13 @@ from ..world import World
 from .plan import Size, world_within
 
 _CELL = 0.4
-"""Side of the automaton's cells [m]."""
+"""Side of a cell of the automaton [m]."""
 _STEP = 0.1
-"""Distance between the points of the drawing [m]."""
+"""Grid spacing of the field for contouring [m]."""
 _REACH = 0.35
-"""Radius of the disc that gets everywhere [m]: what a robot of 0.25 m radius needs, and the drawing's error."""
+"""Radius of the disc that fits everywhere [m]: robot radius 0.25 m plus the contour's error."""
 _MARGIN = 0.2
-"""Least thickness of the outer wall [m]."""
+"""Minimum thickness of the outer wall [m]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -26,9 +26,9 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
     fill = float(rng.uniform(0.42, 0.5))
     core = _largest(_traversable(rng, shape, fill))
     while np.count_nonzero(core) * _STEP**2 < 0.3 * width * height:
-        fill -= 0.02  # at the latest without any rock there is room enough
+        fill -= 0.02  # ends at the latest without any rock
         core = _largest(_traversable(rng, shape, fill))
-    # Free is what lies within reach of where the disc's centre can be, so that no corner is too tight for it.
+    # Free space is the union of all collision-free discs, so that the disc fits into every corner.
     distance = ndimage.distance_transform_edt(~core) * _STEP
     _sweep(distance)
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
@@ -39,11 +39,11 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
-    """Grow a cave and return where in it the centre of a disc of radius `_REACH` can be: bool, of the given shape."""
+    """Grow a cave; return the possible centres of a disc of radius `_CLEARANCE_RADIUS`: bool, of the given shape."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)
     for _ in range(4):
-        # A cell is rock if most of its neighbourhood is.
+        # A cell becomes rock if most of its 3 x 3 neighbourhood is rock.
         rows = rock[:-2].astype(np.int8) + rock[1:-1] + rock[2:]
         rock[1:-1, 1:-1] = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:] >= 5
     fine = round(_CELL / _STEP)
@@ -56,7 +56,7 @@ def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) 
 
 
 def _sweep(distance: np.ndarray) -> None:
-    """Take away rocks of less than 0.1 m2, in place."""
+    """Remove rocks smaller than 0.1 m2, in place."""
     labels, _ = ndimage.label(distance >= _REACH)
     small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
     small[0] = False
@@ -64,23 +64,23 @@ def _sweep(distance: np.ndarray) -> None:
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
-    """Return the largest connected part of a mask."""
+    """Return the largest connected component of a mask."""
     labels, count = ndimage.label(mask)
     return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])) if count else mask
 
 
 @njit(cache=True, error_model="numpy")
 def _link(links, a, b):
-    """Note that the contour runs from grid edge `a` to grid edge `b`."""
+    """Link grid edges `a` and `b` as neighbours on the contour."""
     links[a, 0 if links[a, 0] < 0 else 1] = b
     links[b, 0 if links[b, 0] < 0 else 1] = a
 
 
 @njit(cache=True, error_model="numpy")
 def _march(field, level, links, points):
-    """Find where the contour crosses each grid edge, and which crossings follow each other (marching squares).
+    """Compute the contour's crossings with the grid edges, and link consecutive crossings (marching squares).
 
-    Grid edge 2 k runs from point k to its right neighbour, 2 k + 1 from point k to the one above.
+    Grid edge 2 k joins point k to its right neighbour; edge 2 k + 1 joins point k to the point above.
     """
     height, width = field.shape
     for row in range(height):
@@ -100,7 +100,7 @@ def _march(field, level, links, points):
             a, b = field[row, col] < level, field[row, col + 1] < level
             c, d = field[row + 1, col] < level, field[row + 1, col + 1] < level
             if a != b and c != d and a != c:
-                # A saddle: low corners stay apart.
+                # Saddle: separate the corners below the level.
                 _link(links, south, west if a else east)
                 _link(links, north, east if a else west)
             else:
@@ -115,7 +115,7 @@ def _march(field, level, links, points):
 
 @njit(cache=True, error_model="numpy")
 def _trace(links, points, tolerance, segments):
-    """Walk around every loop and write as few segments as stay within `tolerance` of it; return how many."""
+    """Write each contour loop as few segments within `tolerance`; return the number of segments."""
     count = 0
     loop = np.empty(links.shape[0], dtype=np.int64)
     for start in range(links.shape[0]):
@@ -143,7 +143,7 @@ def _trace(links, points, tolerance, segments):
 
 @njit(cache=True, error_model="numpy")
 def _is_straight(points, loop, i, j, n, tolerance):
-    """Tell whether the loop's points between the i-th and the j-th lie within `tolerance` of the line between those."""
+    """Return True if the loop's points between i and j lie within `tolerance` of the line from i to j."""
     x, y = points[loop[i], 0], points[loop[i], 1]
     dx, dy = points[loop[j % n], 0] - x, points[loop[j % n], 1] - y
     length = np.hypot(dx, dy)
@@ -157,10 +157,15 @@ def _is_straight(points, loop, i, j, n, tolerance):
 
 
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
-    """Return the closed lines on which a field, shape (height, width), takes a value, as (column, row, column, row).
+    """Return the closed contour lines of a field.
 
-    Shape (n, 4), float64 [grid steps]. The field's edge lies on one side of `level`; segments stay within `tolerance`
-    of the lines that they replace.
+    Args:
+        field: shape (height, width); all border values lie on one side of `level`.
+        level: field value on the contour.
+        tolerance: maximum distance between simplified and exact contour [grid steps].
+
+    Returns:
+        Segments (column, row, column, row), shape (n, 4), float64 [grid steps].
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

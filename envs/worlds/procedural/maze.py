@@ -11,7 +11,7 @@ _WALL = 0.1
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a maze of the given outer size [m], whose corridors are about 0.9 to 1.6 m wide."""
+    """Return a maze of the given outer size [m], with corridors about 0.9 to 1.6 m wide."""
     width, height = size
     corridor = float(rng.uniform(0.9, 1.4))
     cols, rows = (max(2, int((side - _WALL) / (corridor + _WALL))) for side in (width, height))
@@ -25,16 +25,16 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _lines(length: float, count: int) -> np.ndarray:
-    """Return where walls begin and end along a side of `count` corridors: shape (2 count + 2,) [m]."""
+    """Return the start and end of each wall along a side with `count` corridors: shape (2 count + 2,) [m]."""
     pitch = (length - _WALL) / count
     starts = pitch * np.arange(count + 1)
     return np.column_stack([starts, starts + _WALL]).ravel()
 
 
 def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
-    """Walk at random from cell to unvisited cell, and back where there is none.
+    """Carve a maze by randomized depth-first search; return the solid cells.
 
-    Returns shape (2 rows + 1, 2 cols + 1), bool: solid; cells at odd positions, walls and posts between them.
+    Shape (2 rows + 1, 2 cols + 1), bool. Corridor cells have odd indices; walls and posts lie between them.
     """
     solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
     solid[1::2, 1::2] = False
@@ -58,7 +58,7 @@ def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
 
 
 def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers: int) -> None:
-    """Take out a share of the inner walls, and all of them within a few chambers."""
+    """Remove a share of the inner walls, and all walls inside a few chambers."""
     inner = solid[1:-1, 1:-1]
     gone = rng.random(inner.shape) < loops
     gone[1::2, 1::2] = False  # posts stay
@@ -68,6 +68,6 @@ def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers
         if rows > 2 and cols > 2:
             row, col = int(rng.integers(rows - 1)), int(rng.integers(cols - 1))
             solid[2 * row + 1 : 2 * row + 4, 2 * col + 1 : 2 * col + 4] = False
-    # A post without walls would be a lone pillar.
+    # Remove posts without walls.
     posts = solid[2:-1:2, 2:-1:2]
     posts &= solid[1:-2:2, 2:-1:2] | solid[3::2, 2:-1:2] | solid[2:-1:2, 1:-2:2] | solid[2:-1:2, 3::2]

@@ -1,4 +1,4 @@
-"""Where people and robots meet: a hall, a corridor, a doorway and a crossing of two corridors."""
+"""Scenes for robots among people: a hall, a corridor, a doorway and a crossing of two corridors."""
 
 import math
 
@@ -9,18 +9,18 @@ from ..world import World, box, edges
 from .plan import UNIT, Point, Size, units, with_goals, world_within
 
 _GAP = 1.0
-"""Least gap between bodies, and from them to walls [m]."""
+"""Minimum gap between bodies, and between bodies and walls [m]."""
 _WALL = 0.1
 """Thickness of the outer walls [m]."""
 _END = 1.0
-"""How far starts and goals are from the wall behind them [m]."""
+"""Distance of starts and goals from the wall behind them [m]."""
 
 Area = tuple[float, float, float, float]
 """Rectangle (x0, y0, x1, y1) [m]."""
 
 
 def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a hall of the given outer size [m] with pillars and boxes, one on 12 to 30 m2."""
+    """Return a hall of the given outer size [m], with one pillar or box per 12 to 30 m2."""
     width, height = size
     start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END, width - _END))
     number = round(width * height / rng.uniform(12.0, 30.0))
@@ -29,7 +29,7 @@ def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a corridor along the longer side of the given outer size [m], with niches of 0.5 to 0.8 m depth."""
+    """Return a corridor along the longer side of the outer size [m], with niches 0.5 to 0.8 m deep."""
     turned = size[1] > size[0]
     length, width = max(size), min(size)
     depth = rng.uniform(0.5, 0.8)
@@ -49,7 +49,7 @@ def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two rooms side by side, of the given outer size together [m], joined by a door of 1.0 to 1.6 m."""
+    """Return two rooms joined by a door 1.0 to 1.6 m wide, with the given outer size [m]."""
     width, height = size
     middle, half, door = width * rng.uniform(0.4, 0.6), rng.uniform(0.05, 0.1), rng.uniform(1.0, 1.6)
     y = rng.uniform(0.3, height - 0.3 - door)
@@ -66,7 +66,7 @@ def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two corridors of 3 to 4.5 m that cross, each as long as the outer size [m]."""
+    """Return two crossing corridors, 3 to 4.5 m wide, with the given outer size [m]."""
     (x0, x1), (y0, y1) = (_strip(rng, side) for side in size)
     width, height = size
     areas = [(_WALL, y0, width - _WALL, y1), (x0, _WALL, x1, height - _WALL)]
@@ -77,19 +77,19 @@ def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _strip(rng: np.random.Generator, side: float) -> tuple[float, float]:
-    """Draw where along a side of a crossing the corridor across it begins and ends [m]."""
+    """Draw the start and end of a corridor's cross-section along a side [m]."""
     width = min(float(rng.uniform(3.0, 4.5)), 0.5 * side)
     low = 0.5 * (side - width) + rng.uniform(-0.1, 0.1) * side
     return low, low + width
 
 
 def _somewhere(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw a coordinate between two walls, away from both [m]."""
+    """Draw a coordinate between two walls, at least `_END_DISTANCE` from both [m]."""
     return float(rng.uniform(low + _END, high - _END))
 
 
 def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
-    """Return the borders of the free areas of an outer size [m], rounded to units: segments (n, 4) [m]."""
+    """Return the borders of free areas as segments, rounded to grid units: shape (n, 4) [m]."""
     width, height = map(units, size)
     solid = np.ones((height, width), dtype=bool)
     for area in areas:
@@ -99,9 +99,9 @@ def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
 
 
 def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to a number of boxes and pillars in an area, with room to pass everywhere, and around some points.
+    """Return up to `number` boxes and pillars in an area, with passable gaps between them and around `points`.
 
-    As segments, shape (n, 4), and circles, shape (m, 3) [m].
+    Returns segments, shape (n, 4), and circles, shape (m, 3) [m].
     """
     taken = [(*point, 0.0) for point in points]
     segments, circles = [np.empty((0, 4))], []

@@ -1,4 +1,4 @@
-"""A floor plan in whole units, into which bodies are put so that a robot still gets everywhere."""
+"""Floor plans on a grid, furnished so that a robot can still reach all free space."""
 
 import math
 from collections.abc import Sequence
@@ -14,81 +14,81 @@ from ..raster import outline
 from ..world import World, box, edges
 
 UNIT = 0.05
-"""Side of a unit square of a plan [m]."""
+"""Side of a grid cell of a floor plan [m]."""
 REACH = 6
-"""Half the side of the square that gets everywhere in a plan [units]: more than a robot of 0.25 m radius needs."""
+"""Half the side of the square footprint that must fit everywhere [units]; covers a robot of 0.25 m radius."""
 MARGIN = 14
-"""How far from the walls of a room stands what is put into its middle [units]."""
+"""Distance between walls and free-standing furniture [units]."""
 INNER = 2
 """Thickness of inner walls [units]."""
 _DOOR_ROOM = 16
-"""How far before a door the floor stays empty [units]."""
+"""Depth of the floor kept free on both sides of a door [units]."""
 
 Size = tuple[float, float]
 """Width and height [m]."""
 Point = tuple[float, float]
 """Position (x, y) [m]."""
 Rect = tuple[int, int, int, int]
-"""Half-open rectangle of unit squares (x0, y0, x1, y1)."""
+"""Half-open rectangle of grid cells (x0, y0, x1, y1) [units]."""
 Disc = tuple[float, float, float]
-"""Centre and radius (x, y, radius) [units]."""
+"""Disc (x, y, radius) [units]."""
 Wall = tuple[bool, int, int]
-"""Whether a wall is upright, and from where to where along it two rooms touch [units]."""
+"""Wall between two rooms: True if vertical, start and end of the shared part [units]."""
 
 
 def units(metres: float) -> int:
-    """Return a length in whole units, rounded."""
+    """Convert a length [m] to grid units, rounded."""
     return round(metres / UNIT)
 
 
 def mirror(rect: Rect) -> Rect:
-    """Return a rectangle with x and y exchanged."""
+    """Return a rectangle with x and y swapped."""
     return rect[1], rect[0], rect[3], rect[2]
 
 
 def extent(room: Rect, side: int) -> tuple[int, int]:
-    """Return how far a room reaches along a wall and away from it: 0 south, 1 east, 2 north, 3 west."""
+    """Return the size of a room along a wall and away from it: 0 south, 1 east, 2 north, 3 west."""
     width, height = room[2] - room[0], room[3] - room[1]
     return (width, height) if side % 2 == 0 else (height, width)
 
 
 def is_one_piece(blocked: np.ndarray) -> bool:
-    """Tell whether the cells that are not blocked (shape (height, width), bool) hang together, and there are any."""
+    """Return True if the free cells form one connected component; `blocked`: shape (height, width), bool."""
     return bool(ndimage.label(~blocked)[1] == 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Something to put somewhere, seen with its back to the wall: x along the wall, y away from it [units]."""
+    """Piece of furniture in its own frame: x along the wall, y away from the wall [units]."""
 
     length: int
-    """Extent along the wall."""
+    """Extent along the wall [units]."""
     depth: int
-    """Extent away from the wall."""
+    """Extent away from the wall [units]."""
     rects: tuple[Rect, ...] = ()
-    """Solid rectangles."""
+    """Solid rectangles, frame of the item."""
     discs: tuple[Disc, ...] = ()
-    """Solid discs."""
+    """Solid discs, frame of the item."""
 
 
 class Plan:
-    """A floor plan: walls first, then doors, then `settle`, then bodies."""
+    """Floor plan. Order of construction: walls, doors, `settle`, furniture."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
-        """Start with walls [units] around a floor of an outer size [m]; if it is open, there are none between rooms."""
+        """Create outer walls of a thickness [units]; `is_open`: the floor has no walls between rooms."""
         self.width, self.height = units(size[0]), units(size[1])
         self.floor: Rect = (wall, wall, self.width - wall, self.height - wall)
         self._is_open = is_open
         self.solid = np.ones((self.height, self.width), dtype=bool)
         self.solid[wall:-wall, wall:-wall] = False
         self.blocked = np.empty_like(self.solid)
-        """Where the centre of a square of side 2 `REACH` cannot be."""
+        """Cells that the robot's centre cannot occupy: shape (height, width), bool."""
         self.reserved = np.zeros_like(self.solid)
-        """Where nothing may be put, such as before doors."""
+        """Cells kept free of further furniture, such as in front of doors: shape (height, width), bool."""
         self.discs: list[Disc] = []
 
     def open_door(self, rng: np.random.Generator, a: Rect, b: Rect, wall: Wall, width: int) -> int:
-        """Cut a door into a wall between rooms, and keep the floor before it empty; return where along it it begins."""
+        """Cut a door into the wall between two rooms and reserve the floor around it; return its start [units]."""
         upright, low, high = wall
         # Most doors are near a corner, as in real houses.
         slack = high - low - width - 6
@@ -101,14 +101,18 @@ class Plan:
         return start
 
     def settle(self) -> None:
-        """Work out where a robot can be among the walls; call it once they are complete."""
+        """Compute the robot's free space; call this method once the walls are complete."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
-        """Put an item into a room, if it fits and the rest of the room, or of an open floor, stays in one piece.
+        """Place an item if it fits and the free space stays connected; return True if placed.
 
-        It turns its back to the wall `side` (0 south, 1 east, 2 north, 3 west), `gap` away from it and `along` from the
-        room's lower or left corner. Returns whether it was put.
+        Args:
+            item: piece of furniture.
+            room: room for the item; also the area to check for connectivity, unless the floor is open.
+            side: wall behind the item: 0 south, 1 east, 2 north, 3 west.
+            along: distance along the wall from the room's lower or left corner [units].
+            gap: distance from the wall [units].
         """
         x0, y0, x1, y1 = turn((0, gap, item.length, gap + item.depth), room, side, along)
         if x0 < room[0] or y0 < room[1] or x1 > room[2] or y1 > room[3]:
@@ -127,7 +131,7 @@ class Plan:
         before = around.copy()
         for a, b, c, d in grown:
             self.blocked[max(b, 0) : d, max(a, 0) : c] = True
-        # If the surroundings hang together without a detour, so does all else; only otherwise the whole is looked at.
+        # Check the whole area only if the neighbourhood is not connected.
         x0_whole, y0_whole, x1_whole, y1_whole = self.floor if self._is_open else room
         if not is_one_piece(around) and not is_one_piece(self.blocked[y0_whole:y1_whole, x0_whole:x1_whole]):
             around[:] = before
@@ -141,7 +145,7 @@ class Plan:
     def put_somewhere(
         self, rng: np.random.Generator, item: Item, room: Rect, margin: int = 0, attempts: int = 4
     ) -> None:
-        """Put an item into a room, trying a few positions: away from its walls by `margin`, or else its back to one."""
+        """Try random positions for an item: `margin` from all walls, or against a wall if `margin` is 0."""
         for _ in range(attempts):
             side = int(rng.integers(4))
             length, depth = extent(room, side)
@@ -154,7 +158,7 @@ class Plan:
                     return
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:
-        """Return the plan as a world with its lower left corner at the origin, and a spawn drawn where a robot fits."""
+        """Return the plan as a world with a random collision-free spawn; the origin is the lower left corner."""
         xs, ys = UNIT * np.arange(self.width + 1), UNIT * np.arange(self.height + 1)
         cells = np.flatnonzero(~self.blocked)
         row, col = divmod(int(cells[rng.integers(len(cells))]), self.width)
@@ -172,7 +176,7 @@ def world_within(
     circles: np.ndarray,
     notes: str = "",
 ) -> World:
-    """Return a generated world with a rectangle of the given size around it; the heading of its spawn is drawn."""
+    """Return a world enclosed by a rectangle of the given size [m], with a random spawn heading."""
     x, y = map(float, spawn)
     width, height = map(float, size)
     around = edges(box(0.5 * width, 0.5 * height, width, height))
@@ -189,14 +193,14 @@ def world_within(
 
 
 def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
-    """Return a world whose spawns are at the first points of trips, headed for the second ones, which are the goals."""
+    """Return a world with spawns and goals at the ends of trips (start, goal), with headings along the trips."""
     headings = [math.atan2(goal[1] - start[1], goal[0] - start[0]) for start, goal in trips]
     spawns = tuple(Pose2D(*start, theta) for (start, _), theta in zip(trips, headings))
     return replace(world, spawns=spawns, goals=tuple(Pose2D(*goal, theta) for (_, goal), theta in zip(trips, headings)))
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Carry a rectangle from an item's frame, back to a wall of a room, into the plan."""
+    """Transform a rectangle from an item's frame to the plan; `side` and `along` as in `FloorPlan.put`."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (
@@ -208,7 +212,7 @@ def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
 
 
 def shared_wall(a: Rect, b: Rect) -> Wall | None:
-    """Return how two rooms touch: whether through an upright wall, and from where to where; None if they do not."""
+    """Return the wall that two rooms share; None if there is no room for a door."""
     for upright in (True, False):
         p, q = (a, b) if upright else (mirror(a), mirror(b))
         if p[2] + INNER == q[0] or q[2] + INNER == p[0]:
@@ -219,7 +223,7 @@ def shared_wall(a: Rect, b: Rect) -> Wall | None:
 
 
 def touching_pairs(rooms: list[Rect]) -> list[tuple[int, int, Wall]]:
-    """Return the pairs of rooms (i < j) with enough of a wall between them for a door, and that wall."""
+    """Return the pairs of rooms (i < j) that share a wall with room for a door, and that wall."""
     x0, y0, x1, y1 = np.array(rooms, dtype=int).reshape(-1, 4).T
     touching = (x1[:, None] + INNER == x0) | (y1[:, None] + INNER == y0)
     pairs = np.argwhere(np.tril(touching | touching.T, -1)).tolist()

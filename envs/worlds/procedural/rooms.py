@@ -1,4 +1,4 @@
-"""Flats and offices: rooms by binary space partition, doors, corridors and furniture."""
+"""Flats and offices: rooms by binary space partition, with doors, corridors and furniture."""
 
 import numpy as np
 
@@ -9,11 +9,11 @@ from .plan import INNER, MARGIN, REACH, Plan, Rect, Size, mirror, touching_pairs
 _OUTER = 3
 """Thickness of outer walls [units]."""
 _SHORTEST = 44
-"""Shortest side of a room [units]."""
+"""Minimum side of a room [units]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a flat or an office of the given outer size [m], furnished."""
+    """Return a furnished flat or office of the given outer size [m]."""
     plan = Plan(size, _OUTER)
     is_office = min(size) >= 7.5 and rng.random() < 0.5
     rooms, corridors = _office(rng, plan.floor) if is_office else (_split(rng, plan.floor, units(3.4)), [])
@@ -29,7 +29,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
-    """Halve a room again and again until its parts are about `typical` units wide."""
+    """Split a room recursively until its parts are about `typical` units wide."""
     x0, y0, x1, y1 = room
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5
@@ -47,7 +47,7 @@ def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
 
 
 def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rect]]:
-    """Return the rooms on both sides of a corridor, and the corridor; wide floors get several."""
+    """Return the rooms on both sides of a corridor, and the corridors; wide floors have several."""
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         rooms, corridors = _office(rng, (y0, x0, y1, x1))
@@ -69,7 +69,6 @@ def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rec
 
 
 def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
-    """Cut a strip along a corridor into rooms side by side."""
     x0, y0, x1, y1 = strip
     rooms = []
     while x1 - x0 > 2 * _SHORTEST + 30:
@@ -80,17 +79,17 @@ def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
 
 
 def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corridors: list[Rect]) -> None:
-    """Open doors until all rooms hang together, through corridors where there are any, and a few more."""
+    """Open doors until all rooms are connected, through corridors if possible, and a few extra doors."""
     every = rooms + corridors
-    # A door to a corridor comes before others.
+    # Doors to corridors come first.
     pairs = [(float(rng.random()) - (j >= len(rooms)), i, j, wall) for i, j, wall in touching_pairs(every)]
     group = list(range(len(every)))
     for _, i, j, wall in sorted(pairs):
         if group[i] != group[j]:
             group = [group[i] if g == group[j] else g for g in group]
         elif rng.random() > (0.06 if corridors else 0.3):
-            continue  # a path around exists already
-        # Flats have a wide opening between rooms now and then.
+            continue  # already connected
+        # Some flats have a wide opening between rooms.
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
         width = int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
         plan.open_door(rng, every[i], every[j], wall, width)
@@ -101,7 +100,7 @@ def _area(room: Rect) -> int:
 
 
 def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list[str]:
-    """Decide what each room is for, by size."""
+    """Assign a kind to each room by size."""
     order = sorted(range(len(rooms)), key=lambda i: _area(rooms[i]))
     if is_office:
         kinds = ["office"] * len(rooms)
@@ -120,7 +119,6 @@ def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list
 
 
 def _furnish(rng: np.random.Generator, plan: Plan, room: Rect, kind: str) -> None:
-    """Put furniture into a room as long as a robot still gets everywhere in it."""
     area, longer = _area(room), max(room[2] - room[0], room[3] - room[1])
     if kind == "kitchen":
         length = min(int(rng.integers(44, 80)), longer - 2 * REACH)

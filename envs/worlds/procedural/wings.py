@@ -1,4 +1,4 @@
-"""Wings: buildings in the shape of letters or of a ring, with rooms along corridors that meet in a lobby."""
+"""Buildings in the shape of a letter or a ring, with rooms along corridors that meet in a lobby."""
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from .plan import INNER, MARGIN, Item, Plan, Rect, Size, extent, shared_wall, to
 _OUTER = 3
 """Thickness of outer walls [units]."""
 _LEAST, _LARGEST = 38, 160
-"""Least side and largest depth of a room [units]."""
+"""Minimum side and maximum depth of a room [units]."""
 _SHAPES = {
     "L": (((1, 1, 4),), ((1, 1, 4),)),
     "T": (((2, 1, 4),), ((1, 0, 4),)),
@@ -19,12 +19,13 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Corridors along y and along x as (line, from, to), in lines across: 0 and 4 at the outer walls, 2 in the middle."""
+"""Corridors along y and along x as (line, start, end), on grid lines 0 to 4 across the floor: 0 and 4 are at the outer
+walls, 2 is in the middle."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a building of the given outer size [m], sparsely furnished."""
-    plan = Plan(size, _OUTER, is_open=True)  # corridors overlap where they meet
+    """Return a sparsely furnished building of the given outer size [m]."""
+    plan = Plan(size, _OUTER, is_open=True)  # corridors overlap at junctions
     plan.solid[:] = True
     shape = str(rng.choice(list(_SHAPES)))
     corridors = _corridors(rng, plan.floor, shape)
@@ -46,14 +47,14 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
-    """Return the corridors of a shape, turned at random, and a lobby where two of them meet."""
+    """Return the corridors of a shape in a random orientation, and a lobby at a junction."""
     x_lines, width = _lines(rng, floor[0], floor[2])
     y_lines, height = _lines(rng, floor[1], floor[3])
     turned = rng.random() < 0.5
     upright, level = _SHAPES[shape][::-1] if turned else _SHAPES[shape]
     corridors = [(x_lines[i], y_lines[a], x_lines[i] + width, y_lines[b] + height) for i, a, b in upright]
     corridors += [(x_lines[a], y_lines[i], x_lines[b] + width, y_lines[i] + height) for i, a, b in level]
-    # An L and the like may look the other way.
+    # Mirror the shape at random.
     if rng.random() < 0.5:
         corridors = [(floor[0] + floor[2] - c, b, floor[0] + floor[2] - a, d) for a, b, c, d in corridors]
     if rng.random() < 0.5:
@@ -67,18 +68,18 @@ def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
 
 
 def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], int]:
-    """Return where corridors may begin across a floor, from the first wall to the last, and their breadth."""
+    """Return the start of a corridor on each of the five grid lines across a floor, and the corridor width [units]."""
     length = high - low
     breadth = int(rng.integers(28, max(29, min(49, length // 5))))
     near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
-    # What is too thin for rooms goes to the corridor's other side.
+    # If a strip is too thin for rooms, the corridor moves to the outer wall.
     near, far = (edge if edge >= _LEAST + INNER else 0 for edge in (near, far))
     middle = low + int((length - breadth) * rng.uniform(0.38, 0.62))
     return [low, low + near, middle, high - breadth - far, high - breadth], breadth
 
 
 def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
-    """Return rooms along the corridors, and the pairs of a room and its corridor."""
+    """Return the rooms along the corridors, and the pairs (room, corridor) that need doors."""
     x0, y0, x1, y1 = plan.floor
     taken = np.ones_like(plan.solid)
     taken[y0:y1, x0:x1] = False
@@ -95,7 +96,7 @@ def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple
 
 
 def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int, depth: int) -> list[Rect]:
-    """Put rooms side by side along a corridor where nothing is taken, at most `depth` deep."""
+    """Place rooms side by side along a corridor, at most `depth` [units] deep, on cells that are not taken."""
     length = extent(corridor, side)[0]
     x0, y0, x1, y1 = turn((0, -INNER - depth, length, -INNER), corridor, side, 0)
     strip = taken[max(y0, 0) : y1, max(x0, 0) : x1]
@@ -122,7 +123,7 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
 
 
 def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
-    """Open a door of 0.7 to 1 m; return what to put of its leaf if it stands ajar in the room."""
+    """Open a door 0.7 to 1 m wide; return the arguments of `FloorPlan.put` for an open door leaf, if any."""
     wall = shared_wall(room, other)
     if wall is None:
         return None
@@ -138,7 +139,6 @@ def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tupl
 
 
 def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
-    """Put some furniture into a room, or none."""
     pieces = furniture.WALL_FURNITURE[str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))]
     area = (room[2] - room[0]) * (room[3] - room[1])
     most = min(len(pieces), round(area / units(2.2) ** 2))
