@@ -1,5 +1,3 @@
-"""Estimates of pose and map, and the protocol for SLAM, localization and mapping."""
-
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -13,7 +11,7 @@ from lidarnaut.envs.simulation import Reading, Twist
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
 """Identity pose."""
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-"""`MapUpdate.new_cells` of a scan that reveals no cells."""
+"""Empty array for `MapUpdate.new_cells`."""
 
 
 class Window(NamedTuple):
@@ -30,15 +28,15 @@ class Window(NamedTuple):
 
 
 class Correction(NamedTuple):
-    """Displacement of the map's content at a loop closure or another redraw, sampled at past poses."""
+    """Displacement of the map at a loop closure or another redraw, sampled at past poses."""
 
     before: np.ndarray
     """Past poses in the old map: shape (n, 3), float64 [m, m, rad]."""
     after: np.ndarray
-    """Past poses of `before` in the new map: shape (n, 3), float64 [m, m, rad]."""
+    """Past poses in the new map: shape (n, 3), float64 [m, m, rad]."""
 
     def carry(self, points: np.ndarray) -> np.ndarray:
-        """Move points from the old to the new map, each with the nearest pose: shape (k, 2), float64, map frame [m]."""
+        """Move points to the new map, each with the nearest past pose: shape (k, 2), float64, map frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()
@@ -50,81 +48,72 @@ class Correction(NamedTuple):
 
 
 class MapUpdate(NamedTuple):
-    """Changes of the map by the last scan."""
+    """Map changes by the last scan."""
 
     new_cells: np.ndarray
-    """Cells (row, column) that changed from unknown to known, counted from `origin`: shape (k, 2), int32. After a
-    redraw, all known cells."""
+    """Newly known cells (row, column) relative to `origin`: shape (k, 2), int32; after a redraw, all known cells."""
     window: Window | None
     """Cells that may have changed; None if the scan was not integrated."""
     redrawn: bool = False
-    """True if the whole map changed: a loop closure, or a new best particle."""
+    """True if the whole map changed, by a loop closure or a new best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
-    """Position (x, y) of the corner of cell (0, 0) at the time of the update, map frame [m]; a map may grow later."""
+    """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]. A map may grow later."""
     correction: Correction | None = None
-    """Displacement of the map's content by a redraw; None if unknown or not redrawn."""
+    """Displacement of the map by a redraw, if known."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
-"""Update by a scan that was not integrated."""
+"""Update for a scan that was not integrated."""
 
 
 @dataclass(slots=True)
 class Belief:
-    """Pose estimate and map, in the map frame.
-
-    Every scan updates the same object in place; copy values that must persist.
-    """
+    """Pose estimate and map, in the map frame. Every scan updates the same object in place."""
 
     pose: Pose2D
     """Estimated pose of the robot's base."""
     grid: OccupancyGrid
     """Estimated map. The data array is updated in place, and replaced when the map grows."""
     update: MapUpdate = NO_UPDATE
-    """Map changes by the last scan."""
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance of x, y and heading: shape (3, 3), float64 [m, m, rad]; zeros if not estimated."""
     is_lost: bool = False
     """True if the pose estimate is unreliable."""
     rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    """Alternative poses that explain the scans equally well: x, y, heading [m, m, rad], and weight relative to `pose`.
-    Shape (k, 4), float64; empty if the pose is unambiguous or the estimator does not check."""
+    """Alternative poses that explain the scans equally well, as x, y, heading [m, m, rad] and weight relative to
+    `pose`: shape (k, 4), float64."""
     twist: Twist | None = None
-    """Estimated velocity of the base; None if not estimated."""
+    """Estimated velocity of the base, if available."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
     """Tracked people, as in `PeopleTracker.people`: shape (n, 5), float64, base frame."""
     on_people: np.ndarray | None = None
-    """Beams of the last scan that end at people or possible people, excluded from mapping: shape (num_beams,), bool;
-    None without people tracking."""
+    """Beams of the last scan that end at possible people, excluded from mapping: shape (num_beams,), bool; None without
+    tracking."""
     path: np.ndarray | None = None
-    """Corrected trajectory after a map redraw, one pose per scan (per key scan for estimators with an `anchor`): shape
-    (n, 3), float64 [m, m, rad]; None otherwise."""
+    """Corrected trajectory after a redraw, one pose per scan or key scan: shape (n, 3), float64 [m, m, rad]; otherwise
+    None."""
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """`pose` and `rivals` as x, y, heading [m, m, rad], weight: shape (1 + k, 4), float64; weights sum to 1."""
+        """`pose` and `rivals` as x, y, heading [m, m, rad] and normalized weight: shape (1 + k, 4), float64."""
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()
         return rows
 
 
 class Estimator(Protocol):
-    """Protocol for SLAM, localization and mapping: turns readings and odometry into a belief.
+    """Protocol of SLAM, localization and mapping: from readings and odometry to a belief.
 
-    Constructors take the lidar's geometry and the algorithm's parameters. Optional class attributes: `shares_maps =
-    True` if
-    several robots can share one map, which `reset` extends and stores as `map`; `uses_first_scan = False` if the scan
-    at
-    reset is ignored. If the task provides a covariance of the initial pose, `reset` receives it as `covariance`, shape
-    (3, 3), float64 [m, m, rad].
+    Constructors take the lidar geometry and parameters. Optional class attributes: `shares_maps = True` if several
+    robots can share one `map`; `uses_first_scan = False` if the scan at reset is ignored. `reset` may receive the
+    `covariance` of the initial pose, shape (3, 3), float64 [m, m, rad].
     """
 
     @property
-    def belief(self) -> Belief:
-        ...
+    def belief(self) -> Belief: ...
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start at `pose` in the map frame; None means anywhere on a known map. `map` is None for an unknown map."""
+        """Start at `pose` (map frame), or for None anywhere on a known map; `map` is None for an unknown map."""
         ...
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
@@ -133,13 +122,9 @@ class Estimator(Protocol):
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
-    """Check the belief returned by the estimator `name`, because kernels do not check indices.
+    """Check the belief returned by the estimator `name`; kernels do not check indices.
 
-    Args:
-        belief: belief to check.
-        name: name of the estimator, for messages.
-        grid: grid that the belief must hold, if any.
-        before: data array of the grid before the update, and its shape.
+    `grid`: grid that the belief must hold, if any; `before`: data and shape of the grid before the update.
 
     Raises:
         ValueError: a part has the wrong type or shape, is not finite or lies outside the grid.
@@ -166,7 +151,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
         return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
     for axis in (0, 1) if len(cells) else ():
-        # The minimum along axis 0 would take twenty times as long.
+        # The minimum along axis 0 is twenty times as slow.
         first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
         least, most = first + int(cells[:, axis].min()), first + int(cells[:, axis].max())
         if least < 0 or most >= data.shape[axis]:

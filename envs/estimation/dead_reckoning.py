@@ -1,5 +1,3 @@
-"""Dead reckoning."""
-
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,7 @@ from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate, Window
 
 
 class DeadReckoning:
-    """`Estimator` that integrates odometry and ignores scans, with or without a known map."""
+    """`Estimator` that integrates odometry and ignores scans."""
 
     uses_first_scan = False
     belief: Belief
@@ -19,10 +17,7 @@ class DeadReckoning:
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at a pose; ValueError for None.
-
-        Without a map, the belief has a map of one unknown cell, marked as changed.
-        """
+        """Start at a pose, ValueError for None. Without a map, the belief has a map of one unknown cell."""
         if pose is None:
             raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
         if map is None:

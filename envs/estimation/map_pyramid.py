@@ -1,7 +1,4 @@
-"""Multi-resolution pyramid of a map, for crops of different scales around a robot.
-
-A level stores one word per block of cells. A crop needs one lookup per pixel and preserves thin walls.
-"""
+"""Map crops at several scales, pooled so that thin walls persist."""
 
 import math
 
@@ -16,7 +13,7 @@ from lidarnaut.envs.geometry.lookup import load
 OCCUPIED_FROM = 50
 """Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Maximum side of a block pooled from map cells [cells]; larger blocks are pooled from a finer level."""
+"""Maximum side of a block pooled from map cells [cells]; larger blocks are pooled from smaller blocks."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -26,7 +23,7 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write free cells + 256 x occupied cells of each column of `lines` to `sums`, shape (n,), uint16."""
+    """Write free cells + 256 x occupied cells per column of `lines` to `sums`: shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -38,15 +35,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks, inside a window of changed cells.
+    """Pool map cells into blocks, inside a `Window` of changed cells.
 
-    Args:
-        data: occupancy, shape (height, width), int8 [percent].
-        window: `Window` of cells.
-        block: side of a block [cells], a power of two up to `LARGEST_POOLED`.
-        level: updated in place, shape (n + 1,), uint16: words of n blocks in row-major order, then 0 for outside. A
-            word
-            holds 255 x the share of free cells, and flags for occupied and visited blocks.
+    `data`: map, shape (height, width), int8; `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`;
+    `level`: written, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the share of free
+    cells times 255, and flags for occupied and visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col_min // block, window.col_max // block + 1
@@ -58,14 +51,14 @@ def pool_cells(data, window, block, level):
             total = np.uint16(0)
             for j in range(k * block, (k + 1) * block):
                 total += sums[j]
-            # Half a cell prevents rounding a whole number down in single precision.
+            # Half a cell compensates rounding errors.
             share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
             words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
 
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks of a finer level of `height` x `width` blocks, inside a `Window` of finer blocks."""
+    """Pool 4 x 4 blocks of a finer level, inside a `Window` of finer blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row_min // _POOL, window.row_max // _POOL + 1):
         for j in range(window.col_min // _POOL, window.col_max // _POOL + 1):
@@ -83,17 +76,9 @@ def _pool_blocks(finer, height, width, window, level):
 def crop_level(level, height, width, x, y, theta, pixel, crop):
     """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    Args:
-        level: words of the blocks, shape (height * width + 1,), uint16; see `pool_cells`.
-        height: number of rows of blocks.
-        width: number of columns of blocks.
-        x: position of the robot from the map's corner [blocks].
-        y: position of the robot from the map's corner [blocks].
-        theta: heading of the robot [rad].
-        pixel: side of a crop pixel [blocks].
-        crop: written, shape (3, size, size), uint8. Channels of the block at a pixel's centre: 255 if any cell is
-            occupied; 255 x the share of
-            free cells; 255 if the robot has visited it.
+    `level`: see `pool_cells`; `x`, `y`, `theta`: pose relative to the map's corner [blocks, blocks, rad]; `pixel`: side
+    of a pixel [blocks]; `crop`: written, shape (3, size, size), uint8: occupied (255), share of free cells times 255,
+    visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -121,22 +106,17 @@ class Level:
     """Pyramid level: blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create an empty level with blocks of a side [cells], pooled from `finer`, or from the map if None."""
+        """Create a level of blocks of a side [cells], pooled from `finer` or, if None, from the map."""
         self.block, self.finer = block, finer
         self.is_stale = True
-        """True if the level must be rebuilt before use."""
         self.pending: Window | None = None
-        """Cells that may have changed since the level was last updated."""
 
     def rebuild(self, data: np.ndarray) -> None:
-        """Pool a whole map that is new, has grown or was redrawn: shape (height, width), int8."""
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        """Words of the blocks, see `pool_cells`: shape (height * width + 1,), uint16."""
         self.update(data, Window(0, 0, data.shape[1] - 1, data.shape[0] - 1))
 
     def update(self, data: np.ndarray, window: Window) -> None:
-        """Pool the cells of a window that may have changed."""
         if self.finer is None:
             pool_cells(data, window, self.block, self.words)
         else:
@@ -145,7 +125,7 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Mark the block at a position, relative to the map's corner [cells], as visited."""
+        """Mark the block at a position relative to the map's corner [cells] as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
@@ -155,13 +135,11 @@ class MapPyramid:
     """Levels of one map, created on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
-        """Use a map and the trails of robots (map frame); both may grow later."""
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
         self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
-        """Record a change of the map; levels are updated at the next crop."""
         data = self.grid.data
         if update.redrawn or data is not self._data:
             self._data = data
@@ -172,14 +150,14 @@ class MapPyramid:
                 level.pending = update.window if level.pending is None else level.pending.union(update.window)
 
     def mark(self, x: float, y: float) -> None:
-        """Mark (x, y), map frame [m], as visited by a robot."""
+        """Mark (x, y), map frame [m], as visited."""
         col, row = self._in_cells(x, y)
         for level in self._levels.values():
             if not level.is_stale:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose in the map frame into `out`, with pixels of a side [m]; see `crop_level`."""
+        """Crop the map around a pose (map frame) into `out`, with pixels of a side [m]; see `crop_level`."""
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin
@@ -187,7 +165,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return the updated level with the block side nearest to a pixel's side [m], by powers of two."""
+        """Return the updated level whose block side is nearest to a pixel's side [m]."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

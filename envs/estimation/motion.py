@@ -1,4 +1,4 @@
-"""Odometry: robot motion between readings, from wheel encoders and gyroscope."""
+"""Odometry from wheel encoders and gyroscope."""
 
 import math
 
@@ -12,10 +12,7 @@ from lidarnaut.envs.simulation import Reading
 
 @njit(cache=True, error_model="numpy")
 def arc_motion(distance, turn):
-    """Return the end pose (x, y, theta) of an arc relative to its start.
-
-    `distance`: signed arc length, negative for backward [m]; `turn`: change of heading [rad].
-    """
+    """Return the end pose (x, y, theta) of an arc relative to its start, from signed length [m] and turn [rad]."""
     half = 0.5 * turn
     chord = distance * math.sin(half) / half if half != 0.0 else distance
     return chord * math.cos(half), chord * math.sin(half), turn
@@ -23,17 +20,14 @@ def arc_motion(distance, turn):
 
 @njit(cache=True, error_model="numpy")
 def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
-    """Return the motion (x, y, theta) from encoder counts of two wheels, `track` [m] apart."""
+    """Return the motion (x, y, theta) from encoder counts; `track`: distance between the wheels [m]."""
     left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
     return arc_motion(0.5 * (left + right), (right - left) / track)
 
 
 @njit(cache=True, error_model="numpy")
 def update_bias(gyro, yaw_rate, variance):
-    """Update the gyroscope bias [rad/s] and its variance, `gyro`, in place, from a yaw rate measured at rest.
-
-    `variance`: noise variance of the yaw rate.
-    """
+    """Update the gyroscope's bias [rad/s] and bias variance, `gyro`, in place, from a yaw rate measured at rest."""
     innovation, total = yaw_rate - gyro[0], gyro[1] + variance
     if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
         gain = gyro[1] / total
@@ -43,9 +37,9 @@ def update_bias(gyro, yaw_rate, variance):
 
 @njit(cache=True, error_model="numpy")
 def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro, variance):
-    """Return the motion (x, y, theta) from encoder counts and the measured yaw rate.
+    """Return the motion (x, y, theta) from encoder counts and yaw rate.
 
-    While the wheels rest, the yaw rate updates the bias (zero-velocity update); see `update_bias`.
+    Updates the bias while the wheels rest (zero-velocity update); see `update_bias`.
     """
     if left_ticks == 0 and right_ticks == 0:
         update_bias(gyro, yaw_rate, variance)
@@ -53,7 +47,7 @@ def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro
 
 
 class WheelMotion:
-    """Wheel odometry with the controller's nominal wheel geometry."""
+    """Wheel odometry with nominal wheel geometry."""
 
     def __init__(self, robot: RobotParams) -> None:
         self._metres_per_tick, self._track = robot.odometry.metres_per_tick, robot.odometry.track
@@ -73,10 +67,7 @@ class WheelMotion:
 
 
 class GyroMotion(WheelMotion):
-    """Odometry with distances from the wheels and turns from the gyroscope, as on the TurtleBot3.
-
-    Wheel slip affects the heading more than gyroscope drift. The bias is estimated at rest.
-    """
+    """Odometry with distances from the wheels and turns from the gyroscope, as on the TurtleBot3."""
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         super().__init__(robot)
@@ -86,7 +77,6 @@ class GyroMotion(WheelMotion):
         """Estimated gyroscope bias [rad/s] and its variance: shape (2,), float64."""
 
     def reset(self, reading: Reading) -> None:
-        """Start at a reading taken at rest."""
         super().reset(reading)
         self.gyro[:] = 0.0, self._bias_variance
         update_bias(self.gyro, reading.yaw_rate, self.variance)
@@ -98,5 +88,5 @@ class GyroMotion(WheelMotion):
 
 
 def make_motion_source(robot: RobotParams, control_period: float) -> WheelMotion:
-    """Return the odometry that a robot's YAML file selects; `control_period`: time between readings [s]."""
+    """Return the odometry selected by a robot's YAML file; `control_period`: time between readings [s]."""
     return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)

@@ -1,5 +1,3 @@
-"""Removal of other robots from a robot's scans."""
-
 import math
 
 import numpy as np
@@ -9,20 +7,15 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
-"""Distance from a peer's footprint within which a beam's end counts as a hit [m]; covers pose errors."""
+"""Maximum distance of a beam's end from a peer's footprint that counts as a hit [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan with NaN for beams that end near a peer.
+    """Return a scan with NaN for beams that end within `reach` [m] of a peer.
 
-    Args:
-        ranges: scan, shape (num_beams,), float32 [m].
-        directions: cosine and sine of the beam angles, shape (2, num_beams).
-        mount: position of the lidar in the base frame [m].
-        pose: estimated pose (x, y, theta), map frame [m, m, rad].
-        peers: estimated positions of peers, shape (m, 2), map frame [m].
-        reach: maximum distance between a beam's end and a peer's centre [m].
+    `directions`: cosine and sine of the beams, shape (2, num_beams); `mount`: position of the lidar, base frame [m];
+    `pose` (x, y, theta) and `peers`, shape (m, 2): map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -47,14 +40,14 @@ class PeerFilter:
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan with NaN for beams that end at peers: shape (num_beams,), float32 [m]. Poses are estimates."""
+        """Return a scan with NaN for beams that end at peers: shape (num_beams,), float32 [m]."""
         if not peers:
             return ranges
         positions = np.array([peer[:2] for peer in peers])
         return remove_peers(ranges, self._directions, self._mount, tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
-        """Return the end points of beams that hit a peer: shape (k, 2), float64, base frame [m]."""
+        """Return the ends of beams that hit a peer: shape (k, 2), float64, base frame [m]."""
         is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
         points: np.ndarray = self._mount + (ranges[is_hit] * self._directions[:, is_hit]).T
         return points

@@ -1,4 +1,4 @@
-"""Kernels of people tracking: person-sized clusters in scans, and visibility tests of discs.
+"""Kernels of people tracking: person-sized clusters and free-space tests.
 
 `p` is a `lidarnaut.envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m].
 """
@@ -11,33 +11,31 @@ from numba import njit
 from lidarnaut.envs.geometry.rows import write_row
 
 CLUSTER_SIZE = 6
-"""Number of columns of a cluster: x, y in the base frame [m], radius [m], number of beams, kind, and 1 if static (set
-by the tracker)."""
+"""Number of columns of a cluster: x, y (base frame) [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
-"""Kinds of clusters: body; leg; piece of a surface, which starts no track; visible part of a body
-(`TrackerParams.body_radius`)."""
+"""Kinds of clusters: body, leg, piece of a surface, visible part of a body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
-"""Visibility of a disc in a scan: all beams end behind the disc, the disc is occluded, or a beam ends at the disc."""
+"""Results of `look_at_disc`: the beams pass the disc, the disc is occluded, or a beam ends at the disc."""
 CORE = 0.8
-"""Share of a disc's radius that beams must pass; walls may be close beside and behind people."""
+"""Share of a disc's radius that beams must pass; walls may be close to people."""
 PARTLY = 0.75
-"""Share of a body's radius below which a cluster counts as a visible part of a body."""
+"""Maximum radius of a visible part of a body, as a share of the body's radius."""
 BODY_RADIUS, FLAT, FLAT_SIZE, MIN_FLAT = 0.3, 0.27, 0.25, 8
-"""Criteria of a flat cluster: radius of a body [m]; maximum mean distance of points from the chord, as a share of the
-height of a body's arc (a body has two thirds); minimum length [m]; minimum number of points."""
+"""Flatness test of a cluster: body radius [m]; maximum mean distance of points from the chord, as a share of the height
+of a body's arc; minimum length [m]; minimum number of points."""
 ARC_DEPTH = 0.785
-"""Distance from the mean visible point of a disc to its centre, in radii: pi / 4 for evenly spaced beams."""
+"""Distance from the mean visible point of a disc to its centre, in radii."""
 
 
 @njit(cache=True, error_model="numpy")
 def _is_slope(edge, neighbour, p):
-    """Return True if the neighbouring beam ends slightly nearer, as on a surface at grazing incidence."""
+    """Return True if the next beam ends slightly nearer, as on a surface at grazing incidence."""
     return edge - p.slope < neighbour < edge
 
 
 @njit(cache=True, error_model="numpy")
 def _is_flat(x, y, first, last):
-    """Return True if points with mean (x, y) lie close to the line from `first` to `last`, unlike a body."""
+    """Return True if points with mean (x, y) lie close to the line from `first` to `last`."""
     chord_x, chord_y = last[0] - first[0], last[1] - first[1]
     chord = math.hypot(chord_x, chord_y)
     if chord < FLAT_SIZE:
@@ -49,7 +47,7 @@ def _is_flat(x, y, first, last):
 
 @njit(cache=True, error_model="numpy")
 def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
-    """Append the cluster from point `first` to `last`, base frame, if person-sized; return the new count."""
+    """Append a cluster from `first` to `last` (x, y) if person-sized; return the number of clusters."""
     width = math.hypot(last[0] - first[0], last[1] - first[1])
     x, y = total[0] / beams, total[1] / beams
     ahead, left = x - p.mount_x, y - p.mount_y
@@ -63,7 +61,7 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     x, y = x + depth * ahead, y + depth * left
     is_part = radius < PARTLY * p.body_radius and beams > 1
     if is_part:
-        # Partly occluded: use the centre of the circle through both ends.
+        # Partly occluded: centre of the circle through both ends.
         radius = p.body_radius
         chord_x, chord_y = last[0] - first[0], last[1] - first[1]
         squared = max(chord_x * chord_x + chord_y * chord_y, 1e-6)
@@ -78,14 +76,14 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
 
 @njit(cache=True, error_model="numpy")
 def find_clusters(ranges, directions, p, clusters):
-    """Split a scan at range jumps, write the person-sized clusters, and return their number.
+    """Split a scan at range jumps, write person-sized clusters, and return their number.
 
-    The threshold is that of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004),
-    equation 3. `clusters`: written, shape (n, CLUSTER_SIZE), float64.
+    Threshold of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
+    `clusters`: shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
-    count = beams = np.int64(0)  # literals would be compiled as another type
-    if p.is_full_turn > 0.0:  # avoid splitting a cluster at the first beam
+    count = beams = np.int64(0)  # typed, to avoid a second compilation
+    if p.is_full_turn > 0.0:  # do not split a cluster at beam 0
         while start < num_beams and abs(ranges[start] - ranges[start - 1]) < 0.5:
             start += 1
     first = last = total = (0.0, 0.0)
@@ -111,7 +109,7 @@ def find_clusters(ranges, directions, p, clusters):
 
 @njit(cache=True, error_model="numpy")
 def join_legs(clusters, count, p):
-    """Join each leg with the nearest other one within a step; returns how many clusters are left."""
+    """Join each leg with the nearest other leg; return the number of clusters."""
     i = 0
     while i < count:
         nearest, best = -1, p.step
@@ -135,11 +133,11 @@ def join_legs(clusters, count, p):
 def look_at_disc(scan, pose, x, y, radius, margin, p):
     """Return `PASSED`, `HIT` or `HIDDEN` for a disc in a scan.
 
-    `pose`: pose of the lidar (x, y, theta) in the frame of the disc; `margin`: range tolerance [m].
+    `pose`: of the lidar (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """
     dx, dy = x - pose[0], y - pose[1]
     distance = math.hypot(dx, dy)
-    if distance <= radius:  # the robot itself was there
+    if distance <= radius:
         return PASSED
     half = math.asin(CORE * radius / distance) + 0.5 * p.increment
     middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)

@@ -1,7 +1,7 @@
-"""People tracking in scans: clusters are matched to constant-velocity tracks in the odometry frame.
+"""People tracking in scans: constant-velocity tracks in the odometry frame.
 
-A cluster starts a track only if recent scans saw free space at its position, unlike walls and chairs that come into
-view. A track is confirmed as a person after it has moved from its start with a significant speed.
+A cluster starts a track only if recent scans saw free space at its position. A track is confirmed as a person after
+significant motion.
 """
 
 import math
@@ -21,34 +21,34 @@ from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
-"""Columns of a track: position and velocity, odometry frame [m, m/s]; their covariance, equal on both axes; radius [m];
-number of hits; number of scans since the last hit that saw free space; time of the last hit [s]; start position [m];
-1 if confirmed as a person; identifier; number of hits in previously free space."""
+"""Columns of a track: position [m], velocity [m/s] and their covariance (equal on both axes), odometry frame; radius
+[m]; number of hits; number of misses since the last hit; time of the last hit [s]; start position [m]; 1 if
+confirmed as a person; identifier; number of hits in free space."""
 TRACK_SIZE = 16
 TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
-"""Strictness of `is_on_person`: confirmed people; also person-sized clusters not known to be static; all person-sized
-clusters."""
+"""Clusters that count as people in `is_on_person`: confirmed people only; also person-sized clusters not known to be
+static; or all person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Columns of the tracker state: odometry pose (3) [m, m, rad], time [s], number of tracks, of stored scans, of tracks
-started since reset, and of clusters in the last scan."""
+"""Columns of the tracker's state: odometry pose (3) [m, m, rad], time [s], and number of tracks, of stored scans, of
+tracks since reset, and of clusters."""
 
 
 SEEN_LATELY = 0.35
-"""Maximum time since the last hit of an unconfirmed track that `write_bodies` reports [s]."""
+"""Maximum time since the last hit for an unconfirmed track to be reported [s]."""
 LEAST_RADIUS = 0.27
-"""Minimum radius reported for a person [m], because a scan shows only one side."""
+"""Minimum radius of a reported person [m]; a scan shows only one side."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerParams:
-    """Parameters of people tracking. Defaults without a source are tuned on simulated halls and houses."""
+    """Parameters of people tracking, tuned on simulations unless a source is given."""
 
     max_range: float = 8.0
     """Maximum range of clusters [m]."""
     jump: float = 0.08
-    """Minimum distance between neighbouring points that splits a cluster [m]; `jump_angle` adds a range-dependent part."""
+    """Minimum distance between neighbouring points to split a cluster [m]; `jump_angle` adds a range-dependent part."""
     jump_angle: float = 0.35
-    """Minimum angle between surface and beam at which a surface is not split [rad] (lambda of Borges and Aldon, 2004)."""
+    """Minimum angle between surface and beam for an unbroken cluster [rad] (lambda of Borges and Aldon, 2004)."""
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
     leg_size: float = 0.25
@@ -56,50 +56,48 @@ class TrackerParams:
     step: float = 0.65
     """Maximum distance between the legs of a person [m]."""
     body_radius: float = 0.0
-    """Assumed body radius for the centre of a partly occluded person [m]; 0 disables this correction."""
+    """Assumed radius of a partly occluded body, to locate its centre [m]; 0 to disable."""
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """Minimum distance behind a person's position at which a beam's end shows that the position is free [m]."""
+    """Minimum distance between a position and the end of a passing beam to count as free space [m]."""
     drift: float = 0.01
     """Growth of `margin` per second of scan age, for odometry drift [m/s]."""
     slope: float = 0.4
-    """Maximum decrease in range between neighbouring beams on the same slanted surface [m]."""
+    """Maximum decrease in range between neighbouring beams on the same surface [m]."""
     memory: float = 16.0
-    """Duration of the scan history [s]. A person waiting in a passage stands still for about ten seconds."""
+    """Duration of the scan history [s]; people may wait in a passage for about ten seconds."""
     interval: float = 1.0
-    """Time between two scans of the history [s]."""
+    """Time between scans of the history [s]."""
     position_std: float = 0.08
     """Standard deviation of a cluster's position along an axis [m]."""
     speed_std: float = 0.8
     """Standard deviation of people's velocities along an axis [m/s]."""
     acceleration: float = 0.6
-    """Spectral density of the white-noise acceleration of people [m2/s3] (Bar-Shalom et al., "Estimation with
-    Applications to Tracking and Navigation", 2001, section 6.2.2)."""
+    """Spectral density of people's white-noise acceleration [m2/s3] (Bar-Shalom et al., "Estimation with Applications
+    to Tracking and Navigation", 2001, section 6.2.2)."""
     gate: float = 3.0
-    """Maximum Mahalanobis distance between a track and a matching cluster."""
+    """Maximum Mahalanobis distance between a track and its cluster."""
     max_gap: float = 0.8
-    """Maximum distance between a track and a matching cluster [m]."""
+    """Maximum distance between a track and its cluster [m]."""
     min_hits: int = 4
-    """Minimum number of scans that show a person before confirmation."""
+    """Minimum number of hits to confirm a person."""
     min_travel: float = 0.3
-    """Minimum distance of a person from the start of the track at confirmation [m]."""
+    """Minimum distance from the start of the track to confirm a person [m]."""
     min_speed: float = 0.2
-    """Minimum speed of a person at confirmation [m/s]."""
+    """Minimum speed to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance from the start of the track to confirm a person that no scan saw in free space [m]."""
+    """Minimum distance from the start of the track to confirm a person without free-space evidence [m]."""
     significance: float = 2.0
-    """Minimum ratio of a person's speed to its standard deviation at confirmation."""
+    """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
-    """Maximum standard deviation of the position, along an axis, of an occluded person that is reported [m]."""
+    """Maximum standard deviation of the position of a reported person, along an axis [m]."""
     stood_hits: int = 1
-    """Minimum number of stored scans with a hit at the position of a body before that body counts as static; 1 for
-    other kinds of clusters."""
+    """Minimum number of stored scans that hit a body-sized cluster to exclude it from new tracks."""
     static_hits: int = 12
-    """Minimum number of stored scans with a hit at the position of a person-sized cluster before the cluster is mapped
-    as static."""
+    """Minimum number of stored scans that hit a person-sized cluster to map it as static."""
     max_misses: int = 4
-    """Number of scans that see free space at a track before the track is deleted."""
+    """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
     """Time after which an occluded person is deleted [s]; a sixth of it for unconfirmed tracks."""
 
@@ -107,16 +105,16 @@ class TrackerParams:
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
-"""Parameters of lidar and tracker as floats, for kernels."""
+"""Lidar and tracker parameters as floats, for kernels."""
 
 
 def num_kept_scans(params: TrackerParams) -> int:
-    """Return the number of scans in the history of a tracker."""
+    """Return the number of scans in the history."""
     return max(1, math.ceil(params.memory / params.interval))
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
-    """Return the kernel parameters for a lidar and tracker parameters."""
+    """Return lidar and tracker parameters for kernels."""
     increment, mount = lidar.angle_increment, lidar.mount
     gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
     is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
@@ -126,7 +124,7 @@ def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers
 
 @njit(cache=True, error_model="numpy")
 def predict(track, dt, p):
-    """Predict a track `dt` [s] ahead, in place, with constant velocity."""
+    """Predict a track `dt` [s] ahead, in place."""
     q = p.acceleration
     track[X] += dt * track[VX]
     track[Y] += dt * track[VY]
@@ -137,7 +135,7 @@ def predict(track, dt, p):
 
 @njit(cache=True, error_model="numpy")
 def correct(track, x, y, p):
-    """Update a track with a measured position [m], in place, by a Kalman filter with equal covariance on both axes."""
+    """Correct a track with a measured position (x, y) by a Kalman filter, in place."""
     s = track[P_XX] + p.position_std**2
     k_x, k_v = track[P_XX] / s, track[P_XV] / s
     dx, dy = x - track[X], y - track[Y]
@@ -152,7 +150,6 @@ def correct(track, x, y, p):
 
 @njit(cache=True, error_model="numpy")
 def _votes(x, y, radius, time, scans, poses, num_scans, p):
-    """Return the number of stored scans that passed a disc, and the number that hit the disc."""
     passed = hits = 0
     for k in range(min(num_scans, scans.shape[0])):
         if 0.9 * p.interval < time - poses[k, 3] <= p.memory:
@@ -165,10 +162,9 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters, shape (count,).
+    """Match tracks to clusters greedily, nearest pair first; return the matched clusters, shape (count,), bool.
 
-    `matches`: written, cluster of each track or -1. Fast tracks do not match static clusters (`moved` of -1), and
-    unconfirmed tracks do not match pieces of surfaces.
+    `matches`: written, cluster of each track or -1; `moved`: -1 for static clusters, which fast tracks do not match.
     """
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
@@ -197,7 +193,6 @@ def _match(tracks, num_tracks, clusters, count, moved, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _is_doubled(i, tracks, num_tracks, matches, p):
-    """Return True if another track has matched the cluster of the same person."""
     for k in range(num_tracks):
         if matches[k] >= 0 and math.hypot(tracks[k, X] - tracks[i, X], tracks[k, Y] - tracks[i, Y]) < 0.7 * p.step:
             return True
@@ -206,7 +201,7 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _judge(track, ranges, lidar, p):
-    """Return True if a track has moved like a person, through space that scans saw as free."""
+    """Return True if a track has moved like a person, through free space."""
     if track[HITS] < p.min_hits:
         return False
     born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
@@ -219,11 +214,10 @@ def _judge(track, ranges, lidar, p):
 
 @njit(cache=True, error_model="numpy")
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
-    """Process a scan; update `state`, `tracks`, `memory` and `clusters` in place.
+    """Process a scan; update `state`, `tracks`, `memory` and `clusters`.
 
     `motion`: odometry pose of the base relative to the last scan; `period`: time since the last scan [s]; `memory`:
-    stored scans, shape (n, num_beams), float32,
-    and lidar poses with times (x, y, theta, time), shape (n, 4).
+    scan history, shape (n, num_beams), float32, and lidar poses (x, y, theta, time), shape (n, 4).
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -286,10 +280,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 
 @njit(cache=True, error_model="numpy")
 def write_bodies(state, tracks, p, bodies):
-    """Write confirmed people and recent unconfirmed tracks to `bodies`, shape (n, 5); return their number.
-
-    For the columns, see `PeopleTracker.people`.
-    """
+    """Write people and recent unconfirmed tracks to `bodies`, as `PeopleTracker.people`; return their number."""
     count = 0
     c, s = math.cos(state[2]), math.sin(state[2])
     for i in range(int(state[NUM_TRACKS])):
@@ -305,7 +296,7 @@ def write_bodies(state, tracks, p, bodies):
 
 @njit(cache=True, error_model="numpy")
 def on_people(ranges, directions, people, margin, p, mask):
-    """Write which beams end within `margin` [m] of people, shape (n, 5), as `PeopleTracker.people`."""
+    """Write the mask of beams that end within `margin` [m] of people to `mask`; `people`: as `PeopleTracker.people`."""
     for k in range(ranges.shape[0]):
         x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
         mask[k] = False
@@ -314,10 +305,10 @@ def on_people(ranges, directions, people, margin, p, mask):
 
 
 class PeopleTracker:
-    """Tracks people from the scans and odometry of one robot."""
+    """Tracks people from scans and odometry of one robot."""
 
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
-        """Create a tracker for a lidar with a scan every `period` seconds."""
+        """Create a tracker for one scan every `period` seconds."""
         self.params, self._period = params, period
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
         num_scans = num_kept_scans(params)
@@ -329,17 +320,14 @@ class PeopleTracker:
         self._state[:] = 0.0
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan, shape (num_beams,), float32 [m]; return `people`.
-
-        `motion`: odometry pose of the base relative to the last scan.
-        """
+        """Process a scan, shape (num_beams,), float32 [m]; `motion`: odometry pose relative to the last scan."""
         arrays = self._state, self._tracks, self._memory, self._clusters
         track_people(ranges, self._directions, tuple(motion), self._period, *arrays, self._numbers)
         return self.people
 
     @property
     def people(self) -> np.ndarray:
-        """Confirmed people as x, y [m], ground velocity x, y [m/s], radius [m]: shape (n, 5), float64, base frame."""
+        """Confirmed people as x, y [m], ground velocity [m/s], radius [m]: shape (n, 5), float64, base frame."""
         tracks = self.tracks
         tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
@@ -348,19 +336,19 @@ class PeopleTracker:
 
     @property
     def bodies(self) -> np.ndarray:
-        """Confirmed people, and unconfirmed tracks with at least two hits, in the columns of `people`: shape (n, 5)."""
+        """Confirmed people and recent unconfirmed tracks, in the columns of `people`."""
         bodies = np.empty((MAX_TRACKS, 5))
         return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of all tracks, including unconfirmed ones: shape (n, TRACK_SIZE), float64; for the columns, see `X`."""
+        """View of all tracks: shape (n, TRACK_SIZE), float64; columns: see `X`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
-        """Return a mask of beams that end within `margin` [m] of people: shape (num_beams,), bool.
+        """Return the beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `doubt`: strictness, one of `TRACKED`, `NOT_STANDING` and `LARGE_ENOUGH`.
+        `doubt`: `TRACKED`, `NOT_STANDING` or `LARGE_ENOUGH`.
         """
         bodies = np.empty((0, 5))
         if doubt > TRACKED:

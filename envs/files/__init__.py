@@ -1,4 +1,4 @@
-"""YAML records, archives, object lookup by name, locks and atomic file writing."""
+"""Records, archives, lookup by name, locks and atomic writing."""
 
 from .archives import MAX_BYTES, check_file, open_archive, read_bytes
 from .locking import Lock, LockedError

@@ -1,5 +1,3 @@
-"""Size-limited reading of files and NumPy archives."""
-
 import contextlib
 import stat
 from collections.abc import Iterator
@@ -11,7 +9,7 @@ import numpy as np
 from .names import printable
 
 MAX_BYTES = 2**31
-"""Maximum size of a file, and of the unpacked arrays of an archive [bytes]."""
+"""Maximum size of a file, and of the arrays of an archive [bytes]."""
 
 
 def check_file(path: Path, limit: float = MAX_BYTES) -> None:
@@ -19,7 +17,7 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
 
     Raises:
         OSError: the file does not exist.
-        ValueError: the file is too large or is not regular, such as a named pipe.
+        ValueError: the file is too large or not regular.
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
@@ -29,7 +27,7 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Read a regular file of at most `limit` bytes; errors as in `check_file`."""
+    """Read a file of at most `limit` bytes; raises as `check_file`."""
     check_file(path, limit)
     return path.read_bytes()
 
@@ -40,13 +38,11 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the archive is damaged or larger than `MAX_BYTES`, or the block raised an error. The message says
-            `what` the
-            file should be, and gives the hint.
+        ValueError: the archive is damaged or too large, or the block failed; the message contains `what` and `hint`.
     """
     try:
         check_file(path)
-        # np.load leaves an invalid file open unless given a file object.
+        # np.load may leave files open.
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             if (size := sum(entry.file_size for entry in archive.zip.infolist())) > MAX_BYTES:
                 raise ValueError(f"unpacks to {size:,} bytes; at most {MAX_BYTES:,} are allowed")

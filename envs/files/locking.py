@@ -1,5 +1,3 @@
-"""Folder locks between processes."""
-
 import os
 import platform
 from pathlib import Path
@@ -14,14 +12,14 @@ except ImportError:  # Windows
 
 
 class LockedError(RuntimeError):
-    """Another process holds a lock; the message names the folder and, if known, the process."""
+    """Another process holds a lock."""
 
 
 class Lock:
-    """Folder lock that is released when its process ends. Without effect on systems without file locks."""
+    """Folder lock, released when its process ends. Has no effect on systems without file locks."""
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock on the file `.<name>` in a folder; several processes can hold a shared lock."""
+        """Prepare a lock on the file `.<name>` in a folder; `shared` locks may coexist."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 
@@ -48,7 +46,7 @@ class Lock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the lock. The file stays, because removing it could let two processes hold the lock."""
+        """Release the lock, but keep the file: removing it would allow a second lock."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

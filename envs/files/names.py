@@ -1,5 +1,3 @@
-"""Object lookup by name: entries of a table, or `module:attribute` of user code."""
-
 import difflib
 import importlib
 import inspect
@@ -17,15 +15,12 @@ SHORT.maxstring = SHORT.maxother = 200
 
 
 def printable(text: object) -> str:
-    """Return a text with control characters escaped, except newlines and tabs."""
+    """Return a text with escaped control characters, except newlines and tabs."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in str(text))
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
-    """Return a message about an unknown name, with the closest match and all allowed names.
-
-    `shown`: text to show instead of the name.
-    """
+    """Return a message about an unknown name: closest match and allowed names. `shown` replaces the name."""
     allowed = list(allowed)
     close = difflib.get_close_matches(name, allowed, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
@@ -33,10 +28,10 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
 
 
 def load_object(name: str) -> Any:
-    """Import `module:attribute`; both parts may contain dots. The current directory is searched too.
+    """Import `module:attribute`, also from the current directory; both parts may contain dots.
 
     Raises:
-        ValueError: the name has another form, or the module or attribute does not exist.
+        ValueError: the form is invalid, or the module or attribute does not exist.
     """
     module_name, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
@@ -65,7 +60,6 @@ def load_object(name: str) -> Any:
 
 
 def _is_imported(value: Any, module: str) -> bool:
-    """Return True if a value in a module was imported from another module, as far as known."""
     knows = inspect.isclass(value) or inspect.isroutine(value)
     return inspect.ismodule(value) or (knows and not str(value.__module__).startswith(module))
 
@@ -73,14 +67,10 @@ def _is_imported(value: Any, module: str) -> bool:
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
     """Look up a name in a table, or import `module:attribute`; return other objects unchanged.
 
-    Args:
-        value: name or object.
-        table: objects by name.
-        what: kind of object, for messages.
-        files: return the path of a YAML file as a `Path`.
+    `what`: kind of object, for messages; `files`: return the path of a YAML file as a `Path`.
 
     Raises:
-        ValueError: the name is unknown, or `module:attribute` cannot be loaded.
+        ValueError: the name is unknown, or the import failed.
     """
     if not isinstance(value, str):
         return value

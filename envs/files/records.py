@@ -1,5 +1,3 @@
-"""Validated pydantic models and dataclasses from YAML and JSON files."""
-
 import dataclasses
 import json
 import re
@@ -22,7 +20,7 @@ MAX_BYTES = 8 * 2**20
 MAX_JSON_BYTES = 16 * 2**20
 """Maximum size of a JSON file [bytes]."""
 MAX_VALUES = 500_000
-"""Maximum number of values in a YAML file, with repeated aliases counted each time."""
+"""Maximum number of values in a YAML file, with aliases counted each time."""
 MAX_DEPTH = 50
 """Maximum nesting depth of a YAML file."""
 MAX_DIGITS = 100
@@ -33,7 +31,7 @@ _adapter = cache(TypeAdapter)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML loader with numbers such as 3e-4 (YAML 1.2), no duplicate keys, and size limits."""
+    """YAML loader with numbers such as 3e-4, unique keys and size limits."""
 
     num_merged = 0
 
@@ -46,7 +44,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         return super().construct_mapping(node, deep)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        # Called once per use of a merge key, before the values are copied.
+        # Called once per use of a merge key, before copying.
         super().flatten_mapping(node)
         self.num_merged += len(node.value)
         if self.num_merged > MAX_VALUES:
@@ -67,7 +65,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
     """Read a YAML file that contains a mapping.
 
     Raises:
-        FileNotFoundError: the file does not exist; the message lists YAML files in the same folder.
+        FileNotFoundError: the file does not exist.
         ValueError: the file is not YAML, contains no mapping, or is too large.
     """
     path = Path(path)
@@ -80,7 +78,7 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         _check_size(text)
         values = yaml.load(text, _Loader)
         _count_values(values, {})
-    except Exception as error:  # PyYAML raises many types for invalid values
+    except Exception as error:  # many types for invalid values
         raise ValueError(f"{path}: not readable as YAML: {printable(' '.join(str(error).split()))}") from error
     return _checked_mapping(values, str(path))
 
@@ -101,7 +99,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_size(text: str) -> None:
-    """Raise ValueError for deep nesting or too many values, before the slow recursive construction."""
+    """Raise ValueError for deep nesting or too many values, before slow construction."""
     depth = count = 0
     for event in yaml.parse(text, _Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -113,11 +111,7 @@ def _check_size(text: str) -> None:
 
 
 def _count_values(value: Any, counts: dict[int, int]) -> int:
-    """Return the number of values in nested lists and mappings; `counts` caches results by object id.
-
-    Raises:
-        ValueError: more than `MAX_VALUES` values, a self-reference, or an integer of more than 64 bits.
-    """
+    """Return the number of values in nested lists and mappings, cached in `counts`; ValueError for too many."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError(f"integer {value} has more than 64 bits")
     if not isinstance(value, dict | list):
@@ -136,17 +130,13 @@ def read_record(path: str | Path, kind: type[Record]) -> Record:
 
     Raises:
         FileNotFoundError: the file does not exist.
-        ValueError: the file is not YAML, or keys or values are invalid; one line per key.
+        ValueError: the file is not YAML, or keys or values are invalid.
     """
     return parse_record(read_mapping(path), str(path), kind)
 
 
 def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
-    """Convert nested mappings from `source` to a pydantic model or dataclass.
-
-    Raises:
-        ValueError: keys or values are invalid; one line per key.
-    """
+    """Convert nested mappings from `source` to a pydantic model or dataclass; ValueError if invalid."""
     try:
         return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
     except ValidationError as error:
@@ -159,7 +149,7 @@ def dump_record(record: BaseModel) -> str:
 
 
 def explain_errors(error: ValidationError, kind: Any) -> list[str]:
-    """Return one line per mistake in a record of type `kind`: the key and the allowed values."""
+    """Return one line per mistake in a record of type `kind`."""
     lines = []
     faults = error.errors(include_url=False)
     for fault in faults[:MAX_MISTAKES]:
@@ -197,7 +187,7 @@ def _keys(kind: Any, parents: list[int | str]) -> list[str]:
 
 
 def _record_in(kind: Any) -> Any:
-    """Return the record type inside an annotation such as `list[Record] | None`, or None."""
+    """Return the record type inside an annotation such as `list[Record] | None`."""
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
         return kind
     if isinstance(kind, type) and issubclass(kind, BaseModel):

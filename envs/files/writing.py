@@ -1,5 +1,3 @@
-"""Atomic writing: files are either complete or absent."""
-
 import contextlib
 import os
 import platform
@@ -11,21 +9,17 @@ from pathlib import Path
 
 _STARTED = time.time()
 _swept: set[Path] = set()
-"""Folders that this process has cleaned of leftover temporary files."""
+"""Folders already cleaned of leftover temporary files."""
 
 
 def write_file(path: Path, content: bytes | str) -> None:
-    """Replace a file atomically, also in case of a crash.
-
-    Raises:
-        OSError: writing failed; the old file is unchanged.
-    """
+    """Replace a file atomically; OSError leaves the old file unchanged."""
     with _in_place_of(path) as temporary:
         _write_through(temporary, content)
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create a folder with all `files` or not at all; OSError if the folder exists."""
+    """Create a folder with `files` atomically; OSError if the folder exists."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -35,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, and rename it to `path` if the block succeeds."""
+    """Yield a temporary path, renamed to `path` if the block succeeds."""
     temporary = temporary_beside(path)
     _remove(temporary)
     try:
@@ -49,7 +43,7 @@ def _in_place_of(path: Path) -> Iterator[Path]:
 
 
 def append_file(path: Path, text: str) -> None:
-    """Append to a file and sync it to disk, creating it if needed; OSError if it is a symbolic link."""
+    """Append to a file and sync it to disk; OSError if it is a symbolic link."""
     with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
         file.write(text)
         file.flush()
@@ -60,8 +54,7 @@ def own_folder(path: Path, name: str = "") -> Path:
     """Create the folder `path`, or its subfolder `name`, for writing; return it.
 
     Raises:
-        ValueError: the subfolder, or an entry up to two levels deep, is a symbolic link, which could redirect writes to
-            any file. `path` may be a link.
+        ValueError: the subfolder, or an entry up to two levels deep, is a symbolic link: writes could reach any file.
     """
     folder = path / name
     if not (name and folder.is_symlink()):
@@ -73,12 +66,10 @@ def own_folder(path: Path, name: str = "") -> Path:
 
 
 def _open_itself(path: str, flags: int) -> int:
-    """Open a file for writing; OSError if it is a symbolic link."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 def _remove(path: Path) -> None:
-    """Remove a file, a folder or a symbolic link, if it exists."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -86,9 +77,9 @@ def _remove(path: Path) -> None:
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a temporary name next to `path` that is unique across processes and machines.
+    """Return a temporary path next to `path`, unique across processes and machines.
 
-    The first call for a folder also removes leftover temporary files, see `sweep`.
+    The first call for a folder removes leftover temporary files.
     """
     if (folder := path.parent.absolute()) not in _swept:
         _swept.add(folder)
@@ -97,7 +88,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files left in a folder by ended processes of this machine."""
+    """Remove temporary files of ended processes of this machine."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
         if match is not None and not _is_alive(int(match[1]), path):
@@ -106,7 +97,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to operating system errors without a file name, such as a full disk."""
+    """Add `path` to operating system errors that name no file."""
     try:
         yield
     except OSError as error:
@@ -116,7 +107,6 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def _is_alive(pid: int, path: Path) -> bool:
-    """Return True if the process that created a temporary file still runs."""
     if pid == os.getpid():
         with contextlib.suppress(FileNotFoundError):  # another thread has just renamed it
             return path.stat().st_mtime > _STARTED - 1.0
@@ -131,7 +121,6 @@ def _is_alive(pid: int, path: Path) -> bool:
 
 
 def _write_through(path: Path, content: bytes | str) -> None:
-    """Write a new file and sync it to disk."""
     with open(path, "xb", opener=_open_itself) as file:
         file.write(content.encode() if isinstance(content, str) else content)
         file.flush()
@@ -139,7 +128,7 @@ def _write_through(path: Path, content: bytes | str) -> None:
 
 
 def _sync_folder(path: Path) -> None:
-    """Sync the entries of a folder to disk, so that renames survive a power failure."""
+    """Sync a folder to disk, so that renames survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

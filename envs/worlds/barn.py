@@ -1,5 +1,3 @@
-"""BARN benchmark for local navigation: 300 worlds with cylinders between three walls."""
-
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -12,19 +10,14 @@ from lidarnaut.envs.geometry import Pose2D
 from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
-"""Names of the BARN worlds."""
 _SPEED = 2.0
-"""Robot speed that the benchmark's optimal times assume [m/s]."""
+"""Robot speed in the benchmark's optimal times [m/s]."""
 _MARGIN = 5.0
 
 
 @lru_cache(maxsize=len(BARN_NAMES))
 def barn_world(name: str) -> World:
-    """Return a BARN world; the result is cached.
-
-    Raises:
-        ValueError: `name` is not in `BARN_NAMES`.
-    """
+    """Return a BARN world (cached): cylinders between three walls. ValueError for a name not in `BARN_NAMES`."""
     if name not in BARN_NAMES:
         raise ValueError(f"unknown world {name!r}; BARN's are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
     number = BARN_NAMES.index(name)

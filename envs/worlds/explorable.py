@@ -1,5 +1,3 @@
-"""The part of a world that a robot can explore."""
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -25,21 +23,17 @@ class ExplorableArea:
     traversable: np.ndarray
     """Collision-free cells connected to the first spawn: shape of `walls`, bool."""
     start_cells: np.ndarray
-    """Traversable cells with one extra cell of clearance, used as start positions: shape of `walls`, bool."""
+    """Start cells, with one extra cell of clearance: shape of `walls`, bool."""
     near_people: np.ndarray
-    """Cells at which the robot would overlap a person on a fixed route at time 0: shape of `walls`, bool."""
+    """Cells in collision with people on fixed routes at time 0: shape of `walls`, bool."""
     name: str
     lidar_reach: float
     """Maximum range of the lidar [cells]."""
 
     @cached_property
     def explorable(self) -> np.ndarray:
-        """Free cells that the lidar can see from a traversable cell: shape of `walls`, bool.
-
-        Computed at first access, because the visibility search is slow and tasks with a goal do not need it.
-        """
+        """Free cells visible from traversable cells: shape of `walls`, bool. Computed at first access."""
         free = self.walls.data == 0
-        # Only free cells connected to a traversable cell can be visible.
         pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
         touches = np.zeros(num_pieces + 1, dtype=bool)
         touches[pieces[self.traversable]] = True
@@ -54,7 +48,7 @@ class ExplorableArea:
     def corridor_length(self) -> float:
         """Estimated total corridor length: half the boundary length of the traversable cells [m].
 
-        Uses Crofton's formula with lines in four directions. The error is at most 6 % for any orientation.
+        Uses Crofton's formula in four directions, with an error of at most 6 %.
         """
         t = self.traversable
         straight = np.count_nonzero(t[1:] != t[:-1]) + np.count_nonzero(t[:, 1:] != t[:, :-1])
@@ -64,8 +58,8 @@ class ExplorableArea:
     def usual_time_limit(self, speed: float) -> float:
         """Return a time limit for exploration at `speed` [m/s], rounded to ten seconds [s].
 
-        The limit is the longer of two times: to sweep the area twice with a swath of 1 m, plus two minutes; or to drive
-        all corridors at 0.4 of the speed, plus one minute.
+        The longer of two times: two sweeps of the area with a 1 m swath, plus 120 s; or driving all corridors at 0.4
+        `speed`, plus 60 s.
         """
         sweep = 120.0 + 10.0 * round(0.2 * self.area / speed)
         return max(sweep, 60.0 + 10.0 * round(0.25 * self.corridor_length / speed))
@@ -76,13 +70,7 @@ class ExplorableArea:
         return bool(self.walls.contains(np.array([row, col])) and self.traversable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
-        """Sample a start pose in the world frame, uniform over `start_cells` and over headings.
-
-        Cells in `near_people` are rejected.
-
-        Raises:
-            ValueError: people cover every start cell.
-        """
+        """Sample a start pose in the world frame, uniformly. ValueError if people cover every start cell."""
         cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
             raise ValueError(
@@ -97,14 +85,14 @@ class ExplorableArea:
 
 @kept_with_world
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Compute the explorable area of a world for a robot, on cells of side `resolution` [m].
+    """Compute the explorable area, on cells of side `resolution` [m].
 
     Raises:
-        ValueError: the robot does not fit at the world's first spawn.
+        ValueError: the robot does not fit at the first spawn.
     """
     walls = rasterize(world, resolution)
     free = walls.data == 0
-    # A bounded distance transform is enough; the full one takes half of a reset of a large world.
+    # The full distance transform takes half of a reset of a large world.
     reach = math.ceil(robot.radius / resolution) + 2
     if reach <= MAX_REACH:
         clearance = np.sqrt(squared_distances(~free, reach)) * resolution

@@ -1,5 +1,3 @@
-"""Lookup of worlds by name or path."""
-
 import contextlib
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -21,21 +19,20 @@ from .world import World
 from .world_file import WorldFile, build_world
 
 LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
-"""Paths of the built-in world files, by world name."""
+"""Built-in world files, by world name."""
 WORLD_NAMES = tuple(LIBRARY)
-"""Names of the built-in worlds."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Load a world by name (library or BARN), file path, or `module:attribute`; return a `World` as it is.
+    """Load a world from a library or BARN name, a file path or `module:attribute`; check a given `World`.
 
     Files are world files or `map_server` YAML files. Results are cached until the file changes.
 
     Raises:
-        ValueError: the name is unknown, the file is not a valid world, or `module:attribute` is not a `World`.
+        ValueError: the name is unknown or the world is invalid.
         FileNotFoundError: the file does not exist.
         TypeError: `world` has another type.
     """
@@ -63,7 +60,6 @@ def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
 
 
 def _version(path: Path) -> tuple[int, ...] | None:
-    """Return a fingerprint of a file that changes with its content, or None if the file is missing."""
     with contextlib.suppress(OSError, ValueError):
         found = path.stat()
         return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
@@ -72,14 +68,12 @@ def _version(path: Path) -> tuple[int, ...] | None:
 
 @lru_cache(maxsize=64)
 def _image_of(path: Path, version: tuple[int, ...] | None) -> Path | None:
-    """Return the path of a map's image, or None for a world file."""
     image = read_mapping(path).get("image")
     return path.parent / image if isinstance(image, str) else None
 
 
 @lru_cache(maxsize=64)
 def _read(path: Path, version: tuple[int, ...] | None, image: tuple[int, ...] | None) -> World:
-    """Read a world file or a map; the fingerprints of the file and its image are cache keys."""
     content = read_mapping(path)
     build: Callable[[], World]
     if "image" in content:
@@ -101,20 +95,19 @@ def world_sampler(
     difficulty: float | None = None,
     num_worlds: int | None = None,
 ) -> WorldSampler:
-    """Return a function that samples the world of an episode with a random generator.
+    """Return a function that samples a world for each episode.
 
     Args:
-        world: name of a library world, a BARN world (`barn:12`) or a procedural family; path of a world file or a
-            `map_server` YAML; a `World`; a function from a random generator to a `World`; `module:attribute` of either;
-            or a list of these to draw from.
-        split: worlds of a family: `train` has even seeds, `test` has odd seeds.
-        size: outer size (x, y) of a family's worlds [m]; `None` uses the family's range.
-        radius: radius of the robot that has to fit into a family's worlds [m].
-        difficulty: difficulty of `clutter` worlds, from 0 to 1; `None` draws a value for each world.
-        num_worlds: number of different worlds of a family; `None` means unlimited.
+        world: library world, BARN world (`barn:12`), procedural family, path of a world file or `map_server` YAML,
+            `World`, function from a random generator to a `World`, `module:attribute`, or a list of these.
+        split: worlds of a family: `train` has even seeds, `test` odd seeds.
+        size: outer size (x, y) of a family's worlds [m]; `None` draws from the family's range.
+        radius: radius of the robot that must fit into a family's worlds [m].
+        difficulty: difficulty of `clutter`, from 0 to 1; `None` draws a value for each world.
+        num_worlds: number of different worlds of a family; `None` is unlimited.
 
     Raises:
-        ValueError: a world, split, size, difficulty or number is invalid, or a world is not closed.
+        ValueError: an argument or a world is invalid.
         FileNotFoundError: the file does not exist.
         TypeError: `world` has another type.
     """
@@ -139,7 +132,7 @@ def world_sampler(
         return partial(_draw_one_of, each)
     if isinstance(world, str) and world in FAMILIES:
         settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}
-        FAMILIES[world](0, **settings)  # fail here, not at the first reset
+        FAMILIES[world](0, **settings)  # fail before the first reset
         if num_worlds is None:
             return partial(_draw, partial(FAMILIES[world], **settings), split == "test", 2**31)
         settings["size"] = None if size is None else tuple(size)
@@ -154,7 +147,7 @@ def world_sampler(
     return partial(_same, load_world(world if isinstance(world, str) else found))
 
 
-# Module-level functions instead of closures, because environments are pickled.
+# Not closures, because environments are pickled.
 def _draw(generate: Callable[[int], World], is_test: bool, count: int, rng: np.random.Generator) -> World:
     return generate(2 * int(rng.integers(count)) + is_test)
 
@@ -180,6 +173,6 @@ def _same(world: World, rng: np.random.Generator) -> World:
 
 
 def has_no_effects(sample: WorldSampler) -> bool:
-    """Return True if a sampler runs no user code: its worlds depend only on the random generator."""
+    """Return True if a sampler runs no user code."""
     kind = getattr(sample, "func", None)
     return kind in (_draw, _same) or (kind is _draw_one_of and all(map(has_no_effects, sample.args[0])))  # type: ignore[attr-defined]

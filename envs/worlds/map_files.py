@@ -1,4 +1,4 @@
-"""Map files in the format of ROS map_server: an image and a YAML file."""
+"""Maps in the format of ROS map_server: an image and a YAML file."""
 
 import io
 import logging
@@ -20,28 +20,26 @@ from .raster import MAX_CELLS
 from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
-"""Occupancy, from 0 to 1, above which a pixel of a saved map is occupied."""
+"""Occupancy above which a pixel of a saved map is occupied."""
 FREE_THRESH = 0.196
-"""Occupancy, from 0 to 1, below which a pixel of a saved map is free; unknown pixels (grey 205) have 0.19608."""
+"""Occupancy below which a pixel of a saved map is free; grey 205 (unknown) has 0.19608."""
 SAVED_UNKNOWN = 205
-"""Grey value of unknown cells in images written by map_saver."""
+"""Grey value of unknown cells in images from map_saver."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
-"""Grey values written by map_saver, and pure white, common in painted maps."""
+"""Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Tolerance of a grey value in `SAVED_VALUES`, and minimum share of pixels with these values in an image from
-map_saver."""
+"""Grey-value tolerance, and minimum share of pixels with `SAVED_VALUES` in an image from map_saver."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
-"""File name suffixes of map images."""
 MAX_IMAGE_BYTES = 4 * MAX_CELLS
-"""Maximum size of a map image file [bytes]: text formats take up to four characters per cell."""
+"""Maximum size of a map image file [bytes]."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
-"""Image formats of maps, by Pillow's names; PPM includes PGM and PBM."""
+"""Pillow's names of the image formats for maps; PPM includes PGM and PBM."""
 
 
 class MapFile(BaseModel):
-    """Content of a map's YAML file. Unknown keys are ignored, as in map_server."""
+    """Content of a map's YAML file; unknown keys are ignored, as in map_server."""
 
     image: str
     resolution: Size
@@ -53,7 +51,7 @@ class MapFile(BaseModel):
 
 
 def check_no_image(path: Path) -> None:
-    """Raise ValueError if a path is a map image; the message names the map's YAML file."""
+    """Raise ValueError if a path is a map image instead of a YAML file."""
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
         beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
         advice = f"such as {beside[0]}" if beside else "there is none beside it"
@@ -61,7 +59,7 @@ def check_no_image(path: Path) -> None:
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
-    """Return the paths of the image and the YAML file that `save_map` writes; ValueError for other suffixes."""
+    """Return the image path and the YAML path of a saved map; ValueError for an unknown suffix."""
     if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
         raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
     image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
@@ -73,9 +71,9 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 
     Args:
         grid: map to save.
-        path: `NAME`, `NAME.yaml`, `NAME.pgm` or `NAME.png`. The default image is `NAME.pgm`, or `NAME.png` for `scale`.
-        mode: `trinary` writes 254 for free, 0 for occupied (`OCCUPIED_FROM` percent or more) and 205 for unknown, as
-            map_saver does. `scale` keeps percentages; unknown cells are transparent, which requires PNG.
+        path: `NAME`, `NAME.yaml`, `NAME.pgm` or `NAME.png`.
+        mode: `trinary` writes 254 for free, 0 for occupied and 205 for unknown cells, as map_saver does. `scale` keeps
+            percentages in a PNG, with transparent unknown cells.
 
     Raises:
         ValueError: the suffix or mode is invalid, or `scale` is used with PGM.
@@ -116,16 +114,14 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 
 
 def load_map(path: str | Path) -> OccupancyGrid:
-    """Load a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
+    """Load a map from a YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    As in map_server, colours are averaged, and in `trinary` also the opacity of partly transparent images. Transparent
-    pixels are unknown in `scale`. In `raw`, pixel values above 100 are unknown. Unlike map_server, grey 205 is read as
-    unknown, with a warning, if
-    `free_thresh` would make it free (such as 0.25 of older Nav2 map_savers) and the image has only map_saver's greys.
+    Unlike map_server, if `free_thresh` would make grey 205 free (older Nav2 map_savers write 0.25) and the image has
+    only map_saver's greys, 205 is unknown and a warning is logged.
 
     Raises:
-        ValueError: the YAML or the image is damaged, or the map is rotated.
-        FileNotFoundError: the YAML file or the image is missing.
+        ValueError: the YAML or image is damaged, or the map is rotated.
+        FileNotFoundError: the YAML file or image is missing.
     """
     path = Path(path)
     check_no_image(path)
@@ -139,13 +135,13 @@ def load_map(path: str | Path) -> OccupancyGrid:
 
 
 def _read_image(source: Path, file: MapFile) -> np.ndarray:
-    """Return the occupancy of a map image: shape of the image, int8 [percent], -1 for unknown."""
+    """Return the occupancy of an image: shape of the image, int8 [percent], -1 for unknown."""
     path = source.parent / file.image
-    if not os.path.isfile(path):  # False for invalid paths too
+    if not os.path.isfile(path):  # False for invalid paths
         raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged and of large images
+            warnings.simplefilter("ignore")  # of damaged and of large images
             check_file(path, MAX_IMAGE_BYTES)
             with Image.open(path, formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > MAX_CELLS:
@@ -156,7 +152,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
                 array = np.asarray(image if plain else image.convert("RGB"))
     except PermissionError:
         raise
-    except Exception as error:  # Pillow raises many types for damaged files
+    except Exception as error:  # many types for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
     is_transparent = None if alpha is None or alpha.min(initial=255) == 255 else alpha < 255
@@ -190,7 +186,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
 
 
 def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
-    """Convert grey values from 0 to 255 to occupancy: int8 [percent], -1 for unknown."""
+    """Convert grey values (0 to 255) to occupancy: int8 [percent], -1 for unknown."""
     if file.mode == "raw":
         return np.where(grey <= 100, np.rint(grey), UNKNOWN).astype(np.int8)
     occupancy = grey / 255 if file.negate else (255 - grey) / 255

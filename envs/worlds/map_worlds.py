@@ -15,9 +15,9 @@ from .raster import check_world, outline
 from .world import World, kept_with_world
 
 WALL_WIDTH = 0.25
-"""Maximum distance from the border of an area to the occupied cells that enclose the area [m]."""
+"""Maximum distance from the border of an area to its walls [m]."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
-"""Minimum share of walls, and maximum share of the map's edge, along the border of an enclosed area."""
+"""Minimum share of walls and maximum share of map edge on the border of an enclosed area."""
 DOOR_WIDTH = 1.2
 """Maximum width of a door [m]."""
 MIN_AREA = 1.0
@@ -29,11 +29,10 @@ _DELAY = 2.0
 
 
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
-    """Build a world from one connected free area of a map; occupied and unknown cells become solid.
+    """Build a world from one connected free area of a map; all other cells become solid.
 
-    The area is the one that contains `spawn`. Without a spawn, the area is the largest one that obstacles enclose, or
-    the largest one if none is enclosed, and the spawn is the point farthest from obstacles. The logger reports the
-    area.
+    The area is the one that contains `spawn`. Without a spawn, it is the largest enclosed area, or else the largest
+    area, and the spawn is the point farthest from obstacles.
 
     Raises:
         ValueError: the map has no free cell, or the spawn is not in a free cell.
@@ -88,13 +87,12 @@ def _is_free(grid: OccupancyGrid) -> np.ndarray:
 
 
 def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
-    """Return the value in the cell of a pose, or -2 outside the map."""
     cell = grid.cells(np.array(pose[:2]))
     return int(values[tuple(cell)]) if grid.contains(cell) else -2
 
 
 def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
-    """Return a phrase for messages: whether a pose is in free, occupied or unknown space, or outside the map."""
+    """Return a phrase for the state of the map at a pose: free, occupied, unknown or outside."""
     value = _value_at(grid.data, grid, pose)
     if value < 0:
         return "in unknown space of the map" if value == UNKNOWN else f"outside of the map, which covers {grid.bounds}"
@@ -102,13 +100,9 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 
 
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
-    """Return the label of the largest enclosed area and True; or of the largest area and False if none is enclosed.
+    """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed.
 
-    Args:
-        grid: map.
-        labels: labels of the areas, from 1: shape of the map. Areas end `margin` [m] before walls and edges.
-        sizes: sizes of the areas [m2].
-        margin: distance between areas and walls [m].
+    `labels`: shape of the map, from 1; areas end `margin` [m] before walls. `sizes`: of the areas [m2].
     """
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
@@ -128,10 +122,7 @@ def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, mar
 
 
 def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
-    """Return the largest part of an area that is enclosed except for doors, or else the whole area.
-
-    An open door connects a building to the space around the building. `area` is padded by one cell.
-    """
+    """Return the largest part of a padded area that is enclosed except for doors, or else all of `area`."""
     rooms, count = ndimage.label(ndimage.distance_transform_edt(area) * grid.resolution > 0.5 * DOOR_WIDTH)
     if count < 2:
         return area
@@ -142,17 +133,13 @@ def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
 
 @kept_with_world
 def _areas(world: World) -> np.ndarray:
-    """Return labels of the connected free areas of a world's map, from 1: shape of the map; 0 for other cells."""
     assert world.map is not None
     labels: np.ndarray = ndimage.label(_is_free(world.map))[0]
     return labels
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of the map area that contains a pose; the result is cached.
-
-    Returns `world` itself if the pose is in its area or not in free space, or if `world` has no map.
-    """
+    """Return the world of the map area that contains a pose (cached), or `world` if there is no other area."""
     if world.map is None:
         return world
     labels = _areas(world)
@@ -170,7 +157,7 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return a grid of the known part of a world's map: 100 for free cells outside the world, 0 elsewhere."""
+    """Return a grid of the known part of a map: 100 for free cells outside the world, 0 elsewhere."""
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)
     (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()

@@ -1,4 +1,4 @@
-"""Rasterization of worlds, reachability, validity checks, and outlines of rasters."""
+"""Rasterization and validity checks of worlds."""
 
 import numpy as np
 from numba import njit
@@ -11,11 +11,11 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from .world import MAX_COORDINATE, World
 
 MAX_CELLS = 100_000_000
-"""Maximum number of cells of a raster: 500 m x 500 m at 0.05 m."""
+"""Maximum number of cells of a raster, such as 500 m x 500 m at 0.05 m."""
 CHECK_RESOLUTION = 0.05
 """Cell size for validity checks of worlds [m]."""
 _SNAP = 1e-3
-"""Distance below a cell border within which a coordinate counts as on the border, against rounding errors [cells]."""
+"""Offset of coordinates against rounding errors at cell borders [cells]."""
 _ON = 0.01
 """Minimum distance of a spawn or goal from walls and bodies [m]."""
 
@@ -28,7 +28,7 @@ def _set(data, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _draw_segment(data, x0, y0, x1, y1):
-    """Mark every cell that a segment crosses; at a cell corner, mark both neighbours. Units are cells."""
+    """Mark all cells that a segment crosses [cells]; at a corner, both neighbours."""
     walk = start_walk(x0, y0, x1, y1)
     _set(data, walk.row, walk.col)
     while walk.rows_left + walk.cols_left > 0:
@@ -41,7 +41,7 @@ def _draw_segment(data, x0, y0, x1, y1):
 
 @njit(cache=True, error_model="numpy")
 def _draw_disc(data, x, y, radius):
-    """Mark every cell within `radius` of (x, y). Units are cells."""
+    """Mark all cells within `radius` of (x, y) [cells]."""
     height, width = data.shape
     for row in range(max(int(np.floor(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
         for col in range(max(int(np.floor(x - radius)), 0), min(int(np.floor(x + radius)) + 1, width)):
@@ -62,11 +62,11 @@ def _draw(data, segments, circles):
 def rasterize(world: World, resolution: float) -> OccupancyGrid:
     """Return the occupancy grid of a world's static geometry, with cells of side `resolution` [m], world frame.
 
-    Cells touched by segments or circles are 100, all others 0. A cell owns its lower and left border. Circles are
-    filled; other bodies are outlines. The grid extends at least one cell beyond the world's bounds.
+    Cells touched by segments or circles are 100, others 0. Circles are filled; other bodies are outlines. The grid
+    extends at least one cell beyond the world.
 
     Raises:
-        ValueError: `resolution` is not positive, or the grid would have more than `MAX_CELLS` cells.
+        ValueError: `resolution` is not positive or gives more than `MAX_CELLS` cells.
     """
     if not resolution > 0:
         raise ValueError(f"resolution must be positive, got {resolution!r}")
@@ -89,16 +89,9 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 def reachable(
     world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
 ) -> tuple[OccupancyGrid, np.ndarray]:
-    """Compute the area that the centre of a robot can reach from the first spawn.
+    """Return the raster of a world, and the mask of cells that a robot can reach from the first spawn.
 
-    Args:
-        world: world to rasterize.
-        resolution: side of a cell [m].
-        radius: radius of the robot [m].
-
-    Returns:
-        The raster of the world, and a mask of the reachable cells (4-connected), of the raster's shape, bool. All cells
-        are False if the robot does not fit at the spawn.
+    `resolution`: side of a cell [m]; `radius`: of the robot [m]. The mask has the shape of the raster, bool.
     """
     grid = rasterize(world, resolution)
     free = grid.data == FREE
@@ -111,13 +104,13 @@ def reachable(
 
 
 def free_area(world: World, radius: float = 0.0) -> float:
-    """Return the size of the area that a robot of `radius` [m] can reach from the first spawn [m2]."""
+    """Return the area that a robot of `radius` [m] can reach from the first spawn [m2]."""
     grid, mask = reachable(world, radius=radius)
     return float(np.count_nonzero(mask)) * grid.resolution**2
 
 
 def leaks(mask: np.ndarray) -> bool:
-    """Return True if a mask from `reachable` touches the edge of the raster: the world is not closed."""
+    """Return True if a mask from `reachable` touches the edge of the raster."""
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
@@ -125,9 +118,8 @@ def check_world(world: World) -> World:
     """Validate a world and return it.
 
     Raises:
-        ValueError: the world has no spawn, is not closed, or is too large; a spawn or goal is in collision, out of
-            bounds or unreachable;
-            the numbers of goals and spawns differ; or coordinates are not finite.
+        ValueError: the world is not closed or too large; coordinates are not finite; or spawns or goals are missing, in
+            collision, out of bounds or unreachable.
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
@@ -166,18 +158,12 @@ def check_world(world: World) -> World:
 
 
 def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """Return the borders between solid and open cells, with collinear neighbours merged.
+    """Return the borders between solid and open cells as merged segments (x0, y0, x1, y1): shape (n, 4) [m].
 
-    Args:
-        solid: solid cells, shape (height, width), bool; cells outside the array count as solid.
-        xs: positions of the vertical grid lines, shape (width + 1,) [m].
-        ys: positions of the horizontal grid lines, shape (height + 1,) [m].
-
-    Returns:
-        Segments (x0, y0, x1, y1), shape (n, 4), float64 [m].
+    `solid`: shape (height, width), bool; cells outside the array count as solid. `xs`, `ys`: positions of the grid
+    lines, shapes (width + 1,) and (height + 1,) [m].
     """
     padded = np.pad(solid, 1, constant_values=True)
-    # Border k of a row lies between cells k - 1 and k.
     cols, bottoms, tops = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
     rows, lefts, rights = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
     segments = np.empty((len(cols) + len(rows), 4))
@@ -190,7 +176,7 @@ def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
 
 
 def _runs(marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the row, start and end of each run of True values along the rows: three arrays of shape (n,), int64."""
+    """Return row, start and end of the runs of True along the rows: three arrays of shape (n,), int64."""
     steps = np.diff(np.pad(marks.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(steps == 1)
     return rows, starts, np.nonzero(steps == -1)[1]

@@ -1,5 +1,3 @@
-"""Line-of-sight visibility between cells of a raster."""
-
 import math
 from itertools import product
 
@@ -10,11 +8,10 @@ from lidarnaut.envs.geometry.lines import cell_along, longest_step
 from lidarnaut.envs.progress import Progress
 
 NUM_DIRECTIONS = 180
-"""Number of line directions searched from each cell."""
+"""Number of directions of lines of sight from a cell."""
 _HEIGHT, _WIDTH = 8, 128
-"""Height and width of a block of cells: a byte holds eight rows of a column, and vector instructions process columns."""
+"""Block size in cells: a byte holds eight rows of a column; adjacent bytes are combined by vector instructions."""
 _ROWS = 10 * _HEIGHT
-"""Number of rows between two updates of the progress bar."""
 _DELAY = 2.0
 """Delay before a progress bar appears [s]."""
 
@@ -22,17 +19,10 @@ _DELAY = 2.0
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Return the goal cells, and the candidates with a line of sight to a goal: shape (height, width), bool.
+    """Return the goals, and the candidates with a line of sight of at most `reach` cells to a goal.
 
-    The cells of a block follow each line in parallel, as bits of bytes. The time is proportional to the number of cells
-    times at most `reach`, for any shape of the free space.
-
-    Args:
-        free: free cells, shape (height, width), bool.
-        goals: free cells to be seen, of the same shape.
-        candidates: free cells to test, of the same shape.
-        reach: maximum length of a line of sight [cells].
-        name: name of the world, for the progress bar.
+    All arrays: shape (height, width), bool. Goals and candidates are free cells. A block of cells is processed in
+    parallel, so that the time is proportional to the number of cells. `name`: of the world, for the progress bar.
     """
     height = len(free)
     reach = min(reach, 2.0 * max(free.shape))  # longer lines leave the raster
@@ -42,7 +32,7 @@ def visible_from(
     label = f"explorable area of {name}"
     with Progress(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
         for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
-            # An octant: each step moves by `sign` along `axis`, and by `side` or 0 along the other axis.
+            # In an octant, each step moves by `sign` along `axis`, and by `side` or 0 along the other axis.
             chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
             straight, diagonal = ((sign, 0), (sign, side)) if axis == 0 else ((0, sign), (side, sign))
             wanted = _pack(candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach))
@@ -55,15 +45,14 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the free cells that repeated `straight` and `diagonal` steps can connect to a goal.
+    """Return the cells that can reach a goal with two kinds of steps (rows, columns) through free cells.
 
-    This is a necessary condition for a line of sight in an octant. Steps are (rows, columns); paths have at most
-    `reach` steps. Result: shape (height, width), bool.
+    A necessary condition for a line of sight. At most `reach` steps; shape (height, width), bool.
     """
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
-    # Numbers of steps to a goal in the current and the previous row, padded.
+    # Steps to a goal in this row and in the previous row, padded.
     line, before = np.full(width + 2, far, dtype=np.uint16), np.full(width + 2, far, dtype=np.uint16)
     by_row, by_col = diagonal
     for k in range(height):
@@ -89,7 +78,7 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Return steps (`longest_step`), numbers of steps, and (row, column) after each step of the lines from any cell.
+    """Return slope, number of steps, and (row, column) offsets of the steps for all lines of sight.
 
     Shapes (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
     """
@@ -97,7 +86,7 @@ def _lines(reach):
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
     lines = np.empty((NUM_DIRECTIONS, int(reach) + 1, 2), dtype=np.int64)
     for k in range(NUM_DIRECTIONS):
-        # Golden angle: any few consecutive directions cover the circle.
+        # Golden angle: consecutive directions cover the circle.
         d_row, d_col = longest_step(2.399963229728653 * k)
         slopes[k, 0], slopes[k, 1] = d_row, d_col
         lengths[k] = int(reach / math.hypot(d_row, d_col))
@@ -108,10 +97,7 @@ def _lines(reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _pack(mask):
-    """Pack eight rows of a mask into each byte: bit b at (row, column) is the mask at (row + b, column).
-
-    The result is padded by zeros: shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8.
-    """
+    """Pack a mask into bytes, padded by zeros: bit b at (row, column) is the mask at (row + b, column)."""
     height, width = mask.shape
     packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
     for row in range(height - 1, -_HEIGHT, -1):
@@ -128,8 +114,7 @@ def _pack(mask):
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
     """Mark in `visible` the wanted cells of rows `first` to `last` that see a goal.
 
-    `plain` (free cells without goals), `ends` (goals) and `wanted` are packed by `_pack`; `lengths` and `lines` are
-    from `_lines`. `first` is a multiple of `_HEIGHT`.
+    `plain` (free cells without goals), `ends` (goals) and `wanted` are packed by `_pack`.
     """
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
@@ -138,7 +123,7 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
             asked = wanted[top + _HEIGHT, start + _WIDTH : start + 2 * _WIDTH]
             if not asked.any():
                 continue
-            for j in range(_WIDTH):  # slices take Numba seconds to compile
+            for j in range(_WIDTH):  # slices compile slowly
                 left[j] = asked[j]
             for k in range(lengths.shape[0]):
                 if not left.any():
@@ -160,9 +145,9 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(plain, ends, alive, left):
-    """Advance the `alive` lines of a block by one step; return True if any line can continue.
+    """Advance the lines of the `alive` cells by one step; return True if any can continue.
 
-    All arrays are packed bits, shape (_WIDTH,), uint8. `left` marks cells that have seen no goal yet.
+    `left`: cells that have not seen a goal. Packed bits, shape (_WIDTH,), uint8.
     """
     remain = np.uint8(0)
     for j in range(_WIDTH):

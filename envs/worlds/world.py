@@ -1,5 +1,3 @@
-"""World geometry: walls, people on fixed routes, spawns and goals."""
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -17,19 +15,19 @@ MAX_COORDINATE = 1e7
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedRoute:
-    """Person on a closed polyline at constant speed, waiting while a robot blocks the way."""
+    """Person on a closed polyline at constant speed, waiting while a robot is in the way."""
 
     radius: float
     """Radius of the person [m]."""
     waypoints: np.ndarray
-    """Corners of the closed polyline, start position first: shape (k, 2), float64 [m]."""
+    """Corners of the closed polyline, starting position first: shape (k, 2), float64 [m]."""
     speed: float
     """Speed along the polyline [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class World:
-    """Horizontal section of an environment at the height of the lidars, extruded to `height`."""
+    """Horizontal section of an environment at lidar height, extruded to `height`."""
 
     name: str
     segments: np.ndarray
@@ -39,25 +37,24 @@ class World:
     spawns: tuple[Pose2D, ...]
     """Start poses in one connected free area; the first is the default."""
     bounds: tuple[float, float, float, float]
-    """Bounding box of the static geometry as (x_min, y_min, x_max, y_max) [m]."""
+    """Bounds (x_min, y_min, x_max, y_max) of the static geometry [m]."""
     people: tuple[FixedRoute, ...] = ()
     goals: tuple[Pose2D, ...] = ()
-    """Default goal for each spawn; empty if the world has no goals."""
+    """Default goal for each spawn, or empty."""
     optimal_length: float | None = None
-    """Reference length of the path from the first spawn to its goal, from a benchmark [m]."""
+    """Reference path length from the first spawn to its goal [m]."""
     height: float = 1.0
     """Height of walls and bodies in the physics engine [m]."""
     source: str = ""
     """Origin of the geometry."""
     licence: str = ""
-    """License of the source."""
     notes: str = ""
     """Changes made to the source geometry, such as closed gaps."""
     map: OccupancyGrid | None = None
-    """Map from which the world was built, if any."""
+    """Source map of the world, if any."""
 
     def scaled(self, factor: float) -> "World":
-        """Return the world scaled by a factor in the plane; people take the same time per round."""
+        """Return the world scaled in the plane; people take the same time per round."""
         return replace(
             self,
             segments=factor * self.segments,
@@ -72,17 +69,14 @@ class World:
 
     @property
     def circles_at_start(self) -> np.ndarray:
-        """Cylinders, followed by people at time 0, as (x, y, radius): shape (m + num_people, 3), float64 [m]."""
+        """Cylinders and people at time 0, as (x, y, radius): shape (n, 3), float64 [m]."""
         if not self.people:
             return self.circles
         return np.vstack([self.circles, [(*person.waypoints[0], person.radius) for person in self.people]])
 
 
 def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Cache the results of a function for the lifetime of its first argument, a world or `ExplorableArea`.
-
-    Further arguments must be hashable.
-    """
+    """Cache results for the lifetime of the first argument, a world or `ExplorableArea`."""
     kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
 
     @wraps(function)
@@ -102,5 +96,5 @@ def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np
 
 
 def edges(points: np.ndarray) -> np.ndarray:
-    """Return the edges of a closed polygon of n points as segments (x0, y0, x1, y1): shape (n, 4) [m]."""
+    """Return the edges of a closed polygon as segments (x0, y0, x1, y1): shape (n, 4) [m]."""
     return np.hstack([points, np.roll(points, -1, axis=0)])

@@ -1,5 +1,3 @@
-"""World files: a world as YAML, with one row per body."""
-
 import math
 import reprlib
 from typing import Annotated
@@ -22,7 +20,7 @@ Loops = list[list[list[Number]]]
 
 
 def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) -> AfterValidator:
-    """Return a validator for rows with the named columns; the last `optional` columns may be missing."""
+    """Return a validator for rows with the named columns."""
     names = columns.split(", ")
 
     def check(rows: Rows) -> Rows:
@@ -39,7 +37,7 @@ def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) ->
 
 
 def _points(minimum: int) -> AfterValidator:
-    """Return a validator for lists of points (x, y) with at least `minimum` distinct points."""
+    """Return a validator for lists of at least `minimum` different points (x, y)."""
 
     def check(loops: Loops) -> Loops:
         for i, loop in enumerate(loops):
@@ -63,7 +61,7 @@ class RouteFile(BaseModel):
 
 
 class WorldFile(BaseModel):
-    """Keys of a world file; lengths in metres, angles in radians."""
+    """World as YAML; lengths in metres, angles in radians."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -72,7 +70,7 @@ class WorldFile(BaseModel):
     licence: str
     """License of the source."""
     notes: str = ""
-    """Changes made to the source geometry, such as closed gaps."""
+    """Changes to the source geometry, such as closed gaps."""
     height: Size = 1.0
     """Height of walls and bodies in the physics engine."""
     spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
@@ -82,9 +80,9 @@ class WorldFile(BaseModel):
     boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
     """Solid rectangles: centre, size and yaw."""
     polygons: Annotated[Loops, _points(3)] = []
-    """Solid polygons by their corners; the last corner connects to the first."""
+    """Solid polygons by their corners."""
     polylines: Annotated[Loops, _points(2)] = []
-    """Thin walls along lists of points, such as the outline of a room; repeat the first point to close a polyline."""
+    """Thin walls along lists of points; repeat the first point to close a polyline."""
     segments: Annotated[Rows, _columns("x0, y0, x1, y1, thickness", positive=(4,), optional=1)] = []
     """Straight walls: thin, or solid rectangles if a thickness is given."""
     cylinders: Annotated[Rows, _columns("x, y, radius", positive=(2,))] = []
@@ -92,11 +90,11 @@ class WorldFile(BaseModel):
     people: list[RouteFile] = []
     """People on closed polylines at constant speed."""
     closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
-    """Thin walls that close gaps in the source geometry."""
+    """Thin walls that close gaps of the source."""
 
 
 def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
-    """Return the corners of a straight wall, extended by half its thickness at both ends so that corners close."""
+    """Return the corners of a wall, extended by half its thickness at both ends."""
     length = math.hypot(x1 - x0, y1 - y0) + thickness
     return box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
 
@@ -111,10 +109,10 @@ def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
 
 
 def build_world(name: str, file: WorldFile) -> World:
-    """Build a world from the content of a world file.
+    """Build a world from a world file.
 
     Raises:
-        ValueError: a spawn or goal is in collision, or the world is empty or not closed.
+        ValueError: the world is empty or not closed, or a spawn or goal is in collision.
     """
     solids = [box(*row) for row in file.boxes]
     solids += [np.array(loop) for loop in file.polygons]

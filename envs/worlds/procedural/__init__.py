@@ -1,5 +1,3 @@
-"""Procedural worlds, generated from seeds."""
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,18 +12,15 @@ from .plan import UNIT, Size, units
 
 @dataclass(frozen=True, slots=True)
 class _Family:
-    """Generator and size limits of a family of worlds."""
-
     build: Callable[..., World]
-    """Function from name, random generator and outer size to a world."""
     smallest: Size
     """Minimum outer size (x, y) [m]."""
     low: Size
-    """Lower limit of random outer sizes (x, y) [m]."""
+    """Minimum random outer size (x, y) [m]."""
     high: Size
-    """Upper limit of random outer sizes (x, y) [m]."""
+    """Maximum random outer size (x, y) [m]."""
     radius: float = 0.25
-    """Maximum radius of a robot that fits everywhere without scaling the world [m]."""
+    """Maximum robot radius that fits everywhere without scaling [m]."""
 
 
 _FAMILIES = {
@@ -48,15 +43,11 @@ def _generate(
 ) -> World:
     """Return a world of a family; equal arguments give identical worlds.
 
-    Args:
-        family: name of the family.
-        seed: world seed.
-        size: outer size (x, y) [m], rounded to grid units; None draws a size from the family's range.
-        radius: robot radius [m]. For large robots, everything except the outer size is scaled up.
-        difficulty: difficulty of `clutter`, from 0 to 1; None draws a value.
+    `size`: outer size (x, y) [m], rounded to grid units; `radius`: of the robot [m], scales everything except the
+    outer size; `difficulty`: of `clutter`, from 0 to 1. None draws a value.
 
     Raises:
-        ValueError: the size is below the family's minimum for this robot or above 200 m, or the difficulty is invalid.
+        ValueError: `size` or `difficulty` is out of range.
     """
     one = _FAMILIES[family]
     scale = max(1.0, radius / one.radius)
@@ -83,5 +74,5 @@ def _is_size(size: Any, smallest: Size) -> bool:
 
 
 FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}
-"""World generators by family name. Arguments: seed (even for training, odd for testing) and optionally outer size [m],
-robot radius [m] and difficulty."""
+"""World generators by family: functions of seed (even: training, odd: testing) and optionally outer size [m], robot
+radius [m] and difficulty."""

@@ -12,9 +12,9 @@ from .plan import Size, world_within
 _CELL = 0.4
 """Side of a cell of the automaton [m]."""
 _STEP = 0.1
-"""Grid spacing of the field for contouring [m]."""
+"""Grid spacing of the contoured field [m]."""
 _REACH = 0.35
-"""Radius of the disc that fits everywhere [m]: robot radius 0.25 m plus the contour's error."""
+"""Radius of the disc that fits everywhere [m]: robot radius plus contour error."""
 _MARGIN = 0.2
 """Minimum thickness of the outer wall [m]."""
 
@@ -26,9 +26,9 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
     fill = float(rng.uniform(0.42, 0.5))
     core = _largest(_traversable(rng, shape, fill))
     while np.count_nonzero(core) * _STEP**2 < 0.3 * width * height:
-        fill -= 0.02  # ends at the latest without any rock
+        fill -= 0.02  # ends without any rock
         core = _largest(_traversable(rng, shape, fill))
-    # Free space is the union of all collision-free discs, so that the disc fits into every corner.
+    # Free space is the union of all collision-free discs.
     distance = ndimage.distance_transform_edt(~core) * _STEP
     _sweep(distance)
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
@@ -39,11 +39,11 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
-    """Grow a cave; return the possible centres of a disc of radius `_CLEARANCE_RADIUS`: bool, of the given shape."""
+    """Grow a cave; return the mask of collision-free disc centres."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)
     for _ in range(4):
-        # A cell becomes rock if most of its 3 x 3 neighbourhood is rock.
+        # A cell is rock if most of its neighbourhood is rock.
         rows = rock[:-2].astype(np.int8) + rock[1:-1] + rock[2:]
         rock[1:-1, 1:-1] = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:] >= 5
     fine = round(_CELL / _STEP)
@@ -64,23 +64,21 @@ def _sweep(distance: np.ndarray) -> None:
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
-    """Return the largest connected component of a mask."""
     labels, count = ndimage.label(mask)
     return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])) if count else mask
 
 
 @njit(cache=True, error_model="numpy")
 def _link(links, a, b):
-    """Link grid edges `a` and `b` as neighbours on the contour."""
     links[a, 0 if links[a, 0] < 0 else 1] = b
     links[b, 0 if links[b, 0] < 0 else 1] = a
 
 
 @njit(cache=True, error_model="numpy")
 def _march(field, level, links, points):
-    """Compute the contour's crossings with the grid edges, and link consecutive crossings (marching squares).
+    """Find and link the contour's crossings with grid edges (marching squares).
 
-    Grid edge 2 k joins point k to its right neighbour; edge 2 k + 1 joins point k to the point above.
+    Grid edge 2 k joins point k to its right neighbour, edge 2 k + 1 to its upper neighbour.
     """
     height, width = field.shape
     for row in range(height):
@@ -100,7 +98,7 @@ def _march(field, level, links, points):
             a, b = field[row, col] < level, field[row, col + 1] < level
             c, d = field[row + 1, col] < level, field[row + 1, col + 1] < level
             if a != b and c != d and a != c:
-                # Saddle: separate the corners below the level.
+                # Saddle: separate the low corners.
                 _link(links, south, west if a else east)
                 _link(links, north, east if a else west)
             else:
@@ -115,7 +113,7 @@ def _march(field, level, links, points):
 
 @njit(cache=True, error_model="numpy")
 def _trace(links, points, tolerance, segments):
-    """Write each contour loop as few segments within `tolerance`; return the number of segments."""
+    """Simplify the contour loops within `tolerance`; return the number of segments written."""
     count = 0
     loop = np.empty(links.shape[0], dtype=np.int64)
     for start in range(links.shape[0]):
@@ -143,7 +141,6 @@ def _trace(links, points, tolerance, segments):
 
 @njit(cache=True, error_model="numpy")
 def _is_straight(points, loop, i, j, n, tolerance):
-    """Return True if the loop's points between i and j lie within `tolerance` of the line from i to j."""
     x, y = points[loop[i], 0], points[loop[i], 1]
     dx, dy = points[loop[j % n], 0] - x, points[loop[j % n], 1] - y
     length = np.hypot(dx, dy)
@@ -157,15 +154,9 @@ def _is_straight(points, loop, i, j, n, tolerance):
 
 
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
-    """Return the closed contour lines of a field.
+    """Return the closed contours of a field as segments (column, row, column, row): shape (n, 4) [grid steps].
 
-    Args:
-        field: shape (height, width); all border values lie on one side of `level`.
-        level: field value on the contour.
-        tolerance: maximum distance between simplified and exact contour [grid steps].
-
-    Returns:
-        Segments (column, row, column, row), shape (n, 4), float64 [grid steps].
+    `field`: shape (height, width), with a border on one side of `level`; `tolerance`: for simplification [grid steps].
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

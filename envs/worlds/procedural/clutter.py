@@ -1,4 +1,4 @@
-"""Clutter: fields of cylinders, generated as in the BARN benchmark."""
+"""Fields of cylinders, generated as in the BARN benchmark."""
 
 import numpy as np
 from scipy import ndimage
@@ -7,33 +7,32 @@ from ..world import World
 from .plan import UNIT, Size, units, with_goals, world_within
 
 _RADIUS = 0.075
-"""Radius of a cylinder [m]."""
 _CELL = 3
 """Side of a cell of the automaton [units]."""
 _MARGIN = 5.0
 """Distance of the outer wall from cylinders and goal [m]."""
 _START = 3.0
-"""Distance of the start from the row of cylinders behind the robot [m]."""
+"""Distance of the start from the rear wall [m]."""
 _RUN_IN = 33
-"""Number of rows between the rear row of cylinders and the field."""
+"""Number of rows between the rear wall and the field."""
 _BEYOND = 3.4
 """Distance of the goal beyond the field [m]."""
 _REACH = 0.36
-"""Radius of the disc that can pass the field [m]: Jackal radius 0.333 m plus raster error."""
+"""Radius of the disc that can cross the field [m]: Jackal radius 0.333 m plus raster error."""
 _FILL = 0.15, 0.28
 """Initial share of filled cells at difficulties 0 and 1."""
 _SMOOTHINGS = 2, 5
-"""Range of the number of smoothing iterations; the upper limit is excluded."""
+"""Range of the number of smoothing iterations, without the upper limit."""
 _AROUND = 8
-"""Number of rows added before and behind a field to check for a passage."""
+"""Number of empty rows added before and behind a field to check for a passage."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | None = None) -> World:
-    """Return a field of cylinders with a goal beyond the field, and cylinder walls left, right and behind.
+    """Return a field of cylinders of the given outer size [m], with the goal beyond the field.
 
-    The goal is 10 m from the start at the usual outer size of 14.5 m x 23 m. `difficulty`, from 0 to 1, sets the
-    initial share of filled cells; None draws a value. Fields without a passage are drawn again with 1 % fewer filled
-    cells. After Perille, Truong, Xiao and Stone, "Benchmarking Metric Ground Navigation" (2020).
+    `difficulty`, from 0 to 1, sets the share of filled cells; None draws a value. Fields without a passage are drawn
+    again with fewer filled cells. After Perille, Truong, Xiao and Stone, "Benchmarking Metric Ground Navigation"
+    (2020).
     """
     width, height = size
     rows = int((height - 2.0 * _MARGIN - _BEYOND) / (UNIT * _CELL) + 1e-6) - 1 - _RUN_IN
@@ -47,7 +46,7 @@ def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | N
     filled = np.zeros((1 + _RUN_IN + rows, cols), dtype=bool)
     filled[1 + _RUN_IN :] = field
     filled[0] = filled[:, [0, -1]] = True
-    filled &= _neighbors(filled) < 8  # enclosed cylinders are unreachable
+    filled &= _neighbors(filled) < 8  # remove enclosed cylinders
     left = UNIT * ((units(width) - _CELL * cols) // 2)
     centres = (left, _MARGIN) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
     circles = np.ascontiguousarray(np.column_stack([centres, np.full(len(centres), _RADIUS)]))
@@ -57,15 +56,11 @@ def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | N
 
 
 def _neighbors(cells: np.ndarray) -> np.ndarray:
-    """Count the filled cells among the eight neighbours of each cell; cells outside count as empty."""
     return ndimage.convolve(cells.astype(np.int8), [[1, 1, 1], [1, 0, 1], [1, 1, 1]], mode="constant")
 
 
 def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
-    """Return the filled cells of a field, bool; the first and the last column are walls.
-
-    A cell with more than four filled neighbours becomes filled, a cell with fewer than two becomes empty.
-    """
+    """Return the filled cells of a field: a cell is filled by over four, emptied by under two filled neighbours."""
     cells = np.pad(rng.random(shape) < fill, 1)
     cells[:, [0, 1, -2, -1]] = True
     for _ in range(smoothings):
@@ -75,7 +70,6 @@ def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothi
 
 
 def _has_a_way_through(field: np.ndarray) -> bool:
-    """Return True if a disc of radius `_CLEARANCE_RADIUS` can cross a field."""
     rows, cols = field.shape
     filled = np.zeros((rows + 2 * _AROUND, cols), dtype=bool)
     filled[_AROUND:-_AROUND] = field

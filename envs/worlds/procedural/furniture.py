@@ -1,4 +1,4 @@
-"""Furniture in a section 0.2 m above the floor: cupboards are solid, tables and chairs are legs."""
+"""Furniture in a section 0.2 m above the floor."""
 
 import math
 from collections.abc import Callable
@@ -28,7 +28,7 @@ def disc(radius: float) -> Item:
 
 
 def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
-    """Return straight bars of a thickness [units], rotated by an angle [rad]: a screen or a solid body."""
+    """Return straight bars of a thickness [units], rotated by an angle [rad]."""
     ends = np.array(lines, dtype=np.float64).reshape(-1, 2, 2)
     ends = ends @ [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
     low = ends.min(axis=(0, 1)) - thickness
@@ -68,18 +68,16 @@ def _random_block(length: tuple[float, float], depth: float | tuple[float, float
 cupboard = partial(_random_block, (0.8, 2.0), (0.4, 0.6))
 shelf = partial(_random_block, (0.6, 1.8), 0.3)
 chest = partial(_random_block, (0.5, 0.9), (0.4, 0.6))
-"""Chest of drawers, printer or washing machine."""
 basin = partial(_random_block, (0.5, 0.9), 0.45)
 rack = partial(_random_block, (1.2, 2.6), 0.5)
 
 
 def _legs(x0: float, y0: float, x1: float, y1: float) -> tuple[Disc, ...]:
-    """Return four legs inside the corners of a rectangle [units]."""
     return tuple((x, y, _LEG) for x in (x0 + _LEG, x1 - _LEG) for y in (y0 + _LEG, y1 - _LEG))
 
 
 def sofa(rng: np.random.Generator) -> Item:
-    """Return a sofa, sometimes with a low table in front."""
+    """Return a sofa."""
     length = int(rng.integers(32, 46))
     rects = [(0, 0, length, 18)]
     if rng.random() < 0.6:
@@ -88,7 +86,7 @@ def sofa(rng: np.random.Generator) -> Item:
 
 
 def bed(rng: np.random.Generator) -> Item:
-    """Return a bed with one or two night stands."""
+    """Return a bed with night stands."""
     width = int(rng.choice([18, 28, 32, 36]))
     rects: list[Rect] = [(9, 0, 9 + width, 41), (0, 0, 8, 8)]
     if width > 18:
@@ -97,14 +95,14 @@ def bed(rng: np.random.Generator) -> Item:
 
 
 def desk(rng: np.random.Generator) -> Item:
-    """Return a desk with a side panel, a chest of drawers and an office chair."""
+    """Return a desk with an office chair."""
     length = int(rng.integers(26, 34))
     rects = ((0, 0, 1, 15), (length - 8, 1, length, 15))
     return Item(length, 21, rects=rects, discs=((length / 2 - 4 + rng.random() * 3, 16.0, 5.0),))
 
 
 def table(rng: np.random.Generator) -> Item:
-    """Return a four-legged table with chairs along its long sides."""
+    """Return a table with chairs, all on four legs."""
     length, depth = int(rng.integers(22, 40)), int(rng.integers(14, 20))
     legs = list(_legs(1, 6, length - 1, 6 + depth))
     per_side = length // 13
@@ -112,13 +110,13 @@ def table(rng: np.random.Generator) -> Item:
         x = (k + 0.5) * length / per_side - 4
         for y in (0.0, depth + 4.0):
             if rng.random() < 0.85:
-                pushed = rng.random() * 2  # random offset of a chair
+                pushed = rng.random() * 2
                 legs += _legs(x, y + pushed, x + 8, y + pushed + 6)
     return Item(length, depth + 12, discs=tuple(legs))
 
 
 def conference(rng: np.random.Generator, length: int) -> Item:
-    """Return a long table on a central stand, with office chairs; `length` in units."""
+    """Return a conference table with office chairs; `length` in units."""
     depth = int(rng.integers(20, 25))
     stand = (7, 10 + depth // 2 - 3, length - 7, 10 + depth // 2 + 3)
     seats = length // 15
@@ -128,12 +126,12 @@ def conference(rng: np.random.Generator, length: int) -> Item:
 
 
 def counter(rng: np.random.Generator, length: int) -> Item:
-    """Return a kitchen counter with a fridge at its end; `length` in units."""
+    """Return a kitchen counter with a fridge; `length` in units."""
     return Item(length, 14, rects=((0, 0, length - 14, 12), (length - 13, 0, length, 14)))
 
 
 def cluster(rng: np.random.Generator) -> Item:
-    """Return four desks around a screen, each with a chair."""
+    """Return four desks with chairs around a screen."""
     length = int(rng.integers(26, 33))
     screen = (0, 25, 2 * length, 27)
     panels = tuple((x, 11, x + 1, 41) for x in (0, length - 1, 2 * length - 1))
@@ -169,4 +167,4 @@ WALL_FURNITURE: dict[str, tuple[Callable[[np.random.Generator], Item], ...]] = {
     "meeting": (shelf, plant, chest),
     "storage": (rack, rack, rack, chest, rack),
 }
-"""Furniture along the walls, by kind of room, in order of placement."""
+"""Furniture along walls by kind of room, in order of placement."""

@@ -1,5 +1,3 @@
-"""Halls: open floors with columns, screens, benches and boxes."""
-
 import math
 from itertools import pairwise, product
 
@@ -11,7 +9,7 @@ from .plan import Item, Plan, Rect, Size, extent, mirror, units
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a world of one to three connected halls, of the given outer size [m]."""
+    """Return one to three open halls with columns, screens or boxes, of the given outer size [m]."""
     plan = Plan(size, int(rng.integers(2, 6)), is_open=True)
     halls = _divide(rng, plan)
     if rng.random() < 0.35:
@@ -26,7 +24,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _divide(rng: np.random.Generator, plan: Plan) -> list[Rect]:
-    """Return halls side by side along the longer side, joined by wide openings; some are recessed."""
     upright = plan.width < plan.height
     solid = plan.solid.T if upright else plan.solid
     x0, y0, x1, y1 = mirror(plan.floor) if upright else plan.floor
@@ -52,7 +49,6 @@ def _divide(rng: np.random.Generator, plan: Plan) -> list[Rect]:
 
 
 def _cut_corners(rng: np.random.Generator, plan: Plan, halls: list[Rect]) -> None:
-    """Fill some or all corners of the floor with equal triangles."""
     x0, y0, x1, y1 = plan.floor
     most = min(min(extent(hall, 0)) for hall in halls)
     u, v = (most * rng.uniform(0.1, 0.35, size=2)).tolist()
@@ -64,23 +60,20 @@ def _cut_corners(rng: np.random.Generator, plan: Plan, halls: list[Rect]) -> Non
 
 
 def _angle(rng: np.random.Generator, slanted: float) -> float:
-    """Draw an angle [rad]: arbitrary with probability `slanted`, otherwise parallel to a wall."""
     return float(rng.uniform(0.0, math.pi)) if rng.random() < slanted else 0.5 * math.pi * int(rng.integers(4))
 
 
 def _scatter(rng: np.random.Generator, plan: Plan, hall: Rect, items: list[Item]) -> None:
-    """Place items at random positions in a hall, some against a wall."""
     for item in items:
         plan.put_somewhere(rng, item, hall, 0 if rng.random() < 0.15 else 8)
 
 
 def _count(rng: np.random.Generator, hall: Rect, low: float, high: float) -> int:
-    """Draw a number of items for a hall: one per square with a side from `low` to `high` [m]."""
+    """Draw a number of items: one per square with a side from `low` to `high` [m]."""
     return min(20, max(1, round(math.prod(extent(hall, 0)) / units(rng.uniform(low, high)) ** 2)))
 
 
 def _grid(rng: np.random.Generator, plan: Plan, hall: Rect, item: Item, gaps: tuple[int, int]) -> None:
-    """Place copies of an item on a centred grid, with gaps from a range [units]; some may be missing."""
     side = int(rng.integers(2))
     starts = []
     for span, length in zip(extent(hall, side), (item.length, item.depth)):
@@ -132,7 +125,6 @@ def _put_boxes(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
 
 
 def _put_niches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    """Build niches between short walls or pillars along some walls."""
     thickness, depth, pitch = (int(rng.integers(*span)) for span in ((2, 16), (10, 36), (40, 90)))
     item = Item(thickness, depth, ((0, 0, thickness, depth),))
     for side in rng.permutation(4)[: int(rng.integers(1, 4))].tolist():
@@ -141,7 +133,6 @@ def _put_niches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
 
 
 def _put_core(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    """Place one large body in the middle, so that the floor forms a loop."""
     width, height = extent(hall, 0)
     u, v = (int(min(span * rng.uniform(0.2, 0.6), span - 48)) for span in (width, height))
     if min(u, v) > 8:

@@ -1,5 +1,3 @@
-"""Mazes: corridors between walls, with a few loops and chambers."""
-
 import numpy as np
 
 from ..raster import outline
@@ -25,17 +23,14 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _lines(length: float, count: int) -> np.ndarray:
-    """Return the start and end of each wall along a side with `count` corridors: shape (2 count + 2,) [m]."""
+    """Return the borders of all walls along a side: shape (2 count + 2,) [m]."""
     pitch = (length - _WALL) / count
     starts = pitch * np.arange(count + 1)
     return np.column_stack([starts, starts + _WALL]).ravel()
 
 
 def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
-    """Carve a maze by randomized depth-first search; return the solid cells.
-
-    Shape (2 rows + 1, 2 cols + 1), bool. Corridor cells have odd indices; walls and posts lie between them.
-    """
+    """Return the solid cells of a depth-first maze: shape (2 rows + 1, 2 cols + 1), bool; corridors at odd indices."""
     solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
     solid[1::2, 1::2] = False
     visited = {(0, 0)}
@@ -58,7 +53,6 @@ def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
 
 
 def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers: int) -> None:
-    """Remove a share of the inner walls, and all walls inside a few chambers."""
     inner = solid[1:-1, 1:-1]
     gone = rng.random(inner.shape) < loops
     gone[1::2, 1::2] = False  # posts stay

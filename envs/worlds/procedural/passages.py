@@ -1,5 +1,3 @@
-"""Scenes for robots among people: a hall, a corridor, a doorway and a crossing of two corridors."""
-
 import math
 
 import numpy as np
@@ -9,18 +7,18 @@ from ..world import World, box, edges
 from .plan import UNIT, Point, Size, units, with_goals, world_within
 
 _GAP = 1.0
-"""Minimum gap between bodies, and between bodies and walls [m]."""
+"""Minimum gap between bodies and to walls [m]."""
 _WALL = 0.1
 """Thickness of the outer walls [m]."""
 _END = 1.0
-"""Distance of starts and goals from the wall behind them [m]."""
+"""Distance of starts and goals from the nearest wall [m]."""
 
 Area = tuple[float, float, float, float]
 """Rectangle (x0, y0, x1, y1) [m]."""
 
 
 def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a hall of the given outer size [m], with one pillar or box per 12 to 30 m2."""
+    """Return a hall of the given outer size [m], with pillars and boxes."""
     width, height = size
     start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END, width - _END))
     number = round(width * height / rng.uniform(12.0, 30.0))
@@ -29,7 +27,7 @@ def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a corridor along the longer side of the outer size [m], with niches 0.5 to 0.8 m deep."""
+    """Return a corridor with niches along the longer side of the given outer size [m]."""
     turned = size[1] > size[0]
     length, width = max(size), min(size)
     depth = rng.uniform(0.5, 0.8)
@@ -49,7 +47,7 @@ def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two rooms joined by a door 1.0 to 1.6 m wide, with the given outer size [m]."""
+    """Return two rooms of the given outer size [m], joined by a door 1.0 to 1.6 m wide."""
     width, height = size
     middle, half, door = width * rng.uniform(0.4, 0.6), rng.uniform(0.05, 0.1), rng.uniform(1.0, 1.6)
     y = rng.uniform(0.3, height - 0.3 - door)
@@ -66,7 +64,7 @@ def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two crossing corridors, 3 to 4.5 m wide, with the given outer size [m]."""
+    """Return two crossing corridors of the given outer size [m], 3 to 4.5 m wide."""
     (x0, x1), (y0, y1) = (_strip(rng, side) for side in size)
     width, height = size
     areas = [(_WALL, y0, width - _WALL, y1), (x0, _WALL, x1, height - _WALL)]
@@ -77,19 +75,16 @@ def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _strip(rng: np.random.Generator, side: float) -> tuple[float, float]:
-    """Draw the start and end of a corridor's cross-section along a side [m]."""
     width = min(float(rng.uniform(3.0, 4.5)), 0.5 * side)
     low = 0.5 * (side - width) + rng.uniform(-0.1, 0.1) * side
     return low, low + width
 
 
 def _somewhere(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw a coordinate between two walls, at least `_END_DISTANCE` from both [m]."""
     return float(rng.uniform(low + _END, high - _END))
 
 
 def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
-    """Return the borders of free areas as segments, rounded to grid units: shape (n, 4) [m]."""
     width, height = map(units, size)
     solid = np.ones((height, width), dtype=bool)
     for area in areas:
@@ -99,10 +94,6 @@ def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
 
 
 def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to `number` boxes and pillars in an area, with passable gaps between them and around `points`.
-
-    Returns segments, shape (n, 4), and circles, shape (m, 3) [m].
-    """
     taken = [(*point, 0.0) for point in points]
     segments, circles = [np.empty((0, 4))], []
     for _ in range(8 * number):

@@ -1,4 +1,4 @@
-"""Floor plans on a grid, furnished so that a robot can still reach all free space."""
+"""Furnished floor plans with connected free space."""
 
 import math
 from collections.abc import Sequence
@@ -14,30 +14,30 @@ from ..raster import outline
 from ..world import World, box, edges
 
 UNIT = 0.05
-"""Side of a grid cell of a floor plan [m]."""
+"""Length unit of floor plans: side of a grid cell [m]."""
 REACH = 6
-"""Half the side of the square footprint that must fit everywhere [units]; covers a robot of 0.25 m radius."""
+"""Half the side of the square footprint that fits everywhere [units]."""
 MARGIN = 14
 """Distance between walls and free-standing furniture [units]."""
 INNER = 2
 """Thickness of inner walls [units]."""
 _DOOR_ROOM = 16
-"""Depth of the floor kept free on both sides of a door [units]."""
+"""Depth of the free floor on both sides of a door [units]."""
 
 Size = tuple[float, float]
 """Width and height [m]."""
 Point = tuple[float, float]
 """Position (x, y) [m]."""
 Rect = tuple[int, int, int, int]
-"""Half-open rectangle of grid cells (x0, y0, x1, y1) [units]."""
+"""Half-open rectangle (x0, y0, x1, y1) [units]."""
 Disc = tuple[float, float, float]
 """Disc (x, y, radius) [units]."""
 Wall = tuple[bool, int, int]
-"""Wall between two rooms: True if vertical, start and end of the shared part [units]."""
+"""Shared wall of two rooms: True if vertical, start, end [units]."""
 
 
 def units(metres: float) -> int:
-    """Convert a length [m] to grid units, rounded."""
+    """Convert a length [m] to whole grid units."""
     return round(metres / UNIT)
 
 
@@ -47,35 +47,30 @@ def mirror(rect: Rect) -> Rect:
 
 
 def extent(room: Rect, side: int) -> tuple[int, int]:
-    """Return the size of a room along a wall and away from it: 0 south, 1 east, 2 north, 3 west."""
+    """Return the size of a room along and away from the wall `side`: 0 south, 1 east, 2 north, 3 west."""
     width, height = room[2] - room[0], room[3] - room[1]
     return (width, height) if side % 2 == 0 else (height, width)
 
 
 def is_one_piece(blocked: np.ndarray) -> bool:
-    """Return True if the free cells form one connected component; `blocked`: shape (height, width), bool."""
+    """Return True if the cells that are not blocked form one connected component."""
     return bool(ndimage.label(~blocked)[1] == 1)
 
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Piece of furniture in its own frame: x along the wall, y away from the wall [units]."""
+    """Piece of furniture, in a frame with x along the wall and y away from the wall [units]."""
 
     length: int
-    """Extent along the wall [units]."""
     depth: int
-    """Extent away from the wall [units]."""
     rects: tuple[Rect, ...] = ()
-    """Solid rectangles, frame of the item."""
     discs: tuple[Disc, ...] = ()
-    """Solid discs, frame of the item."""
 
 
 class Plan:
     """Floor plan. Order of construction: walls, doors, `settle`, furniture."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
-        """Create outer walls of a thickness [units]; `is_open`: the floor has no walls between rooms."""
         self.width, self.height = units(size[0]), units(size[1])
         self.floor: Rect = (wall, wall, self.width - wall, self.height - wall)
         self._is_open = is_open
@@ -84,13 +79,12 @@ class Plan:
         self.blocked = np.empty_like(self.solid)
         """Cells that the robot's centre cannot occupy: shape (height, width), bool."""
         self.reserved = np.zeros_like(self.solid)
-        """Cells kept free of further furniture, such as in front of doors: shape (height, width), bool."""
+        """Cells kept free of furniture: shape (height, width), bool."""
         self.discs: list[Disc] = []
 
     def open_door(self, rng: np.random.Generator, a: Rect, b: Rect, wall: Wall, width: int) -> int:
-        """Cut a door into the wall between two rooms and reserve the floor around it; return its start [units]."""
+        """Cut a door into the wall between two rooms; return the door's start along the wall [units]."""
         upright, low, high = wall
-        # Most doors are near a corner, as in real houses.
         slack = high - low - width - 6
         start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
         p, q = (a, b) if upright else (mirror(a), mirror(b))
@@ -101,18 +95,14 @@ class Plan:
         return start
 
     def settle(self) -> None:
-        """Compute the robot's free space; call this method once the walls are complete."""
+        """Compute the robot's free space from the completed walls."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
         """Place an item if it fits and the free space stays connected; return True if placed.
 
-        Args:
-            item: piece of furniture.
-            room: room for the item; also the area to check for connectivity, unless the floor is open.
-            side: wall behind the item: 0 south, 1 east, 2 north, 3 west.
-            along: distance along the wall from the room's lower or left corner [units].
-            gap: distance from the wall [units].
+        `side`: wall behind the item, see `extent`; `along`: distance along this wall from the room's lower or left
+        corner [units]; `gap`: distance from this wall [units].
         """
         x0, y0, x1, y1 = turn((0, gap, item.length, gap + item.depth), room, side, along)
         if x0 < room[0] or y0 < room[1] or x1 > room[2] or y1 > room[3]:
@@ -145,7 +135,7 @@ class Plan:
     def put_somewhere(
         self, rng: np.random.Generator, item: Item, room: Rect, margin: int = 0, attempts: int = 4
     ) -> None:
-        """Try random positions for an item: `margin` from all walls, or against a wall if `margin` is 0."""
+        """Try to place an item at random positions: `margin` [units] from all walls, or against a wall if 0."""
         for _ in range(attempts):
             side = int(rng.integers(4))
             length, depth = extent(room, side)
@@ -158,7 +148,7 @@ class Plan:
                     return
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:
-        """Return the plan as a world with a random collision-free spawn; the origin is the lower left corner."""
+        """Return the plan as a world with a random collision-free spawn."""
         xs, ys = UNIT * np.arange(self.width + 1), UNIT * np.arange(self.height + 1)
         cells = np.flatnonzero(~self.blocked)
         row, col = divmod(int(cells[rng.integers(len(cells))]), self.width)
@@ -176,7 +166,7 @@ def world_within(
     circles: np.ndarray,
     notes: str = "",
 ) -> World:
-    """Return a world enclosed by a rectangle of the given size [m], with a random spawn heading."""
+    """Return a world with an outer wall of the given size [m] and a random spawn heading."""
     x, y = map(float, spawn)
     width, height = map(float, size)
     around = edges(box(0.5 * width, 0.5 * height, width, height))
@@ -193,14 +183,14 @@ def world_within(
 
 
 def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
-    """Return a world with spawns and goals at the ends of trips (start, goal), with headings along the trips."""
+    """Return a world with spawns and goals at the ends of trips (start, goal)."""
     headings = [math.atan2(goal[1] - start[1], goal[0] - start[0]) for start, goal in trips]
     spawns = tuple(Pose2D(*start, theta) for (start, _), theta in zip(trips, headings))
     return replace(world, spawns=spawns, goals=tuple(Pose2D(*goal, theta) for (_, goal), theta in zip(trips, headings)))
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Transform a rectangle from an item's frame to the plan; `side` and `along` as in `FloorPlan.put`."""
+    """Transform a rectangle from an item's frame to the plan; see `FloorPlan.put`."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (
@@ -212,7 +202,7 @@ def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
 
 
 def shared_wall(a: Rect, b: Rect) -> Wall | None:
-    """Return the wall that two rooms share; None if there is no room for a door."""
+    """Return the shared wall of two rooms, or None if the wall is too short for a door."""
     for upright in (True, False):
         p, q = (a, b) if upright else (mirror(a), mirror(b))
         if p[2] + INNER == q[0] or q[2] + INNER == p[0]:
@@ -223,7 +213,7 @@ def shared_wall(a: Rect, b: Rect) -> Wall | None:
 
 
 def touching_pairs(rooms: list[Rect]) -> list[tuple[int, int, Wall]]:
-    """Return the pairs of rooms (i < j) that share a wall with room for a door, and that wall."""
+    """Return all pairs of rooms (i < j) with a shared wall for a door."""
     x0, y0, x1, y1 = np.array(rooms, dtype=int).reshape(-1, 4).T
     touching = (x1[:, None] + INNER == x0) | (y1[:, None] + INNER == y0)
     pairs = np.argwhere(np.tril(touching | touching.T, -1)).tolist()

@@ -1,5 +1,3 @@
-"""Flats and offices: rooms by binary space partition, with doors, corridors and furniture."""
-
 import numpy as np
 
 from ..world import World
@@ -29,7 +27,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
-    """Split a room recursively until its parts are about `typical` units wide."""
+    """Split a room recursively into parts about `typical` [units] wide (binary space partition)."""
     x0, y0, x1, y1 = room
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5
@@ -47,7 +45,6 @@ def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
 
 
 def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rect]]:
-    """Return the rooms on both sides of a corridor, and the corridors; wide floors have several."""
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         rooms, corridors = _office(rng, (y0, x0, y1, x1))
@@ -79,9 +76,9 @@ def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
 
 
 def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corridors: list[Rect]) -> None:
-    """Open doors until all rooms are connected, through corridors if possible, and a few extra doors."""
+    """Open doors until all rooms are connected, and a few more."""
     every = rooms + corridors
-    # Doors to corridors come first.
+    # Prefer doors to corridors.
     pairs = [(float(rng.random()) - (j >= len(rooms)), i, j, wall) for i, j, wall in touching_pairs(every)]
     group = list(range(len(every)))
     for _, i, j, wall in sorted(pairs):
@@ -89,7 +86,6 @@ def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corrido
             group = [group[i] if g == group[j] else g for g in group]
         elif rng.random() > (0.06 if corridors else 0.3):
             continue  # already connected
-        # Some flats have a wide opening between rooms.
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
         width = int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
         plan.open_door(rng, every[i], every[j], wall, width)
@@ -100,7 +96,6 @@ def _area(room: Rect) -> int:
 
 
 def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list[str]:
-    """Assign a kind to each room by size."""
     order = sorted(range(len(rooms)), key=lambda i: _area(rooms[i]))
     if is_office:
         kinds = ["office"] * len(rooms)

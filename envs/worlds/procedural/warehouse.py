@@ -1,5 +1,3 @@
-"""Warehouses: racks between aisles, a loading zone with pallets, columns, and sometimes an office."""
-
 import numpy as np
 
 from ..world import World
@@ -24,7 +22,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
-    """Return the loading zone, at one end of the longer side, and the storage zone."""
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         loading, storage = _divide(rng, mirror(floor))
@@ -37,7 +34,6 @@ def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
 
 
 def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
-    """Fill a zone with parallel rows of racks, divided by cross aisles."""
     side = 0 if rng.random() < 0.65 else 3  # wall parallel to the rows
     length, depth = extent(zone, side)
     bay, cross = int(rng.integers(46, 57)), int(rng.integers(34, 50))
@@ -53,7 +49,6 @@ def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
 
 
 def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
-    """Return start and thickness of the rows of racks [units]: single along walls, double between aisles."""
     rack, aisle = int(rng.integers(16, 23)), int(rng.integers(36, 58))
     along_walls = rng.random(2) < 0.6
     ends = rack * int(along_walls.sum())
@@ -71,14 +66,12 @@ def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
 
 
 def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple[int, int]]:
-    """Remove a share `empty` of the bays in a row; return the remaining runs of bays as (start, end)."""
     present = [bool(rng.random() >= empty) for _ in range(count)]
     edges = [k for k in range(count + 1) if (k > 0 and present[k - 1]) != (k < count and present[k])]
     return list(zip(edges[::2], edges[1::2]))
 
 
 def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
-    """Place a small office with a door in a corner of a zone."""
     width, depth = int(rng.integers(56, 80)), int(rng.integers(50, 66))
     door = int(rng.integers(6, width - 28))
     wall = ((0, depth - 2, door, depth), (door + 20, depth - 2, width, depth))
@@ -90,7 +83,6 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
 
 
 def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
-    """Place columns on a grid."""
     if rng.random() < 0.3:
         return
     x0, y0, x1, y1 = plan.floor
@@ -102,7 +94,6 @@ def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
 
 
 def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
-    """Place pallets and racks in the loading zone, and stray items everywhere."""
     side = int(rng.integers(4))
     length, depth = extent(loading, side)
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))

@@ -1,5 +1,3 @@
-"""Buildings in the shape of a letter or a ring, with rooms along corridors that meet in a lobby."""
-
 import numpy as np
 
 from ..world import World
@@ -19,12 +17,12 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Corridors along y and along x as (line, start, end), on grid lines 0 to 4 across the floor: 0 and 4 are at the outer
+"""Corridors along y and along x as (line, start, end), on five grid lines across the floor: 0 and 4 are at the outer
 walls, 2 is in the middle."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a sparsely furnished building of the given outer size [m]."""
+    """Return a building in the shape of a letter, with rooms along corridors, of the given outer size [m]."""
     plan = Plan(size, _OUTER, is_open=True)  # corridors overlap at junctions
     plan.solid[:] = True
     shape = str(rng.choice(list(_SHAPES)))
@@ -47,7 +45,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
-    """Return the corridors of a shape in a random orientation, and a lobby at a junction."""
     x_lines, width = _lines(rng, floor[0], floor[2])
     y_lines, height = _lines(rng, floor[1], floor[3])
     turned = rng.random() < 0.5
@@ -68,18 +65,17 @@ def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
 
 
 def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], int]:
-    """Return the start of a corridor on each of the five grid lines across a floor, and the corridor width [units]."""
+    """Return the five grid lines for corridors across a floor, and the corridor width [units]."""
     length = high - low
     breadth = int(rng.integers(28, max(29, min(49, length // 5))))
     near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
-    # If a strip is too thin for rooms, the corridor moves to the outer wall.
+    # Strips too thin for rooms are dropped.
     near, far = (edge if edge >= _LEAST + INNER else 0 for edge in (near, far))
     middle = low + int((length - breadth) * rng.uniform(0.38, 0.62))
     return [low, low + near, middle, high - breadth - far, high - breadth], breadth
 
 
 def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
-    """Return the rooms along the corridors, and the pairs (room, corridor) that need doors."""
     x0, y0, x1, y1 = plan.floor
     taken = np.ones_like(plan.solid)
     taken[y0:y1, x0:x1] = False
@@ -96,7 +92,6 @@ def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple
 
 
 def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int, depth: int) -> list[Rect]:
-    """Place rooms side by side along a corridor, at most `depth` [units] deep, on cells that are not taken."""
     length = extent(corridor, side)[0]
     x0, y0, x1, y1 = turn((0, -INNER - depth, length, -INNER), corridor, side, 0)
     strip = taken[max(y0, 0) : y1, max(x0, 0) : x1]
@@ -123,7 +118,7 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
 
 
 def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
-    """Open a door 0.7 to 1 m wide; return the arguments of `FloorPlan.put` for an open door leaf, if any."""
+    """Open a door; return the arguments of `FloorPlan.put` for its open leaf, if any."""
     wall = shared_wall(room, other)
     if wall is None:
         return None
