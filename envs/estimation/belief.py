@@ -139,7 +139,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     data, start, path = belief.grid.data, belief.grid.origin, () if belief.path is None else belief.path
     cells, window, _, origin, _ = belief.update
     if (grid is not None and belief.grid is not grid) or (data is old_data and data.shape != old_shape):
-        return "grid must be one OccupancyGrid for all robots of an episode, with other data where their shape changes"
+        return "grid must stay the same OccupancyGrid during an episode; replace its data to change the shape"
     if data.ndim != 2 or data.dtype != np.int8:
         return f"grid.data must be a 2D int8 array, got {data.ndim}D {data.dtype}"
     if not (np.isfinite([*belief.pose, *start, *origin]).all() and np.isfinite(path).all()):
@@ -147,7 +147,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     size = "the grid has {} rows and {} columns".format(*data.shape)
     left, low, right, high = sides = np.asarray((0, 0, 0, 0) if window is None else window)
     if sides.dtype.kind not in "iu" or not (0 <= left <= right < data.shape[1] and 0 <= low <= high < data.shape[0]):
-        return f"{window} is no window of cells; {size}"
+        return f"{window} is not a valid window of cells; {size}"
     if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
         return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
     for axis in (0, 1) if len(cells) else ():

@@ -19,7 +19,7 @@ class DeadReckoning:
     ) -> Belief:
         """Start at a pose, ValueError for None. Without a map, the belief has a map of one unknown cell."""
         if pose is None:
-            raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
+            raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
         if map is None:
             blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
             self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 0, 0)))

@@ -1,4 +1,4 @@
-"""Map crops at several scales, pooled so that thin walls persist."""
+"""Map crops at several scales that preserve thin walls."""
 
 import math
 
@@ -106,7 +106,7 @@ class Level:
     """Pyramid level: blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a level of blocks of a side [cells], pooled from `finer` or, if None, from the map."""
+        """Create a level with blocks of side `block` [cells], pooled from `finer` or, if None, from the map."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending: Window | None = None
@@ -125,7 +125,7 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, blocks, self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Mark the block at a position relative to the map's corner [cells] as visited."""
+        """Mark the block that contains (`col`, `row`) [cells] as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
@@ -157,7 +157,7 @@ class MapPyramid:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose (map frame) into `out`, with pixels of a side [m]; see `crop_level`."""
+        """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m]; see `crop_level`."""
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin

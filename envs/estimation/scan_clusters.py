@@ -16,11 +16,11 @@ BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
 """Kinds of clusters: body, leg, piece of a surface, visible part of a body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
 """Results of `look_at_disc`: the beams pass the disc, the disc is occluded, or a beam ends at the disc."""
-CORE = 0.8
+CORE_SHARE = 0.8
 """Share of a disc's radius that beams must pass; walls may be close to people."""
-PARTLY = 0.75
+MAX_PART_SHARE = 0.75
 """Maximum radius of a visible part of a body, as a share of the body's radius."""
-BODY_RADIUS, FLAT, FLAT_SIZE, MIN_FLAT = 0.3, 0.27, 0.25, 8
+BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
 """Flatness test of a cluster: body radius [m]; maximum mean distance of points from the chord, as a share of the height
 of a body's arc; minimum length [m]; minimum number of points."""
 ARC_DEPTH = 0.785
@@ -38,11 +38,11 @@ def _is_flat(x, y, first, last):
     """Return True if points with mean (x, y) lie close to the line from `first` to `last`."""
     chord_x, chord_y = last[0] - first[0], last[1] - first[1]
     chord = math.hypot(chord_x, chord_y)
-    if chord < FLAT_SIZE:
+    if chord < MIN_FLAT_SIZE:
         return False
     height = abs((x - first[0]) * chord_y - (y - first[1]) * chord_x) / chord
     radius = max(BODY_RADIUS, 0.5 * chord)
-    return height < FLAT * (radius - math.sqrt(radius * radius - 0.25 * chord * chord))
+    return height < MAX_FLAT_RATIO * (radius - math.sqrt(radius * radius - 0.25 * chord * chord))
 
 
 @njit(cache=True, error_model="numpy")
@@ -55,11 +55,11 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     width += distance * p.increment
     if width > p.max_size or distance > p.max_range or count == clusters.shape[0]:
         return count
-    is_slope |= beams >= MIN_FLAT and _is_flat(x, y, first, last)
+    is_slope |= beams >= MIN_FLAT_BEAMS and _is_flat(x, y, first, last)
     radius = 0.5 * width
     depth = ARC_DEPTH * radius / max(distance, 1e-6)
     x, y = x + depth * ahead, y + depth * left
-    is_part = radius < PARTLY * p.body_radius and beams > 1
+    is_part = radius < MAX_PART_SHARE * p.body_radius and beams > 1
     if is_part:
         # Partly occluded: centre of the circle through both ends.
         radius = p.body_radius
@@ -139,11 +139,11 @@ def look_at_disc(scan, pose, x, y, radius, margin, p):
     distance = math.hypot(dx, dy)
     if distance <= radius:
         return PASSED
-    half = math.asin(CORE * radius / distance) + 0.5 * p.increment
+    half = math.asin(CORE_SHARE * radius / distance) + 0.5 * p.increment
     middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)
     low, high = math.ceil((middle - half) / p.increment), math.floor((middle + half) / p.increment)
     num_beams, passed, hidden = scan.shape[0], 0, 0
-    near, far = distance - radius - margin, distance + CORE * radius + margin
+    near, far = distance - radius - margin, distance + CORE_SHARE * radius + margin
     for k in range(low, high + 1):
         if p.is_full_turn > 0.0:
             k %= num_beams

@@ -33,9 +33,9 @@ POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
 tracks since reset, and of clusters."""
 
 
-SEEN_LATELY = 0.35
-"""Maximum time since the last hit for an unconfirmed track to be reported [s]."""
-LEAST_RADIUS = 0.27
+MAX_UNSEEN_TIME = 0.35
+"""Maximum age of the last hit of a reported unconfirmed track [s]."""
+MIN_BODY_RADIUS = 0.27
 """Minimum radius of a reported person [m]; a scan shows only one side."""
 
 
@@ -48,7 +48,8 @@ class TrackerParams:
     jump: float = 0.08
     """Minimum distance between neighbouring points to split a cluster [m]; `jump_angle` adds a range-dependent part."""
     jump_angle: float = 0.35
-    """Minimum angle between surface and beam for an unbroken cluster [rad] (lambda of Borges and Aldon, 2004)."""
+    """Minimum angle between beams and a surface to keep its points in one cluster [rad] (lambda of Borges and Aldon,
+    2004)."""
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
     leg_size: float = 0.25
@@ -60,7 +61,7 @@ class TrackerParams:
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """Minimum distance between a position and the end of a passing beam to count as free space [m]."""
+    """Distance by which a beam must overshoot a position to prove free space [m]."""
     drift: float = 0.01
     """Growth of `margin` per second of scan age, for odometry drift [m/s]."""
     slope: float = 0.4
@@ -87,15 +88,15 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance from the start of the track to confirm a person without free-space evidence [m]."""
+    """Minimum distance from the start of the track to confirm a person if no scan saw free space there [m]."""
     significance: float = 2.0
     """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
     """Maximum standard deviation of the position of a reported person, along an axis [m]."""
     stood_hits: int = 1
-    """Minimum number of stored scans that hit a body-sized cluster to exclude it from new tracks."""
+    """Minimum number of stored scans with a hit at a body-sized cluster to treat the cluster as static."""
     static_hits: int = 12
-    """Minimum number of stored scans that hit a person-sized cluster to map it as static."""
+    """Minimum number of stored scans with a hit at a person-sized cluster to add the cluster to the map."""
     max_misses: int = 4
     """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
@@ -285,11 +286,11 @@ def write_bodies(state, tracks, p, bodies):
     c, s = math.cos(state[2]), math.sin(state[2])
     for i in range(int(state[NUM_TRACKS])):
         track = tracks[i]
-        is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= SEEN_LATELY
+        is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= MAX_UNSEEN_TIME
         if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= p.max_std**2):
             dx, dy, vx, vy = track[X] - state[0], track[Y] - state[1], track[VX], track[VY]
             place, velocity = (c * dx + s * dy, c * dy - s * dx), (c * vx + s * vy, c * vy - s * vx)
-            write_row(bodies[count], (*place, *velocity, max(track[RADIUS], LEAST_RADIUS)))
+            write_row(bodies[count], (*place, *velocity, max(track[RADIUS], MIN_BODY_RADIUS)))
             count += 1
     return count
 
@@ -308,7 +309,7 @@ class PeopleTracker:
     """Tracks people from scans and odometry of one robot."""
 
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
-        """Create a tracker for one scan every `period` seconds."""
+        """Create a tracker for scans with a period [s]."""
         self.params, self._period = params, period
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
         num_scans = num_kept_scans(params)
@@ -348,7 +349,7 @@ class PeopleTracker:
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
         """Return the beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `doubt`: `TRACKED`, `NOT_STANDING` or `LARGE_ENOUGH`.
+        `doubt`: strictness, `TRACKED`, `NOT_STANDING` or `LARGE_ENOUGH`.
         """
         bodies = np.empty((0, 5))
         if doubt > TRACKED:

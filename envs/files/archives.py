@@ -21,7 +21,7 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
     """
     found = path.stat()
     if not stat.S_ISREG(found.st_mode):
-        raise ValueError(f"{path}: is no regular file")
+        raise ValueError(f"{path}: is not a regular file")
     if found.st_size > limit:
         raise ValueError(f"{path}: {found.st_size:,} bytes; at most {limit:,} are allowed")
 
@@ -51,4 +51,4 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
         raise
     except Exception as error:  # NumPy, zipfile and zlib raise many types
         said = printable(" ".join(str(error).split())) or type(error).__name__
-        raise ValueError(f"{path} is no {what} ({said}); {hint}" if what else f"{path}: {said}") from error
+        raise ValueError(f"{path} is not a {what} ({said}); {hint}" if what else f"{path}: {said}") from error

@@ -35,7 +35,7 @@ class Lock:
         except BlockingIOError:
             holder = printable(os.read(descriptor, 200).decode(errors="replace")).strip() or "another process"
             os.close(descriptor)
-            raise LockedError(f"{self._folder} is in use: {holder} adds to it") from None
+            raise LockedError(f"{self._folder} is in use: {holder} is writing to it") from None
         except OSError:  # a file system without locks
             os.close(descriptor)
             return self

@@ -24,7 +24,7 @@ MAX_VALUES = 500_000
 MAX_DEPTH = 50
 """Maximum nesting depth of a YAML file."""
 MAX_DIGITS = 100
-"""Maximum number of characters of a number; reading takes quadratic time."""
+"""Maximum length of a number in a YAML file [characters]; parsing takes quadratic time."""
 MAX_MISTAKES = 10
 """Maximum number of mistakes in an error message."""
 _adapter = cache(TypeAdapter)
@@ -170,7 +170,7 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
 
 def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
     if not isinstance(content, dict):
-        raise ValueError(f"{source}: must hold keys and values, got {type(content).__name__}")
+        raise ValueError(f"{source}: must be a mapping of keys to values, got {type(content).__name__}")
     return content
 
 

@@ -61,7 +61,7 @@ def own_folder(path: Path, name: str = "") -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     for entry in ([folder] if name else []) + [*folder.glob("*"), *folder.glob("*/*")]:
         if entry.is_symlink():
-            raise ValueError(f"{entry} is a symbolic link: nothing is written through links; remove it")
+            raise ValueError(f"{entry} is a symbolic link: writing through links is refused; remove it")
     return folder
 
 

@@ -23,7 +23,7 @@ class ExplorableArea:
     traversable: np.ndarray
     """Collision-free cells connected to the first spawn: shape of `walls`, bool."""
     start_cells: np.ndarray
-    """Start cells, with one extra cell of clearance: shape of `walls`, bool."""
+    """Start positions of robots, with one extra cell of clearance: shape of `walls`, bool."""
     near_people: np.ndarray
     """Cells in collision with people on fixed routes at time 0: shape of `walls`, bool."""
     name: str
@@ -73,9 +73,7 @@ class ExplorableArea:
         """Sample a start pose in the world frame, uniformly. ValueError if people cover every start cell."""
         cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
-            raise ValueError(
-                f"world {self.name!r} has no free pose: people cover all that the robot can reach at time 0"
-            )
+            raise ValueError(f"world {self.name!r} has no free pose: people block every start cell at time 0")
         cell = cells[rng.integers(len(cells))]
         while blocked[cell]:
             cell = cells[rng.integers(len(cells))]

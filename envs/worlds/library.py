@@ -117,7 +117,7 @@ def world_sampler(
         raise ValueError(f"num_worlds must be a positive whole number or None, got {num_worlds!r}")
     if isinstance(world, list | tuple):
         if not world:
-            raise ValueError("world is an empty list; name one at least")
+            raise ValueError("world is an empty list; name at least one")
         each = [
             world_sampler(
                 one,
@@ -139,9 +139,11 @@ def world_sampler(
         return partial(_draw, partial(_generate_once, world, **settings), split == "test", num_worlds)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
-        raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
+        raise ValueError(
+            f"size applies to procedural families only ({', '.join(FAMILIES)}); {world!r} has a fixed size"
+        )
     if difficulty is not None:
-        raise ValueError(f"difficulty is for the family 'clutter'; {world!r} has its own")
+        raise ValueError(f"difficulty applies to the family 'clutter' only, not to {world!r}")
     if callable(found):
         return partial(_sample, found)
     return partial(_same, load_world(world if isinstance(world, str) else found))

@@ -54,7 +54,7 @@ def check_no_image(path: Path) -> None:
     """Raise ValueError if a path is a map image instead of a YAML file."""
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
         beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
-        advice = f"such as {beside[0]}" if beside else "there is none beside it"
+        advice = f"such as {beside[0]}" if beside else "but none was found"
         raise ValueError(f"{path} is an image; name the YAML file of the map, {advice}")
 
 
@@ -179,8 +179,8 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
             fate = "free; write free_thresh: 0.196 if it means unknown"
             if counts[is_saved].sum() >= SAVED_SHARE * counts.sum():
                 data[is_unknown[index]] = UNKNOWN
-                fate = "unknown, as map_savers mean it"
-            text = "%s: free_thresh %g takes the grey 205 for free; it is read as %s"
+                fate = "unknown, as written by map_saver"
+            text = "%s: free_thresh %g classifies grey 205 as free; it is read as %s"
             logging.getLogger(__name__).warning(text, printable(source), file.free_thresh, fate)
     return data
 

@@ -1,4 +1,4 @@
-"""Worlds from maps: one connected free area, with everything else solid."""
+"""Worlds from maps."""
 
 import logging
 import math
@@ -24,7 +24,7 @@ MIN_AREA = 1.0
 """Minimum size of an enclosed area, unless all areas are smaller [m2]."""
 FREE_SPACE = "in free space of the map"
 """Result of `class_at` for a free cell."""
-_DELAY = 2.0
+_PROGRESS_DELAY = 2.0
 """Delay before a progress bar appears [s]."""
 
 
@@ -37,7 +37,7 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
     Raises:
         ValueError: the map has no free cell, or the spawn is not in a free cell.
     """
-    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
+    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_PROGRESS_DELAY, leave=False) as bar:
         labels, count = ndimage.label(_is_free(grid))
         if count == 0:
             raise ValueError(f"map {name!r} has no free cell")

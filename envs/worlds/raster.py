@@ -16,7 +16,7 @@ CHECK_RESOLUTION = 0.05
 """Cell size for validity checks of worlds [m]."""
 _SNAP = 1e-3
 """Offset of coordinates against rounding errors at cell borders [cells]."""
-_ON = 0.01
+_MIN_CLEARANCE = 0.01
 """Minimum distance of a spawn or goal from walls and bodies [m]."""
 
 
@@ -127,7 +127,9 @@ def check_world(world: World) -> World:
     for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:
-            raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
+            raise ValueError(
+                f"world {world.name!r}: {what} contain {farthest:g}; at most {MAX_COORDINATE:g} m is allowed"
+            )
     if len(world.goals) not in (0, len(world.spawns)):
         goals, spawns = len(world.goals), len(world.spawns)
         raise ValueError(f"world {world.name!r} has {goals} goals and {spawns} spawns; give one for each or none")
@@ -139,7 +141,7 @@ def check_world(world: World) -> World:
         cell = grid.cells(np.array([pose.x, pose.y]))
         if not grid.contains(cell):
             raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies outside its bounds {world.bounds}")
-        if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _ON:
+        if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _MIN_CLEARANCE:
             raise ValueError(
                 f"world {world.name!r}: {what} {tuple(pose)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
             )

@@ -12,7 +12,7 @@ NUM_DIRECTIONS = 180
 _HEIGHT, _WIDTH = 8, 128
 """Block size in cells: a byte holds eight rows of a column; adjacent bytes are combined by vector instructions."""
 _ROWS = 10 * _HEIGHT
-_DELAY = 2.0
+_PROGRESS_DELAY = 2.0
 """Delay before a progress bar appears [s]."""
 
 
@@ -30,7 +30,7 @@ def visible_from(
     plain, ends = _pack(free & ~goals), _pack(goals)
     visible = goals.copy()
     label = f"explorable area of {name}"
-    with Progress(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
+    with Progress(total=8 * height, desc=label, unit="row", delay=_PROGRESS_DELAY, leave=False) as bar:
         for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
             # In an octant, each step moves by `sign` along `axis`, and by `side` or 0 along the other axis.
             chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))

@@ -26,7 +26,7 @@ def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) ->
     def check(rows: Rows) -> Rows:
         for i, row in enumerate(rows):
             if not len(names) - optional <= len(row) <= len(names):
-                may = f" ({', '.join(names[-optional:])} may be left out)" if optional else ""
+                may = f" ({', '.join(names[-optional:])} optional)" if optional else ""
                 raise ValueError(f"row {i} must be [{columns}]{may}, got {reprlib.repr(row)}")
             for k in positive:
                 if k < len(row) and row[k] <= 0:

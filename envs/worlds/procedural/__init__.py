@@ -60,7 +60,7 @@ def _generate(
         least = f"{smallest[0]:g} x {smallest[1]:g} m{larger}"
         raise ValueError(f"size must be (width, height), from {least} to 200 x 200 m, got {size!r}")
     if difficulty is not None and family != "clutter":
-        raise ValueError(f"difficulty is for clutter; {family!r} has none")
+        raise ValueError(f"difficulty applies to the family 'clutter' only, not to {family!r}")
     build = partial(clutter.build, difficulty=difficulty) if family == "clutter" else one.build
     world = build(f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT))
     return world.scaled(scale) if scale > 1.0 else world

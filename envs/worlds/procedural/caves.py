@@ -1,4 +1,4 @@
-"""Caves: a cellular automaton, smoothed into rounded walls."""
+"""Caves from a cellular automaton with smoothed walls."""
 
 import math
 
@@ -13,9 +13,9 @@ _CELL = 0.4
 """Side of a cell of the automaton [m]."""
 _STEP = 0.1
 """Grid spacing of the contoured field [m]."""
-_REACH = 0.35
+_CLEARANCE_RADIUS = 0.35
 """Radius of the disc that fits everywhere [m]: robot radius plus contour error."""
-_MARGIN = 0.2
+_OUTER_WALL = 0.2
 """Minimum thickness of the outer wall [m]."""
 
 
@@ -32,7 +32,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
     distance = ndimage.distance_transform_edt(~core) * _STEP
     _sweep(distance)
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
-    segments = contour(distance, _REACH, tolerance=0.25) * _STEP + np.tile(offset, 2)
+    segments = contour(distance, _CLEARANCE_RADIUS, tolerance=0.25) * _STEP + np.tile(offset, 2)
     cells = np.argwhere(core)
     spawn = offset + _STEP * cells[int(rng.integers(len(cells)))][::-1]
     return world_within(name, size, rng, spawn, segments, np.empty((0, 3)))
@@ -49,15 +49,15 @@ def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) 
     fine = round(_CELL / _STEP)
     field = np.repeat(np.repeat(rock[1:-1, 1:-1].astype(np.float32), fine, axis=0), fine, axis=1)
     open_ground = ndimage.gaussian_filter(field, 0.6 * fine, mode="nearest")[: shape[0], : shape[1]] < 0.5
-    edge = round(_MARGIN / _STEP)
+    edge = round(_OUTER_WALL / _STEP)
     framed = np.zeros(shape, dtype=bool)
     framed[edge:-edge, edge:-edge] = open_ground[edge:-edge, edge:-edge]
-    return ndimage.distance_transform_edt(framed) * _STEP > _REACH
+    return ndimage.distance_transform_edt(framed) * _STEP > _CLEARANCE_RADIUS
 
 
 def _sweep(distance: np.ndarray) -> None:
     """Remove rocks smaller than 0.1 m2, in place."""
-    labels, _ = ndimage.label(distance >= _REACH)
+    labels, _ = ndimage.label(distance >= _CLEARANCE_RADIUS)
     small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
     small[0] = False
     distance[small[labels]] = 0.0

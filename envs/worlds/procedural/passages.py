@@ -10,7 +10,7 @@ _GAP = 1.0
 """Minimum gap between bodies and to walls [m]."""
 _WALL = 0.1
 """Thickness of the outer walls [m]."""
-_END = 1.0
+_END_DISTANCE = 1.0
 """Distance of starts and goals from the nearest wall [m]."""
 
 Area = tuple[float, float, float, float]
@@ -20,7 +20,7 @@ Area = tuple[float, float, float, float]
 def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
     """Return a hall of the given outer size [m], with pillars and boxes."""
     width, height = size
-    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END, width - _END))
+    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END_DISTANCE, width - _END_DISTANCE))
     number = round(width * height / rng.uniform(12.0, 30.0))
     bodies = _scatter(rng, (0.0, 0.0, width, height), number, [start, goal])
     return with_goals(world_within(name, size, rng, start, *bodies), [(start, goal), (goal, start)])
@@ -38,7 +38,7 @@ def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
             span = rng.uniform(0.8, 2.5)
             x = rng.uniform(_WALL, length - _WALL - span)
             areas.append((x, bottom, x + span, top))
-    start, goal = ((x, _somewhere(rng, low, high)) for x in (_WALL + _END, length - _WALL - _END))
+    start, goal = ((x, _somewhere(rng, low, high)) for x in (_WALL + _END_DISTANCE, length - _WALL - _END_DISTANCE))
     if turned:
         areas = [(y0, x0, y1, x1) for x0, y0, x1, y1 in areas]
         start, goal = start[::-1], goal[::-1]
@@ -53,7 +53,7 @@ def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
     y = rng.uniform(0.3, height - 0.3 - door)
     rooms = [(_WALL, _WALL, middle - half, height - _WALL), (middle + half, _WALL, width - _WALL, height - _WALL)]
     walls = _walls_around(size, [*rooms, (middle - half, y, middle + half, y + door)])
-    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_WALL + _END, width - _WALL - _END))
+    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_WALL + _END_DISTANCE, width - _WALL - _END_DISTANCE))
     bodies = [
         _scatter(rng, room, int(rng.integers(3)), [point, (middle, y), (middle, y + door)])
         for room, point in zip(rooms, (start, goal))
@@ -68,8 +68,8 @@ def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
     (x0, x1), (y0, y1) = (_strip(rng, side) for side in size)
     width, height = size
     areas = [(_WALL, y0, width - _WALL, y1), (x0, _WALL, x1, height - _WALL)]
-    west, east = ((x, _somewhere(rng, y0, y1)) for x in (_WALL + _END, width - _WALL - _END))
-    south, north = ((_somewhere(rng, x0, x1), y) for y in (_WALL + _END, height - _WALL - _END))
+    west, east = ((x, _somewhere(rng, y0, y1)) for x in (_WALL + _END_DISTANCE, width - _WALL - _END_DISTANCE))
+    south, north = ((_somewhere(rng, x0, x1), y) for y in (_WALL + _END_DISTANCE, height - _WALL - _END_DISTANCE))
     world = world_within(name, size, rng, west, _walls_around(size, areas), np.empty((0, 3)))
     return with_goals(world, [(west, east), (south, north), (east, west), (north, south)])
 
@@ -81,7 +81,7 @@ def _strip(rng: np.random.Generator, side: float) -> tuple[float, float]:
 
 
 def _somewhere(rng: np.random.Generator, low: float, high: float) -> float:
-    return float(rng.uniform(low + _END, high - _END))
+    return float(rng.uniform(low + _END_DISTANCE, high - _END_DISTANCE))
 
 
 def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:

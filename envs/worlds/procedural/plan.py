@@ -15,9 +15,9 @@ from ..world import World, box, edges
 
 UNIT = 0.05
 """Length unit of floor plans: side of a grid cell [m]."""
-REACH = 6
+ROBOT_HALF_SIDE = 6
 """Half the side of the square footprint that fits everywhere [units]."""
-MARGIN = 14
+WALL_CLEARANCE = 14
 """Distance between walls and free-standing furniture [units]."""
 INNER = 2
 """Thickness of inner walls [units]."""
@@ -67,7 +67,7 @@ class Item:
     discs: tuple[Disc, ...] = ()
 
 
-class Plan:
+class FloorPlan:
     """Floor plan. Order of construction: walls, doors, `settle`, furniture."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
@@ -96,7 +96,7 @@ class Plan:
 
     def settle(self) -> None:
         """Compute the robot's free space from the completed walls."""
-        self.blocked = ndimage.maximum_filter(self.solid, 2 * REACH + 1, mode="constant", cval=True)
+        self.blocked = ndimage.maximum_filter(self.solid, 2 * ROBOT_HALF_SIDE + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
         """Place an item if it fits and the free space stays connected; return True if placed.
@@ -112,19 +112,21 @@ class Plan:
         rects = [turn((a, b + gap, c, d + gap), room, side, along) for a, b, c, d in item.rects]
         turned = [turn((x, y + gap, x, y + gap), room, side, along) for x, y, _ in item.discs]
         discs = [(x, y, radius) for (x, y, _, _), (_, _, radius) in zip(turned, item.discs)]
-        grown = [(a - REACH, b - REACH, c + REACH, d + REACH) for a, b, c, d in rects]
+        grown = [
+            (a - ROBOT_HALF_SIDE, b - ROBOT_HALF_SIDE, c + ROBOT_HALF_SIDE, d + ROBOT_HALF_SIDE) for a, b, c, d in rects
+        ]
         for x, y, radius in discs:
-            far = radius + REACH
+            far = radius + ROBOT_HALF_SIDE
             grown.append((math.floor(x - far), math.floor(y - far), math.ceil(x + far), math.ceil(y + far)))
         low_x, low_y, high_x, high_y = zip(*grown)
-        around = self.blocked[max(min(low_y) - 1, 0) : max(high_y) + 1, max(min(low_x) - 1, 0) : max(high_x) + 1]
-        before = around.copy()
+        nearby = self.blocked[max(min(low_y) - 1, 0) : max(high_y) + 1, max(min(low_x) - 1, 0) : max(high_x) + 1]
+        before = nearby.copy()
         for a, b, c, d in grown:
             self.blocked[max(b, 0) : d, max(a, 0) : c] = True
         # Check the whole area only if the neighbourhood is not connected.
         x0_whole, y0_whole, x1_whole, y1_whole = self.floor if self._is_open else room
-        if not is_one_piece(around) and not is_one_piece(self.blocked[y0_whole:y1_whole, x0_whole:x1_whole]):
-            around[:] = before
+        if not is_one_piece(nearby) and not is_one_piece(self.blocked[y0_whole:y1_whole, x0_whole:x1_whole]):
+            nearby[:] = before
             return False
         for a, b, c, d in rects:
             self.solid[b:d, a:c] = True
@@ -169,10 +171,10 @@ def world_within(
     """Return a world with an outer wall of the given size [m] and a random spawn heading."""
     x, y = map(float, spawn)
     width, height = map(float, size)
-    around = edges(box(0.5 * width, 0.5 * height, width, height))
+    outer_walls = edges(box(0.5 * width, 0.5 * height, width, height))
     return World(
         name=name,
-        segments=np.vstack([around, segments]),
+        segments=np.vstack([outer_walls, segments]),
         circles=circles,
         spawns=(Pose2D(x, y, float(rng.uniform(-math.pi, math.pi))),),
         bounds=(0.0, 0.0, width, height),

@@ -2,7 +2,7 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import MARGIN, Item, Plan, Rect, Size, extent, mirror, units
+from .plan import WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, mirror, units
 
 _WALL = 4
 """Thickness of the outer walls [units]."""
@@ -10,7 +10,7 @@ _WALL = 4
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
     """Return a warehouse of the given outer size [m], with aisles about 1.6 to 4 m wide."""
-    plan = Plan(size, _WALL, is_open=True)
+    plan = FloorPlan(size, _WALL, is_open=True)
     plan.settle()
     loading, storage = _divide(rng, plan.floor)
     if min(size) >= 11 and rng.random() < 0.6:
@@ -33,7 +33,7 @@ def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
     return (near, far) if first else (far, near)
 
 
-def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
+def _put_racks(rng: np.random.Generator, plan: FloorPlan, zone: Rect) -> None:
     side = 0 if rng.random() < 0.65 else 3  # wall parallel to the rows
     length, depth = extent(zone, side)
     bay, cross = int(rng.integers(46, 57)), int(rng.integers(34, 50))
@@ -71,7 +71,7 @@ def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple
     return list(zip(edges[::2], edges[1::2]))
 
 
-def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
+def _put_office(rng: np.random.Generator, plan: FloorPlan, zone: Rect) -> None:
     width, depth = int(rng.integers(56, 80)), int(rng.integers(50, 66))
     door = int(rng.integers(6, width - 28))
     wall = ((0, depth - 2, door, depth), (door + 20, depth - 2, width, depth))
@@ -82,7 +82,7 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
         plan.put(item, zone, side, int(rng.choice([0, slack])))
 
 
-def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
+def _put_columns(rng: np.random.Generator, plan: FloorPlan) -> None:
     if rng.random() < 0.3:
         return
     x0, y0, x1, y1 = plan.floor
@@ -93,7 +93,7 @@ def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
             plan.put(column, plan.floor, 0, x - 4 - x0, y - 4 - y0)
 
 
-def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
+def _put_goods(rng: np.random.Generator, plan: FloorPlan, loading: Rect) -> None:
     side = int(rng.integers(4))
     length, depth = extent(loading, side)
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))
@@ -106,6 +106,6 @@ def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
     for _ in range(3):
         plan.put_somewhere(rng, furniture.rack(rng), loading)
     for make in (furniture.chest, furniture.plant, furniture.chest):
-        plan.put_somewhere(rng, make(rng), plan.floor, MARGIN)
+        plan.put_somewhere(rng, make(rng), plan.floor, WALL_CLEARANCE)
     for _ in range(int(rng.integers(1, 4))):
-        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN)
+        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, WALL_CLEARANCE)

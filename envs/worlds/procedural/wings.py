@@ -2,11 +2,11 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import INNER, MARGIN, Item, Plan, Rect, Size, extent, shared_wall, touching_pairs, turn, units
+from .plan import INNER, WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, shared_wall, touching_pairs, turn, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
-_LEAST, _LARGEST = 38, 160
+_MIN_ROOM_SIDE, _MAX_ROOM_DEPTH = 38, 160
 """Minimum side and maximum depth of a room [units]."""
 _SHAPES = {
     "L": (((1, 1, 4),), ((1, 1, 4),)),
@@ -23,7 +23,7 @@ walls, 2 is in the middle."""
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
     """Return a building in the shape of a letter, with rooms along corridors, of the given outer size [m]."""
-    plan = Plan(size, _OUTER, is_open=True)  # corridors overlap at junctions
+    plan = FloorPlan(size, _OUTER, is_open=True)  # corridors overlap at junctions
     plan.solid[:] = True
     shape = str(rng.choice(list(_SHAPES)))
     corridors = _corridors(rng, plan.floor, shape)
@@ -70,18 +70,20 @@ def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], in
     breadth = int(rng.integers(28, max(29, min(49, length // 5))))
     near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
     # Strips too thin for rooms are dropped.
-    near, far = (edge if edge >= _LEAST + INNER else 0 for edge in (near, far))
+    near, far = (edge if edge >= _MIN_ROOM_SIDE + INNER else 0 for edge in (near, far))
     middle = low + int((length - breadth) * rng.uniform(0.38, 0.62))
     return [low, low + near, middle, high - breadth - far, high - breadth], breadth
 
 
-def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
+def _rooms(
+    rng: np.random.Generator, plan: FloorPlan, corridors: list[Rect]
+) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
     x0, y0, x1, y1 = plan.floor
     taken = np.ones_like(plan.solid)
     taken[y0:y1, x0:x1] = False
     for x0, y0, x1, y1 in corridors:
         taken[y0 - INNER : y1 + INNER, x0 - INNER : x1 + INNER] = True
-    most = min(_LARGEST, int(0.4 * min(extent(plan.floor, 0))))
+    most = min(_MAX_ROOM_DEPTH, int(0.4 * min(extent(plan.floor, 0))))
     doors: list[tuple[Rect, Rect]] = []
     for corridor in corridors:
         for side in rng.permutation(4).tolist():
@@ -99,17 +101,21 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
     reach = np.vstack([strip, np.ones((1, length), dtype=bool)]).argmax(axis=0)
     rooms: list[Rect] = []
     k = 0
-    while k + _LEAST <= length:
-        short = np.flatnonzero(reach[k:] < _LEAST)
+    while k + _MIN_ROOM_SIDE <= length:
+        short = np.flatnonzero(reach[k:] < _MIN_ROOM_SIDE)
         limit = int(short[0]) if len(short) else length - k
-        if limit < _LEAST:
+        if limit < _MIN_ROOM_SIDE:
             k += limit + 1
             continue
-        width = int(rng.integers(*((_LEAST, 56), (56, 100), (56, 100), (70, 120), (110, _LARGEST))[rng.integers(5)]))
-        width = limit if limit - width < _LEAST + INNER else width
+        width = int(
+            rng.integers(
+                *((_MIN_ROOM_SIDE, 56), (56, 100), (56, 100), (70, 120), (110, _MAX_ROOM_DEPTH))[rng.integers(5)]
+            )
+        )
+        width = limit if limit - width < _MIN_ROOM_SIDE + INNER else width
         deep = int(reach[k : k + width].min())
         if rng.random() < 0.2:
-            deep = max(_LEAST, int(deep * rng.uniform(0.4, 1.0)))
+            deep = max(_MIN_ROOM_SIDE, int(deep * rng.uniform(0.4, 1.0)))
         rooms.append(turn((k, -INNER - deep, k + width, -INNER), corridor, side, 0))
         k += width + INNER
     for x0, y0, x1, y1 in rooms:
@@ -117,7 +123,7 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
     return rooms
 
 
-def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
+def _door(rng: np.random.Generator, plan: FloorPlan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
     """Open a door; return the arguments of `FloorPlan.put` for its open leaf, if any."""
     wall = shared_wall(room, other)
     if wall is None:
@@ -133,7 +139,7 @@ def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tupl
     return leaf, room, side, (start + width if at_right else start - leaf.length) - room[1 - axis]
 
 
-def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
+def _furnish(rng: np.random.Generator, plan: FloorPlan, room: Rect) -> None:
     pieces = furniture.WALL_FURNITURE[str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))]
     area = (room[2] - room[0]) * (room[3] - room[1])
     most = min(len(pieces), round(area / units(2.2) ** 2))
@@ -141,4 +147,4 @@ def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
         plan.put_somewhere(rng, make(rng), room)
     if area > units(4.5) ** 2 and rng.random() < 0.4:
         make = furniture.table if rng.random() < 0.5 else furniture.cluster
-        plan.put_somewhere(rng, make(rng), room, MARGIN)
+        plan.put_somewhere(rng, make(rng), room, WALL_CLEARANCE)
