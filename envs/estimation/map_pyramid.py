@@ -150,7 +150,6 @@ class MapPyramid:
                 level.pending = update.window if level.pending is None else level.pending.union(update.window)
 
     def mark(self, x: float, y: float) -> None:
-        """Mark (x, y), map frame [m], as visited."""
         col, row = self._in_cells(x, y)
         for level in self._levels.values():
             if not level.is_stale:

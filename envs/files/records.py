@@ -175,7 +175,6 @@ def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
 
 
 def _keys(kind: Any, parents: list[int | str]) -> list[str]:
-    """Return the keys of the nested record at the path `parents` in a record of type `kind`."""
     for parent in parents:
         if isinstance(parent, str):
             record = _record_in(kind)

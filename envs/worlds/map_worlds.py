@@ -1,5 +1,3 @@
-"""Worlds from maps."""
-
 import logging
 import math
 

@@ -94,7 +94,6 @@ class WorldFile(BaseModel):
 
 
 def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
-    """Return the corners of a wall, extended by half its thickness at both ends."""
     length = math.hypot(x1 - x0, y1 - y0) + thickness
     return box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
 

@@ -68,7 +68,7 @@ class Item:
 
 
 class FloorPlan:
-    """Floor plan. Order of construction: walls, doors, `settle`, furniture."""
+    """Floor plan on a grid. Order of calls: walls, doors, `settle`, furniture."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
         self.width, self.height = units(size[0]), units(size[1])

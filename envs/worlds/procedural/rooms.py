@@ -76,7 +76,6 @@ def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
 
 
 def _open_doors(rng: np.random.Generator, plan: FloorPlan, rooms: list[Rect], corridors: list[Rect]) -> None:
-    """Open doors until all rooms are connected, and a few more."""
     every = rooms + corridors
     # Prefer doors to corridors.
     pairs = [(float(rng.random()) - (j >= len(rooms)), i, j, wall) for i, j, wall in touching_pairs(every)]
