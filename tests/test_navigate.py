@@ -94,7 +94,7 @@ def test_localisers_differ_as_they_should():
     assert errors["odometry"][0] > 1e-3
     assert errors["amcl"][0] < 0.15
     grid = OccupancyGrid(np.zeros((3, 3), dtype=np.int8), 0.1, (0, 0))
-    with pytest.raises(ValueError, match="needs to know where the robot starts"):
+    with pytest.raises(ValueError, match="needs a start pose"):
         DeadReckoning().reset(grid, None, np.random.default_rng())
 
 

@@ -1,4 +1,4 @@
-"""Pose estimates and maps: beliefs, estimators, sources of motion."""
+"""Pose estimates, maps, odometry and people tracking."""
 
 from .belief import NO_CELLS, NO_UPDATE, ORIGIN, Belief, Correction, Estimator, MapUpdate
 

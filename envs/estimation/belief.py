@@ -1,5 +1,3 @@
-"""Estimates of a robot's pose and of its map, and the protocol of what makes them: SLAM, localization, mapping."""
-
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Protocol
 
@@ -11,21 +9,21 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
-"""Pose of a frame in itself."""
+"""Identity pose."""
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-"""`MapUpdate.new_cells` of a scan that made nothing known."""
+"""Empty array for `MapUpdate.new_cells`."""
 
 
 class Correction(NamedTuple):
-    """How what a map shows was moved when it was redrawn: by the poses of which it had been seen."""
+    """Displacement of the map at a loop closure or another redraw, sampled at past poses."""
 
     before: np.ndarray
-    """Shape (n, 3), float64: poses of the past in the map of before [m, m, rad]."""
+    """Past poses in the old map: shape (n, 3), float64 [m, m, rad]."""
     after: np.ndarray
-    """Shape (n, 3), float64: the same poses in the map that replaces it."""
+    """Past poses in the new map: shape (n, 3), float64 [m, m, rad]."""
 
     def carry(self, points: np.ndarray) -> np.ndarray:
-        """Return where points have gone, each with the nearest pose; shape (k, 2), float64, map frame [m]."""
+        """Move points to the new map, each with the nearest past pose: shape (k, 2), float64, map frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()
@@ -37,94 +35,86 @@ class Correction(NamedTuple):
 
 
 class MapUpdate(NamedTuple):
-    """How the last scan changed the map."""
+    """Map changes by the last scan."""
 
     new_cells: np.ndarray
-    """Shape (k, 2), int32, (row, column): cells that turned from unknown to known; of a map that was redrawn, all known
-    cells. Counted from `origin`."""
+    """Newly known cells (row, column) relative to `origin`: shape (k, 2), int32; after a redraw, all known cells."""
     window: Window | None
     """Cells that may have changed; None if the scan was not integrated."""
     redrawn: bool = False
-    """Whether the map changed as a whole: a loop was closed, or another particle became the best one."""
+    """True if the whole map changed, by a loop closure or a new best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
-    """Position (x, y) of the corner of cell (0, 0) at that time, map frame [m]; a map may grow afterwards."""
+    """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]. A map may grow later."""
     correction: Correction | None = None
-    """Where what the map showed has gone; None unless it was redrawn, or where the estimator cannot tell."""
+    """Displacement of the map by a redraw, if known."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
-"""Of a scan that was not integrated."""
+"""Update for a scan that was not integrated."""
 
 
 @dataclass(slots=True)
 class Belief:
-    """Pose estimate and map, in the map frame.
-
-    The same object is updated in place by every scan; copy what must outlive the next one.
-    """
+    """Pose estimate and map, in the map frame. Every scan updates the same object in place."""
 
     pose: Pose2D
     """Estimated pose of the robot's base."""
     grid: OccupancyGrid
-    """The map. The array behind it is live, and is replaced when the map grows."""
+    """Estimated map. The data array is updated in place, and replaced when the map grows."""
     update: MapUpdate = NO_UPDATE
-    """What the last scan changed in the map."""
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
-    """Shape (3, 3), float64: covariance of x, y, heading [m, m, rad]; zeros where the estimator gives none."""
+    """Covariance of x, y and heading: shape (3, 3), float64 [m, m, rad]; zeros if not estimated."""
     is_lost: bool = False
-    """Whether the pose must not be trusted."""
+    """True if the pose estimate is unreliable."""
     rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    """Shape (k, 4), float64: x, y, heading of other poses that explain the scans as well [m, m, rad], and their weight
-    relative to that of `pose`; empty if the pose is unambiguous, or the estimator does not check it."""
+    """Alternative poses that explain the scans equally well, as x, y, heading [m, m, rad] and weight relative to
+    `pose`: shape (k, 4), float64."""
     twist: Twist | None = None
-    """Estimated velocity of the base; None where the estimator gives none."""
+    """Estimated velocity of the base, if available."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
-    """People that the robot tracks by its scans, as `PeopleTracker.people`: shape (n, 5), float64, base frame."""
+    """Tracked people, as in `PeopleTracker.people`: shape (n, 5), float64, base frame."""
     on_people: np.ndarray | None = None
-    """Shape (num_beams,), bool: beams of the last scan that end at people, or at what may be one, which are left out of
-    the map; None where nobody is tracked."""
+    """Beams of the last scan that end at possible people, excluded from mapping: shape (num_beams,), bool; None without
+    tracking."""
     path: np.ndarray | None = None
-    """Shape (n, 3), float64: with a map that was redrawn, the corrected poses so far, one per scan, or one per key scan
-    of estimators with an `anchor` [m, m, rad]; None otherwise."""
+    """Corrected trajectory after a redraw, one pose per scan or key scan: shape (n, 3), float64 [m, m, rad]; otherwise
+    None."""
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """Shape (1 + k, 4), float64: `pose` and its rivals: x, y, heading [m, m, rad], weight; weights sum to 1."""
+        """`pose` and `rivals` as x, y, heading [m, m, rad] and normalized weight: shape (1 + k, 4), float64."""
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()
         return rows
 
 
 class Estimator(Protocol):
-    """Turns readings and motions into a belief. Constructed with the lidar's geometry and the algorithm's parameters.
+    """Protocol of SLAM, localization and mapping: from readings and odometry to a belief.
 
-    An estimator whose `reset` integrates scans into a map that it is given, and that has this map as `map`, sets
-    `shares_maps = True`, and serves several robots with one map. One that looks at scans from the first motion on,
-    and not at that of the reset, sets `uses_first_scan = False`. Where a task gives the covariance of the initial pose,
-    `reset` gets it as `covariance`, shape (3, 3), float64 [m, m, rad].
+    Constructors take the lidar geometry and parameters. Optional class attributes: `shares_maps = True` if several
+    robots can share one `map`; `uses_first_scan = False` if the scan at reset is ignored. `reset` may receive the
+    `covariance` of the initial pose, shape (3, 3), float64 [m, m, rad].
     """
 
     @property
-    def belief(self) -> Belief:
-        """The current belief."""
-        ...
+    def belief(self) -> Belief: ...
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start at a `Pose2D`, map frame, or for None anywhere on a known map; `map` is None for an unknown one."""
+        """Start at `pose` (map frame), or for None anywhere on a known map; `map` is None for an unknown map."""
         ...
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a reading; `motion` is the pose of the base now, seen by odometry from the base at the last one."""
+        """Process a reading; `motion` is the odometry pose of the base relative to the last reading."""
         ...
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
-    """Refuse what the estimator `name` returned if no map can be made of it; kernels check no index.
+    """Check the belief returned by the estimator `name`; kernels do not check indices.
 
-    It must hold `grid`, if there is one; `before` are the data of the grid before, and their shape then.
+    `grid`: grid that the belief must hold, if any; `before`: data and shape of the grid before the update.
 
     Raises:
-        ValueError: a part has the wrong type or shape, is not finite or lies outside of the grid; names the estimator.
+        ValueError: a part has the wrong type or shape, is not finite or lies outside the grid.
     """
     if fault := _fault_of(belief, grid, *before):
         raise ValueError(f"estimator {name}: {fault}")
@@ -136,7 +126,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     data, start, path = belief.grid.data, belief.grid.origin, () if belief.path is None else belief.path
     cells, window, _, origin, _ = belief.update
     if (grid is not None and belief.grid is not grid) or (data is old_data and data.shape != old_shape):
-        return "grid must be one OccupancyGrid for all robots of an episode, with other data where their shape changes"
+        return "grid must stay the same OccupancyGrid during an episode; replace its data to change the shape"
     if data.ndim != 2 or data.dtype != np.int8:
         return f"grid.data must be a 2D int8 array, got {data.ndim}D {data.dtype}"
     if not (np.isfinite([*belief.pose, *start, *origin]).all() and np.isfinite(path).all()):
@@ -149,7 +139,7 @@ def _fault_of(belief: Any, grid: Any, old_data: Any, old_shape: Any) -> str:
     if not (isinstance(cells, np.ndarray) and cells.dtype.kind in "iu" and cells.ndim == 2 and cells.shape[1] == 2):
         return f"new_cells must be an array of integers, shape (k, 2), got {SHORT.repr(cells)}"
     for axis in (0, 1) if len(cells) else ():
-        # By columns, as the minimum along axis 0 takes twenty times as long.
+        # The minimum along axis 0 is twenty times as slow.
         first = round((origin[1 - axis] - start[1 - axis]) / belief.grid.resolution)
         least, most = first + int(cells[:, axis].min()), first + int(cells[:, axis].max())
         if least < 0 or most >= data.shape[axis]:

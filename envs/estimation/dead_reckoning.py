@@ -1,5 +1,3 @@
-"""Poses by adding up motions."""
-
 from typing import Any
 
 import numpy as np
@@ -11,7 +9,7 @@ from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate
 
 
 class DeadReckoning:
-    """An `Estimator` that adds up motions and looks at no scan, on a known map or without one."""
+    """`Estimator` that integrates odometry and ignores scans."""
 
     uses_first_scan = False
     belief: Belief
@@ -19,12 +17,9 @@ class DeadReckoning:
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at a pose, ValueError without one; see `Estimator`.
-
-        Without a map the belief has one of one unknown cell, told as new: planners are free to leave it.
-        """
+        """Start at a pose, ValueError for None. Without a map, the belief has a map of one unknown cell."""
         if pose is None:
-            raise ValueError("dead reckoning needs to know where the robot starts; take localizer='amcl'")
+            raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
         if map is None:
             blank = OccupancyGrid(np.full((1, 1), UNKNOWN, dtype=np.int8), 0.05, (0.0, 0.0))
             self.belief = Belief(pose, blank, MapUpdate(NO_CELLS, Window(0, 0, 1, 1)))
@@ -33,6 +28,5 @@ class DeadReckoning:
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Follow a motion; see `Estimator`."""
         self.belief.pose = self.belief.pose.compose(motion)
         return self.belief

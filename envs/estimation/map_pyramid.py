@@ -1,8 +1,4 @@
-"""The map at the scales at which a policy sees it, brought up to date when a crop is asked for.
-
-A level joins blocks of map cells to one word each. A crop then costs one look-up per pixel, and no wall is lost between
-look-ups, however thin it is.
-"""
+"""Map crops at several scales that preserve thin walls."""
 
 import math
 
@@ -15,9 +11,9 @@ from lidarnaut.envs.geometry import NO_WINDOW, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 OCCUPIED_FROM = 50
-"""Least occupancy at which a cell counts as occupied [percent]."""
+"""Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Largest block that is pooled from map cells [cells]; larger ones are pooled from blocks a quarter as large."""
+"""Maximum side of a block pooled from map cells [cells]; larger blocks are pooled from smaller blocks."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -27,7 +23,7 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write to `sums`, shape (n,), uint16, what each column of `lines` holds: free cells + 256 x occupied ones."""
+    """Write free cells + 256 x occupied cells per column of `lines` to `sums`: shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -39,11 +35,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks where the map, shape (height, width), int8, may have changed, a `Window` of cells.
+    """Pool map cells into blocks, inside a `Window` of changed cells.
 
-    `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`; `level`: shape (n + 1,), uint16, written:
-    the words of n blocks row by row, and 0 for everything outside. A word holds the share of free cells times 255, and
-    whether any cell is occupied and was visited.
+    `data`: map, shape (height, width), int8; `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`;
+    `level`: written, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the share of free
+    cells times 255, and flags for occupied and visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -55,14 +51,14 @@ def pool_cells(data, window, block, level):
             total = np.uint16(0)
             for j in range(k * block, (k + 1) * block):
                 total += sums[j]
-            # Half a cell more keeps what single precision loses from rounding a whole number down.
+            # Half a cell compensates rounding errors.
             share = np.uint16((np.float32(np.uint16(255) * (total & _FREE)) + np.float32(0.5)) * scale)
             words[k] = (words[k] & _VISITED) | (_OCCUPIED if total >= _OCCUPIED else np.uint16(0)) | share
 
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks of a finer level, of `height` x `width` blocks, into one, in a `Window` of them."""
+    """Pool 4 x 4 blocks of a finer level, inside a `Window` of finer blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
         for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
@@ -78,12 +74,11 @@ def _pool_blocks(finer, height, width, window, level):
 
 @njit(cache=True, error_model="numpy")
 def crop_level(level, height, width, x, y, theta, pixel, crop):
-    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left, the robot in the middle.
+    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: shape (height * width + 1,), uint16, of blocks, see `pool_cells`; `x`, `y`, `theta`: the robot's pose from
-    the map's corner [blocks, blocks, rad]; `pixel`: side of a crop pixel [blocks]; `crop`: shape (3, size, size),
-    uint8, written: 255 where the block in the middle of the pixel has an occupied cell; the share of its cells that are
-    free, times 255; 255 where the robot has been in it.
+    `level`: see `pool_cells`; `x`, `y`, `theta`: pose relative to the map's corner [blocks, blocks, rad]; `pixel`: side
+    of a pixel [blocks]; `crop`: written, shape (3, size, size), uint8: occupied (255), share of free cells times 255,
+    visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -108,25 +103,20 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
 
 
 class Level:
-    """Blocks of one size."""
+    """Pyramid level: blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Make an empty level of blocks of a side [cells], pooled from a finer level, or for None from the map."""
+        """Create a level with blocks of side `block` [cells], pooled from `finer` or, if None, from the map."""
         self.block, self.finer = block, finer
         self.is_stale = True
-        """Whether the level is to be rebuilt before it is read."""
         self.pending = NO_WINDOW
-        """Cells that may have changed since the level was brought up to date."""
 
     def rebuild(self, data: np.ndarray) -> None:
-        """Pool a map that is new, has grown, or was redrawn: shape (height, width), int8."""
         self.height, self.width = (math.ceil(size / self.block) for size in data.shape)
         self.words = np.zeros(self.height * self.width + 1, dtype=np.uint16)
-        """Shape (height * width + 1,), uint16; see `pool_cells`."""
         self.update(data, Window(0, 0, *data.shape))
 
     def update(self, data: np.ndarray, window: Window) -> None:
-        """Pool what may have changed in a map."""
         if self.finer is None:
             pool_cells(data, window, self.block, self.words)
         else:
@@ -134,23 +124,21 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Remember that the robot has been at a position, given from the map's corner [cells]."""
+        """Mark the block that contains (`col`, `row`) [cells] as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
 
 
 class MapPyramid:
-    """Levels of one map, made when a crop first asks for them."""
+    """Levels of one map, created on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
-        """Follow a map, whose array may be replaced, and where robots have been, map frame; both go on growing."""
         self.grid, self._data, self._trails = grid, grid.data, trails
         self._levels: dict[int, Level] = {}
         self._level_of_pixel: dict[float, Level] = {}
 
     def update(self, update: MapUpdate) -> None:
-        """Take note of a change of the map; levels follow when they are next asked for."""
         data = self.grid.data
         if update.redrawn or data is not self._data:
             self._data = data
@@ -161,14 +149,13 @@ class MapPyramid:
                 level.pending = update.window.union(level.pending)
 
     def mark(self, x: float, y: float) -> None:
-        """Remember that a robot has been at (x, y), map frame [m]."""
         col, row = self._in_cells(x, y)
         for level in self._levels.values():
             if not level.is_stale:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose in the map frame, pixels of a side [m], into `out`; see `crop_level`."""
+        """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m]; see `crop_level`."""
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin
@@ -176,7 +163,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return, up to date, the level whose blocks are nearest in size to a pixel of a side [m], by powers of two."""
+        """Return the updated level whose block side is nearest to a pixel's side [m]."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

@@ -1,5 +1,3 @@
-"""Other robots in a robot's scan."""
-
 import math
 
 import numpy as np
@@ -9,15 +7,15 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
-"""Beams that end this near to a peer's footprint are taken to have hit it [m]: both poses are off by centimetres."""
+"""Maximum distance of a beam's end from a peer's footprint that counts as a hit [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan with NaN for the beams that end within `reach` [m] of a peer.
+    """Return a scan with NaN for beams that end within `reach` [m] of a peer.
 
-    `directions`, shape (2, num_beams), are cosine and sine of the beams and `mount` the position of the lidar in the
-    base frame; `pose` (x, y, theta) and `peers`, shape (m, 2), are estimates in the map frame [m, rad].
+    `directions`: cosine and sine of the beams, shape (2, num_beams); `mount`: position of the lidar, base frame [m];
+    `pose` (x, y, theta) and `peers`, shape (m, 2): map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -35,22 +33,21 @@ def remove_peers(ranges, directions, mount, pose, peers, reach):
 
 
 class PeerFilter:
-    """Removes other robots from a robot's scans, so that they do not become walls of the map."""
+    """Removes other robots from scans, to keep them out of the map."""
 
     def __init__(self, robot: RobotParams) -> None:
-        """Prepare for robots of one kind."""
         self._mount, self._directions = (robot.lidar.mount.x, robot.lidar.mount.y), robot.lidar.directions
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan, shape (num_beams,), float32 [m], with NaN for beams that end at estimated poses of peers."""
+        """Return a scan with NaN for beams that end at peers: shape (num_beams,), float32 [m]."""
         if not peers:
             return ranges
         positions = np.array([peer[:2] for peer in peers])
         return remove_peers(ranges, self._directions, self._mount, tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
-        """Return where the beams end that end at a peer: shape (k, 2), float64, base frame [m]; see `__call__`."""
+        """Return the ends of beams that hit a peer: shape (k, 2), float64, base frame [m]."""
         is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
         points: np.ndarray = self._mount + (ranges[is_hit] * self._directions[:, is_hit]).T
         return points

@@ -1,7 +1,6 @@
-"""Scans cut into clusters as large as people, and what scans before saw where they are. Kernels of `tracking`.
+"""Kernels of people tracking: person-sized clusters and free-space tests.
 
-`p` is a `lidarnaut.envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m], as in
-`Reading`.
+`p` is a `lidarnaut.envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m].
 """
 
 import math
@@ -12,45 +11,43 @@ from numba import njit
 from lidarnaut.envs.geometry.rows import write_row
 
 CLUSTER_SIZE = 6
-"""Entries of a cluster: position x, y in the base frame [m], radius [m], number of beams, the kind, and 1 for what has
-stood there for some time, which the tracker finds."""
+"""Number of columns of a cluster: x, y (base frame) [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
-"""Kinds: as large as a body; as a leg; cut from a surface, flat or going on nearer to the lidar, which begins no
-track; a part of a body (`TrackerParams.body_radius`)."""
+"""Kinds of clusters: body, leg, piece of a surface, visible part of a body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
-"""What a scan says of a disc: all its beams end behind it; it cannot tell; a beam ends there."""
-CORE = 0.8
-"""Share of a disc's radius that beams have to pass it by: walls may stand right beside and behind people."""
-PARTLY = 0.75
-"""Share of a body's radius below which a cluster is taken for a part of one."""
-BODY_RADIUS, FLAT, FLAT_SIZE, MIN_FLAT = 0.3, 0.27, 0.25, 8
-"""Points, at least `MIN_FLAT` over at least `FLAT_SIZE` [m], are a wall's if their mean distance from the line between
-their ends is less than a share `FLAT` of the height of a body's arc over it [m]; a body's is two thirds of that."""
+"""Results of `look_at_disc`: the beams pass the disc, the disc is occluded, or a beam ends at the disc."""
+CORE_SHARE = 0.8
+"""Share of a disc's radius that beams must pass; walls may be close to people."""
+MAX_PART_SHARE = 0.75
+"""Maximum radius of a visible part of a body, as a share of the body's radius."""
+BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
+"""Flatness test of a cluster: body radius [m]; maximum mean distance of points from the chord, as a share of the height
+of a body's arc; minimum length [m]; minimum number of points."""
 ARC_DEPTH = 0.785
-"""How far the mean of a disc's visible points lies before its centre, in radii: pi / 4 for beams evenly over it."""
+"""Distance from the mean visible point of a disc to its centre, in radii."""
 
 
 @njit(cache=True, error_model="numpy")
 def _is_slope(edge, neighbour, p):
-    """Tell whether the next beam ends a little nearer, as on a surface seen at grazing incidence."""
+    """Return True if the next beam ends slightly nearer, as on a surface at grazing incidence."""
     return edge - p.slope < neighbour < edge
 
 
 @njit(cache=True, error_model="numpy")
 def _is_flat(x, y, first, last):
-    """Tell whether points of a mean (x, y) lie on the line from a first to a last one, as no body's do."""
+    """Return True if points with mean (x, y) lie close to the line from `first` to `last`."""
     chord_x, chord_y = last[0] - first[0], last[1] - first[1]
     chord = math.hypot(chord_x, chord_y)
-    if chord < FLAT_SIZE:
+    if chord < MIN_FLAT_SIZE:
         return False
     height = abs((x - first[0]) * chord_y - (y - first[1]) * chord_x) / chord
     radius = max(BODY_RADIUS, 0.5 * chord)
-    return height < FLAT * (radius - math.sqrt(radius * radius - 0.25 * chord * chord))
+    return height < MAX_FLAT_RATIO * (radius - math.sqrt(radius * radius - 0.25 * chord * chord))
 
 
 @njit(cache=True, error_model="numpy")
 def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
-    """Add the beams from a first to a last point (x, y), base frame, if they are no larger than a person."""
+    """Append a cluster from `first` to `last` (x, y) if person-sized; return the number of clusters."""
     width = math.hypot(last[0] - first[0], last[1] - first[1])
     x, y = total[0] / beams, total[1] / beams
     ahead, left = x - p.mount_x, y - p.mount_y
@@ -58,13 +55,13 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
     width += distance * p.increment
     if width > p.max_size or distance > p.max_range or count == clusters.shape[0]:
         return count
-    is_slope |= beams >= MIN_FLAT and _is_flat(x, y, first, last)
+    is_slope |= beams >= MIN_FLAT_BEAMS and _is_flat(x, y, first, last)
     radius = 0.5 * width
     depth = ARC_DEPTH * radius / max(distance, 1e-6)
     x, y = x + depth * ahead, y + depth * left
-    is_part = radius < PARTLY * p.body_radius and beams > 1
+    is_part = radius < MAX_PART_SHARE * p.body_radius and beams > 1
     if is_part:
-        # Another body hides the rest: the centre of the circle through both ends.
+        # Partly occluded: centre of the circle through both ends.
         radius = p.body_radius
         chord_x, chord_y = last[0] - first[0], last[1] - first[1]
         squared = max(chord_x * chord_x + chord_y * chord_y, 1e-6)
@@ -79,14 +76,14 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
 
 @njit(cache=True, error_model="numpy")
 def find_clusters(ranges, directions, p, clusters):
-    """Cut a scan where neighbours lie apart, write what is no larger than a person, and return how many there are.
+    """Split a scan at range jumps, write person-sized clusters, and return their number.
 
-    The distance that cuts is that of Borges and Aldon ("Line extraction in 2D range images for mobile robotics", 2004,
-    equation 3). `clusters`: shape (n, CLUSTER_SIZE), float64, written.
+    Threshold of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
+    `clusters`: shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
-    count = beams = np.int64(0)  # as literals, they would have what they are passed to compiled once more
-    if p.is_full_turn > 0.0:  # what lies across the first beam is one cluster
+    count = beams = np.int64(0)  # typed, to avoid a second compilation
+    if p.is_full_turn > 0.0:  # do not split a cluster at beam 0
         while start < num_beams and abs(ranges[start] - ranges[start - 1]) < 0.5:
             start += 1
     first = last = total = (0.0, 0.0)
@@ -112,7 +109,7 @@ def find_clusters(ranges, directions, p, clusters):
 
 @njit(cache=True, error_model="numpy")
 def join_legs(clusters, count, p):
-    """Join each leg with the nearest other one within a step; returns how many clusters are left."""
+    """Join each leg with the nearest other leg; return the number of clusters."""
     i = 0
     while i < count:
         nearest, best = -1, p.step
@@ -134,19 +131,19 @@ def join_legs(clusters, count, p):
 
 @njit(cache=True, error_model="numpy")
 def look_at_disc(scan, pose, x, y, radius, margin, p):
-    """Return whether the beams of a scan `PASSED` a disc, `HIT` it, or are `HIDDEN` from it.
+    """Return `PASSED`, `HIT` or `HIDDEN` for a disc in a scan.
 
-    `pose`: of the lidar (x, y, theta), in the frame of the disc.
+    `pose`: of the lidar (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """
     dx, dy = x - pose[0], y - pose[1]
     distance = math.hypot(dx, dy)
-    if distance <= radius:  # the robot itself was there
+    if distance <= radius:
         return PASSED
-    half = math.asin(CORE * radius / distance) + 0.5 * p.increment
+    half = math.asin(CORE_SHARE * radius / distance) + 0.5 * p.increment
     middle = (math.atan2(dy, dx) - pose[2] - p.angle_min) % (2.0 * math.pi)
     low, high = math.ceil((middle - half) / p.increment), math.floor((middle + half) / p.increment)
     num_beams, passed, hidden = scan.shape[0], 0, 0
-    near, far = distance - radius - margin, distance + CORE * radius + margin
+    near, far = distance - radius - margin, distance + CORE_SHARE * radius + margin
     for k in range(low, high + 1):
         if p.is_full_turn > 0.0:
             k %= num_beams

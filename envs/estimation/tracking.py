@@ -1,8 +1,7 @@
-"""People in scans: clusters matched to tracks with constant velocity; what has stood there before is no person.
+"""People tracking in scans: constant-velocity tracks in the odometry frame.
 
-A cluster begins a track only where scans of the last seconds looked past its place, which no wall and no chair can
-say of itself, also where it comes into view behind a corner. A track is a person once it has moved away from where it
-began, with a speed that stands out from its uncertainty. All of this happens in the frame of odometry.
+A cluster starts a track only if recent scans saw free space at its position. A track is confirmed as a person after
+significant motion.
 """
 
 import math
@@ -22,102 +21,101 @@ from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
-"""Entries of a track: position and velocity in the frame of odometry [m, m/s]; their covariance, which is the same
-along both axes; radius [m]; scans that have shown it, and that looked past it since the last of those; time of that
-[s]; where it began; whether it is a person; a number of its own; scans that have shown it where earlier ones looked
-past."""
+"""Columns of a track: position [m], velocity [m/s] and their covariance (equal on both axes), odometry frame; radius
+[m]; number of hits; number of misses since the last hit; time of the last hit [s]; start position [m]; 1 if
+confirmed as a person; identifier; number of hits in free space."""
 TRACK_SIZE = 16
 TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
-"""What may be a person: who is tracked; beside them what is as large as one, and has not been seen to stand for some
-time; all that is as large as one."""
+"""Clusters that count as people in `is_on_person`: confirmed people only; also person-sized clusters not known to be
+static; or all person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Entries of the state: pose by odometry (3) [m, m, rad], time [s], and how many tracks, scans kept, tracks ever, and
-clusters in the last scan there have been."""
+"""Columns of the tracker's state: odometry pose (3) [m, m, rad], time [s], and number of tracks, of stored scans, of
+tracks since reset, and of clusters."""
 
 
-SEEN_LATELY = 0.35
-"""Time since it was last seen up to which what may be a person is taken for one [s]."""
-LEAST_RADIUS = 0.27
-"""What is taken for a person is at least this large [m]: a scan shows one side alone."""
+MAX_UNSEEN_TIME = 0.35
+"""Maximum age of the last hit of a reported unconfirmed track [s]."""
+MIN_BODY_RADIUS = 0.27
+"""Minimum radius of a reported person [m]; a scan shows only one side."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerParams:
-    """How people are told from walls. Defaults without a source are tuned on simulated halls and houses."""
+    """Parameters of people tracking, tuned on simulations unless a source is given."""
 
     max_range: float = 8.0
-    """Clusters farther away are ignored [m]."""
+    """Maximum range of clusters [m]."""
     jump: float = 0.08
-    """Neighbouring points this far apart, and what `jump_angle` adds, belong to different clusters [m]."""
+    """Minimum distance between neighbouring points to split a cluster [m]; `jump_angle` adds a range-dependent part."""
     jump_angle: float = 0.35
-    """Least angle between surface and beam at which a surface is not cut (lambda of Borges and Aldon, 2004) [rad]."""
+    """Minimum angle between beams and a surface to keep its points in one cluster [rad] (lambda of Borges and Aldon,
+    2004)."""
     max_size: float = 0.8
-    """Greatest extent of a person [m]."""
+    """Maximum extent of a person [m]."""
     leg_size: float = 0.25
-    """Greatest extent of a leg [m]."""
+    """Maximum extent of a leg [m]."""
     step: float = 0.65
-    """Greatest distance between the legs of a person [m]."""
+    """Maximum distance between the legs of a person [m]."""
     body_radius: float = 0.0
-    """Radius of what is hidden in part, which places its centre [m]; 0 leaves centres as if all were seen."""
+    """Assumed radius of a partly occluded body, to locate its centre [m]; 0 to disable."""
     min_beams: int = 3
-    """Least number of beams of a cluster that begins a track."""
+    """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """A beam that ends this much behind a person's place has passed it [m]."""
+    """Distance by which a beam must overshoot a position to prove free space [m]."""
     drift: float = 0.01
-    """By how much more for each second since [m/s]: odometry is off."""
+    """Growth of `margin` per second of scan age, for odometry drift [m/s]."""
     slope: float = 0.4
-    """A neighbouring beam that ends nearer, by less than this, goes on along the same surface [m]."""
+    """Maximum decrease in range between neighbouring beams on the same surface [m]."""
     memory: float = 16.0
-    """Time for which scans are kept [s]; who waits for others in a passage stands there for up to ten seconds or so."""
+    """Duration of the scan history [s]; people may wait in a passage for about ten seconds."""
     interval: float = 1.0
-    """Time between two scans that are kept [s]."""
+    """Time between scans of the history [s]."""
     position_std: float = 0.08
-    """Uncertainty of a cluster's position along an axis [m]."""
+    """Standard deviation of a cluster's position along an axis [m]."""
     speed_std: float = 0.8
-    """Spread of people's velocities along an axis [m/s]."""
+    """Standard deviation of people's velocities along an axis [m/s]."""
     acceleration: float = 0.6
-    """Spectral density of the white noise that accelerates people [m2/s3] (Bar-Shalom et al., "Estimation with
-    Applications to Tracking and Navigation", 2001, section 6.2.2)."""
+    """Spectral density of people's white-noise acceleration [m2/s3] (Bar-Shalom et al., "Estimation with Applications
+    to Tracking and Navigation", 2001, section 6.2.2)."""
     gate: float = 3.0
-    """Mahalanobis distance up to which a cluster may belong to a track."""
+    """Maximum Mahalanobis distance between a track and its cluster."""
     max_gap: float = 0.8
-    """Greatest distance between both [m]."""
+    """Maximum distance between a track and its cluster [m]."""
     min_hits: int = 4
-    """Scans that have to show a person."""
+    """Minimum number of hits to confirm a person."""
     min_travel: float = 0.3
-    """How far a person has to come [m]."""
+    """Minimum distance from the start of the track to confirm a person [m]."""
     min_speed: float = 0.2
-    """How fast it has to be then [m/s]."""
+    """Minimum speed to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """How far it has to come where no scan has looked past [m]."""
+    """Minimum distance from the start of the track to confirm a person if no scan saw free space there [m]."""
     significance: float = 2.0
-    """By how many standard deviations that speed has to differ from 0."""
+    """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
-    """Uncertainty of the position along an axis up to which a hidden person is shown [m]."""
+    """Maximum standard deviation of the position of a reported person, along an axis [m]."""
     stood_hits: int = 1
-    """Scans kept that have to have hit the place of a whole body before it counts as something that stands, since
-    somebody else may have been there; of anything else, one will do."""
+    """Minimum number of stored scans with a hit at a body-sized cluster to treat the cluster as static."""
     static_hits: int = 12
-    """What is as large as a person stands, and belongs into maps, where so many of the scans kept have hit it."""
+    """Minimum number of stored scans with a hit at a person-sized cluster to add the cluster to the map."""
     max_misses: int = 4
-    """Scans that look past a track after which it is dropped."""
+    """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
-    """Time for which a person is kept that is hidden [s]; a track that is none, a sixth of it."""
+    """Time after which an occluded person is deleted [s]; a sixth of it for unconfirmed tracks."""
 
 
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
-"""Lidar and `TrackerParams` as kernels take them, all of it float; see there."""
+"""Lidar and tracker parameters as floats, for kernels."""
 
 
 def num_kept_scans(params: TrackerParams) -> int:
-    """Return how many scans a tracker keeps."""
+    """Return the number of scans in the history."""
     return max(1, math.ceil(params.memory / params.interval))
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
-    """Return the numbers of a lidar and parameters."""
+    """Return lidar and tracker parameters for kernels."""
     increment, mount = lidar.angle_increment, lidar.mount
     gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
     is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
@@ -127,7 +125,7 @@ def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers
 
 @njit(cache=True, error_model="numpy")
 def predict(track, dt, p):
-    """Let a track go on for `dt` seconds."""
+    """Predict a track `dt` [s] ahead, in place."""
     q = p.acceleration
     track[X] += dt * track[VX]
     track[Y] += dt * track[VY]
@@ -138,7 +136,7 @@ def predict(track, dt, p):
 
 @njit(cache=True, error_model="numpy")
 def correct(track, x, y, p):
-    """Correct a track by a position; the equations are those of the Kalman filter, the same along both axes."""
+    """Correct a track with a measured position (x, y) by a Kalman filter, in place."""
     s = track[P_XX] + p.position_std**2
     k_x, k_v = track[P_XX] / s, track[P_XV] / s
     dx, dy = x - track[X], y - track[Y]
@@ -153,7 +151,6 @@ def correct(track, x, y, p):
 
 @njit(cache=True, error_model="numpy")
 def _votes(x, y, radius, time, scans, poses, num_scans, p):
-    """Return how many scans of the last seconds looked past a disc, and how many of their beams ended there."""
     passed = hits = 0
     for k in range(min(num_scans, scans.shape[0])):
         if 0.9 * p.interval < time - poses[k, 3] <= p.memory:
@@ -166,10 +163,9 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks and clusters, the nearest pair first; write the cluster of each track to `matches`, -1 for none.
+    """Match tracks to clusters greedily, nearest pair first; return the matched clusters, shape (count,), bool.
 
-    Returns which clusters are matched, shape (count,), bool. What moves fast is not where something has stood before
-    (`moved` is -1), and what is cut from a surface goes on with a person, but makes none.
+    `matches`: written, cluster of each track or -1; `moved`: -1 for static clusters, which fast tracks do not match.
     """
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
@@ -198,7 +194,6 @@ def _match(tracks, num_tracks, clusters, count, moved, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _is_doubled(i, tracks, num_tracks, matches, p):
-    """Tell whether another track has the cluster of the same person."""
     for k in range(num_tracks):
         if matches[k] >= 0 and math.hypot(tracks[k, X] - tracks[i, X], tracks[k, Y] - tracks[i, Y]) < 0.7 * p.step:
             return True
@@ -207,10 +202,7 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _judge(track, ranges, lidar, p):
-    """Tell whether a track has moved as people do, and nothing that stands.
-
-    Earlier scans must have looked past where it is, or this one past where it began.
-    """
+    """Return True if a track has moved like a person, through free space."""
     if track[HITS] < p.min_hits:
         return False
     born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
@@ -223,10 +215,10 @@ def _judge(track, ranges, lidar, p):
 
 @njit(cache=True, error_model="numpy")
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
-    """Process a scan; writes all but the first four arguments and the last one.
+    """Process a scan; update `state`, `tracks`, `memory` and `clusters`.
 
-    `motion`: pose of the base now, as seen from the base at the last scan; `period`: time since that [s]; `memory`:
-    scans that are kept, shape (n, num_beams), float32, and where and when the lidar was then, shape (n, 4).
+    `motion`: odometry pose of the base relative to the last scan; `period`: time since the last scan [s]; `memory`:
+    scan history, shape (n, num_beams), float32, and lidar poses (x, y, theta, time), shape (n, 4).
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -289,26 +281,23 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 
 @njit(cache=True, error_model="numpy")
 def write_bodies(state, tracks, p, bodies):
-    """Write what may be a person to `bodies`, shape (n, 5), as `PeopleTracker.people`; returns how many there are.
-
-    That is who is tracked, and whatever else as large as a person the last scans have shown, with its velocity.
-    """
+    """Write people and recent unconfirmed tracks to `bodies`, as `PeopleTracker.people`; return their number."""
     count = 0
     c, s = math.cos(state[2]), math.sin(state[2])
     for i in range(int(state[NUM_TRACKS])):
         track = tracks[i]
-        is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= SEEN_LATELY
+        is_seen = track[HITS] >= 2.0 and state[TIME] - track[SEEN] <= MAX_UNSEEN_TIME
         if is_seen or (track[IS_PERSON] > 0.0 and track[P_XX] <= p.max_std**2):
             dx, dy, vx, vy = track[X] - state[0], track[Y] - state[1], track[VX], track[VY]
             place, velocity = (c * dx + s * dy, c * dy - s * dx), (c * vx + s * vy, c * vy - s * vx)
-            write_row(bodies[count], (*place, *velocity, max(track[RADIUS], LEAST_RADIUS)))
+            write_row(bodies[count], (*place, *velocity, max(track[RADIUS], MIN_BODY_RADIUS)))
             count += 1
     return count
 
 
 @njit(cache=True, error_model="numpy")
 def on_people(ranges, directions, people, margin, p, mask):
-    """Write which beams end within `margin` [m] of people, shape (n, 5), as `PeopleTracker.people`."""
+    """Write the mask of beams that end within `margin` [m] of people to `mask`; `people`: as `PeopleTracker.people`."""
     for k in range(ranges.shape[0]):
         x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
         mask[k] = False
@@ -317,10 +306,10 @@ def on_people(ranges, directions, people, margin, p, mask):
 
 
 class PeopleTracker:
-    """Tracks people in the scans of one robot. Sees scans and odometry alone."""
+    """Tracks people from scans and odometry of one robot."""
 
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
-        """Prepare for scans of a lidar, one every `period` seconds."""
+        """Create a tracker for scans with a period [s]."""
         self.params, self._period = params, period
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
         num_scans = num_kept_scans(params)
@@ -329,21 +318,17 @@ class PeopleTracker:
         self._clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
 
     def reset(self) -> None:
-        """Forget everything."""
         self._state[:] = 0.0
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan, shape (num_beams,), float32 [m], and return `people`.
-
-        `motion`: pose of the base now by odometry, as seen from the base at the last scan.
-        """
+        """Process a scan, shape (num_beams,), float32 [m]; `motion`: odometry pose relative to the last scan."""
         arrays = self._state, self._tracks, self._memory, self._clusters
         track_people(ranges, self._directions, tuple(motion), self._period, *arrays, self._numbers)
         return self.people
 
     @property
     def people(self) -> np.ndarray:
-        """Shape (n, 5), float64, base frame: x, y [m], velocity over the ground [m/s], radius [m] of moving people."""
+        """Confirmed people as x, y [m], ground velocity [m/s], radius [m]: shape (n, 5), float64, base frame."""
         tracks = self.tracks
         tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
@@ -352,19 +337,19 @@ class PeopleTracker:
 
     @property
     def bodies(self) -> np.ndarray:
-        """As `people`: those, and whatever else is as large as a person, from the second scan that shows it on."""
+        """Confirmed people and recent unconfirmed tracks, in the columns of `people`."""
         bodies = np.empty((MAX_TRACKS, 5))
         return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
 
     @property
     def tracks(self) -> np.ndarray:
-        """Shape (n, TRACK_SIZE), float64: all tracks, also those of which it is not yet known; see `X`; a view."""
+        """View of all tracks: shape (n, TRACK_SIZE), float64; columns: see `X`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
-        """Return which beams of the last scan end within `margin` [m] of people, shape (num_beams,), bool.
+        """Return the beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `doubt` says who counts beside the people that are tracked: see `TRACKED`.
+        `doubt`: strictness, `TRACKED`, `NOT_STANDING` or `LARGE_ENOUGH`.
         """
         bodies = np.empty((0, 5))
         if doubt > TRACKED:

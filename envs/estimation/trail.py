@@ -1,5 +1,3 @@
-"""The positions that a robot has passed."""
-
 import math
 
 import numpy as np
@@ -7,14 +5,11 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D
 
 TRAIL_SPACING = 0.1
-"""Distance between remembered positions of a trail [m]."""
+"""Distance between positions of a trail [m]."""
 
 
 def interpolate(positions: np.ndarray) -> np.ndarray:
-    """Return positions on the straight lines between given ones, shape (n, 2), float64 [m].
-
-    They are `TRAIL_SPACING` apart or a little more, unless given ones are nearer to each other.
-    """
+    """Interpolate a polyline at a spacing of about `TRAIL_SPACING`: shape (n, 2), float64 [m]."""
     lengths = np.hypot(*np.diff(positions, axis=0).T)
     counts = np.maximum(lengths // TRAIL_SPACING, 1.0).astype(np.int64)
     along = np.concatenate([k + np.arange(n) / n for k, n in enumerate(counts.tolist())] + [[float(len(counts))]])
@@ -23,16 +18,16 @@ def interpolate(positions: np.ndarray) -> np.ndarray:
 
 
 class Trail:
-    """Positions passed, `TRAIL_SPACING` apart."""
+    """Positions passed by a robot, `TRAIL_SPACING` apart."""
 
     def __init__(self) -> None:
         self._buffer = np.empty((256, 2))
         self._length = 0
         self.last = (math.inf, math.inf)
-        """The last position remembered (x, y) [m]; infinite before the first."""
+        """Last stored position (x, y) [m]; infinite if the trail is empty."""
 
     def append(self, pose: Pose2D) -> bool:
-        """Remember the position if it is far enough from the last one remembered; return whether it was."""
+        """Store a position at least `TRAIL_SPACING` from the last one; return True if stored."""
         dx, dy = pose.x - self.last[0], pose.y - self.last[1]
         if dx * dx + dy * dy < TRAIL_SPACING * TRAIL_SPACING:
             return False
@@ -43,7 +38,7 @@ class Trail:
         return True
 
     def extend(self, positions: np.ndarray) -> None:
-        """Remember positions that are known to be far enough apart, shape (n, 2), float64 [m]."""
+        """Append positions with sufficient spacing: shape (n, 2), float64 [m]."""
         count = self._length + len(positions)
         while count > len(self._buffer):
             self._buffer = np.concatenate([self._buffer, np.empty_like(self._buffer)])
@@ -53,7 +48,7 @@ class Trail:
             self.last = (float(positions[-1, 0]), float(positions[-1, 1]))
 
     def replace(self, positions: np.ndarray) -> None:
-        """Remember other positions instead, shape (n, 2), float64 [m]: the path was corrected."""
+        """Replace all positions after a path correction: shape (n, 2), float64 [m]."""
         self._length = 0
         self.last = (math.inf, math.inf)
         for x, y in positions.tolist():
@@ -61,5 +56,5 @@ class Trail:
 
     @property
     def positions(self) -> np.ndarray:
-        """Shape (n, 2), float64 [m]; a view."""
+        """View of the stored positions: shape (n, 2), float64 [m]."""
         return self._buffer[: self._length]

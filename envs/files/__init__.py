@@ -1,4 +1,4 @@
-"""Reading YAML files into checked records, archives, names into objects, and writing files that are whole or absent."""
+"""Records, archives, lookup by name, locks and atomic writing."""
 
 from .archives import MAX_BYTES, check_file, open_archive, read_bytes
 from .locking import Lock, LockedError

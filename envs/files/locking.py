@@ -1,5 +1,3 @@
-"""Folders that one process at a time may add to."""
-
 import os
 import platform
 from pathlib import Path
@@ -14,19 +12,19 @@ except ImportError:  # Windows
 
 
 class LockedError(RuntimeError):
-    """Another process holds a lock; the message names its folder, and the process where it is known."""
+    """Another process holds a lock."""
 
 
 class Lock:
-    """A lock on a folder, which ends with its process, however that ends; none where the system has no such locks."""
+    """Folder lock, released when its process ends. Has no effect on systems without file locks."""
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock by the file `.<name>` in a folder; who shares it may hold it at the same time."""
+        """Prepare a lock on the file `.<name>` in a folder; `shared` locks may coexist."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 
     def __enter__(self) -> "Lock":
-        """Take the lock; LockedError if another process holds it, ValueError if the file is not regular."""
+        """Acquire the lock; LockedError if another process holds it, ValueError if the file is not regular."""
         if fcntl is None:
             return self
         if self._path.exists():
@@ -37,7 +35,7 @@ class Lock:
         except BlockingIOError:
             holder = printable(os.read(descriptor, 200).decode(errors="replace")).strip() or "another process"
             os.close(descriptor)
-            raise LockedError(f"{self._folder} is in use: {holder} adds to it") from None
+            raise LockedError(f"{self._folder} is in use: {holder} is writing to it") from None
         except OSError:  # a file system without locks
             os.close(descriptor)
             return self
@@ -48,7 +46,7 @@ class Lock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Give the lock back. The file stays: were it removed, two processes could lock two files of one name."""
+        """Release the lock, but keep the file: removing it would allow a second lock."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -1,5 +1,3 @@
-"""Names that users write into objects: entries of a table, or `module:attribute` of their own code."""
-
 import difflib
 import importlib
 import inspect
@@ -12,17 +10,17 @@ from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
 SHORT = reprlib.Repr()
-"""Writes values in messages, the long ones in part."""
+"""Shortens long values in messages."""
 SHORT.maxstring = SHORT.maxother = 200
 
 
 def printable(text: object) -> str:
-    """Return a text with its control characters escaped, except newlines and tabs: terminals obey the others."""
+    """Return a text with escaped control characters, except newlines and tabs."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in str(text))
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
-    """Say that a name, `shown` in the message, is unknown, which one was perhaps meant, and which are allowed."""
+    """Return a message about an unknown name: closest match and allowed names. `shown` replaces the name."""
     allowed = list(allowed)
     close = difflib.get_close_matches(name, allowed, n=1)
     hint = f" (did you mean {close[0]!r}?)" if close else ""
@@ -30,10 +28,10 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
 
 
 def load_object(name: str) -> Any:
-    """Import `module:attribute`, each of which may hold dots; modules in the current directory are found too.
+    """Import `module:attribute`, also from the current directory; both parts may contain dots.
 
     Raises:
-        ValueError: the name has another form, or there is no such module or attribute; says which of the two.
+        ValueError: the form is invalid, or the module or attribute does not exist.
     """
     module_name, _, attribute = name.partition(":")
     if not all(part.isidentifier() for part in (*module_name.split("."), *attribute.split("."))):
@@ -62,19 +60,17 @@ def load_object(name: str) -> Any:
 
 
 def _is_imported(value: Any, module: str) -> bool:
-    """Tell whether a value in a module comes from another one, as far as values know: classes and functions do."""
     knows = inspect.isclass(value) or inspect.isroutine(value)
     return inspect.ismodule(value) or (knows and not str(value.__module__).startswith(module))
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
-    """Return what an argument stands for that takes a name of a table, `module:attribute`, or the object itself.
+    """Look up a name in a table, or import `module:attribute`; return other objects unchanged.
 
-    `what` is the kind of thing, for messages; with `files`, the path of a YAML file is allowed too, and returned as a
-    `Path`.
+    `what`: kind of object, for messages; `files`: return the path of a YAML file as a `Path`.
 
     Raises:
-        ValueError: the name is unknown (lists the known ones), or `module:attribute` cannot be loaded.
+        ValueError: the name is unknown, or the import failed.
     """
     if not isinstance(value, str):
         return value

@@ -1,5 +1,3 @@
-"""YAML files into pydantic models and dataclasses, with errors that name the file, the key and what is allowed."""
-
 import dataclasses
 import json
 import re
@@ -18,22 +16,22 @@ from .names import SHORT, explain_unknown, printable
 Record = TypeVar("Record")
 
 MAX_BYTES = 8 * 2**20
-"""Largest YAML file that is read."""
+"""Maximum size of a YAML file [bytes]."""
 MAX_JSON_BYTES = 16 * 2**20
-"""Largest JSON file that is read."""
+"""Maximum size of a JSON file [bytes]."""
 MAX_VALUES = 500_000
-"""Most values in a YAML file, those that aliases repeat counted each time."""
+"""Maximum number of values in a YAML file, with aliases counted each time."""
 MAX_DEPTH = 50
-"""Deepest nesting of a YAML file."""
+"""Maximum nesting depth of a YAML file."""
 MAX_DIGITS = 100
-"""Most characters of a number: the time to read long ones grows with their square."""
+"""Maximum length of a number in a YAML file [characters]; parsing takes quadratic time."""
 MAX_MISTAKES = 10
-"""Most mistakes that an error lists."""
+"""Maximum number of mistakes in an error message."""
 _adapter = cache(TypeAdapter)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML in which 3e-4 is a number, as in YAML 1.2, a key cannot occur twice, and little text stays little work."""
+    """YAML loader with numbers such as 3e-4, unique keys and size limits."""
 
     num_merged = 0
 
@@ -46,7 +44,7 @@ class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[mi
         return super().construct_mapping(node, deep)
 
     def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        # Called for each mapping that a merge key names, as often as it names it, before what it holds is copied.
+        # Called once per use of a merge key, before copying.
         super().flatten_mapping(node)
         self.num_merged += len(node.value)
         if self.num_merged > MAX_VALUES:
@@ -64,11 +62,11 @@ _Loader.add_implicit_resolver(
 
 
 def read_mapping(path: str | Path) -> dict[str, Any]:
-    """Read a YAML file that holds keys and values.
+    """Read a YAML file that contains a mapping.
 
     Raises:
-        FileNotFoundError: there is no such file; lists the YAML files beside it.
-        ValueError: it is not YAML, holds something else, or is too large; names the file.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is not YAML, contains no mapping, or is too large.
     """
     path = Path(path)
     if not path.exists():
@@ -80,17 +78,17 @@ def read_mapping(path: str | Path) -> dict[str, Any]:
         _check_size(text)
         values = yaml.load(text, _Loader)
         _count_values(values, {})
-    except Exception as error:  # PyYAML raises many kinds for values that do not fit their tags
+    except Exception as error:  # many types for invalid values
         raise ValueError(f"{path}: not readable as YAML: {printable(' '.join(str(error).split()))}") from error
     return _checked_mapping(values, str(path))
 
 
 def read_json(path: Path) -> dict[str, Any]:
-    """Read a JSON file that holds keys and values.
+    """Read a JSON file that contains an object.
 
     Raises:
-        OSError: it cannot be read.
-        ValueError: it is not JSON, holds something else, or is too large; names the file.
+        OSError: the file cannot be read.
+        ValueError: the file is not JSON, contains no object, or is too large.
     """
     content = read_bytes(path, MAX_JSON_BYTES)
     try:
@@ -101,7 +99,7 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_size(text: str) -> None:
-    """Refuse text that nests deeply or holds too much, before objects are made of it, which is slow and recursive."""
+    """Raise ValueError for deep nesting or too many values, before slow construction."""
     depth = count = 0
     for event in yaml.parse(text, _Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -113,17 +111,13 @@ def _check_size(text: str) -> None:
 
 
 def _count_values(value: Any, counts: dict[int, int]) -> int:
-    """Return the number of values in nested lists and mappings, by `counts` of those met before.
-
-    Raises:
-        ValueError: there are more than `MAX_VALUES`, one holds itself, or is an integer of more than 64 bits.
-    """
+    """Return the number of values in nested lists and mappings, cached in `counts`; ValueError for too many."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError(f"integer {value} has more than 64 bits")
     if not isinstance(value, dict | list):
         return 1
     if id(value) not in counts:
-        counts[id(value)] = MAX_VALUES  # what holds itself would never end
+        counts[id(value)] = MAX_VALUES  # for self-references
         inside = value.values() if isinstance(value, dict) else value
         counts[id(value)] = 1 + sum(_count_values(one, counts) for one in inside)
     if counts[id(value)] > MAX_VALUES:
@@ -135,18 +129,14 @@ def read_record(path: str | Path, kind: type[Record]) -> Record:
     """Read a YAML file into a pydantic model or dataclass.
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: it is not YAML, or keys or values do not fit; names the file and the keys, a line for each.
+        FileNotFoundError: the file does not exist.
+        ValueError: the file is not YAML, or keys or values are invalid.
     """
     return parse_record(read_mapping(path), str(path), kind)
 
 
 def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
-    """Turn nested mappings that come from `source` into a pydantic model or dataclass.
-
-    Raises:
-        ValueError: keys or values do not fit; names `source` and the keys, a line for each.
-    """
+    """Convert nested mappings from `source` to a pydantic model or dataclass; ValueError if invalid."""
     try:
         return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
     except ValidationError as error:
@@ -154,12 +144,12 @@ def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
 
 
 def dump_record(record: BaseModel) -> str:
-    """Return the YAML that `read_record` reads back as an equal record."""
+    """Return a record as YAML for `read_record`."""
     return yaml.safe_dump(record.model_dump(mode="json"), sort_keys=False)
 
 
 def explain_errors(error: ValidationError, kind: Any) -> list[str]:
-    """Say in a line per mistake which key of a record of some kind is wrong, and what is allowed."""
+    """Return one line per mistake in a record of type `kind`."""
     lines = []
     faults = error.errors(include_url=False)
     for fault in faults[:MAX_MISTAKES]:
@@ -180,12 +170,11 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
 
 def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
     if not isinstance(content, dict):
-        raise ValueError(f"{source}: must hold keys and values, got {type(content).__name__}")
+        raise ValueError(f"{source}: must be a mapping of keys to values, got {type(content).__name__}")
     return content
 
 
 def _keys(kind: Any, parents: list[int | str]) -> list[str]:
-    """Return the keys of the record that the keys and indices `parents` lead to from a record of some kind."""
     for parent in parents:
         if isinstance(parent, str):
             record = _record_in(kind)
@@ -197,7 +186,7 @@ def _keys(kind: Any, parents: list[int | str]) -> list[str]:
 
 
 def _record_in(kind: Any) -> Any:
-    """Return the model, dataclass or named tuple that an annotation like `list[Record] | None` holds; None without."""
+    """Return the record type inside an annotation such as `list[Record] | None`."""
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
         return kind
     if isinstance(kind, type) and issubclass(kind, BaseModel):

@@ -1,5 +1,3 @@
-"""Files that are either whole or absent."""
-
 import contextlib
 import os
 import platform
@@ -11,21 +9,17 @@ from pathlib import Path
 
 _STARTED = time.time()
 _swept: set[Path] = set()
-"""Folders that this process has swept."""
+"""Folders already cleaned of leftover temporary files."""
 
 
 def write_file(path: Path, content: bytes | str) -> None:
-    """Replace `path` by `content`; a reader, also after a crash, finds the old content or the new, never a part.
-
-    Raises:
-        OSError: if it cannot be written; the old file is still there, and nothing is left beside it.
-    """
+    """Replace a file atomically; OSError leaves the old file unchanged."""
     with _in_place_of(path) as temporary:
         _write_through(temporary, content)
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create the folder `path` with `files` in it, all of them or nothing; OSError also if it exists already."""
+    """Create a folder with `files` atomically; OSError if the folder exists."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -35,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path) -> Iterator[Path]:
-    """Take what a block writes beside `path` to there, if the block succeeds."""
+    """Yield a temporary path, renamed to `path` if the block succeeds."""
     temporary = temporary_beside(path)
     _remove(temporary)
     try:
@@ -49,7 +43,7 @@ def _in_place_of(path: Path) -> Iterator[Path]:
 
 
 def append_file(path: Path, text: str) -> None:
-    """Append to a file, which is created if needed, and see it to the disk; OSError also if it is a symbolic link."""
+    """Append to a file and sync it to disk; OSError if it is a symbolic link."""
     with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
         file.write(text)
         file.flush()
@@ -57,28 +51,25 @@ def append_file(path: Path, text: str) -> None:
 
 
 def own_folder(path: Path, name: str = "") -> Path:
-    """Create a folder that is to be written in, or the folder `name` in it; return it.
+    """Create the folder `path`, or its subfolder `name`, for writing; return it.
 
     Raises:
-        ValueError: the folder `name`, an entry, or an entry one level below is a symbolic link: a folder from elsewhere
-            could let its links point to any file. `path` may be a link.
+        ValueError: the subfolder, or an entry up to two levels deep, is a symbolic link: writes could reach any file.
     """
     folder = path / name
     if not (name and folder.is_symlink()):
         folder.mkdir(parents=True, exist_ok=True)
     for entry in ([folder] if name else []) + [*folder.glob("*"), *folder.glob("*/*")]:
         if entry.is_symlink():
-            raise ValueError(f"{entry} is a symbolic link: nothing is written through links; remove it")
+            raise ValueError(f"{entry} is a symbolic link: writing through links is refused; remove it")
     return folder
 
 
 def _open_itself(path: str, flags: int) -> int:
-    """Open a file for writing; OSError if it is a symbolic link."""
     return os.open(path, flags | getattr(os, "O_NOFOLLOW", 0), 0o666)
 
 
 def _remove(path: Path) -> None:
-    """Remove a file or a folder, if it is there; of a symbolic link, the link."""
     if path.is_dir() and not path.is_symlink():
         shutil.rmtree(path, ignore_errors=True)
     else:
@@ -86,9 +77,9 @@ def _remove(path: Path) -> None:
 
 
 def temporary_beside(path: Path) -> Path:
-    """Return a name next to `path` that no other process uses, on this machine or on one that shares the folder.
+    """Return a temporary path next to `path`, unique across processes and machines.
 
-    Before the first one in a folder, remove temporary files of killed processes there, see `sweep`.
+    The first call for a folder removes leftover temporary files.
     """
     if (folder := path.parent.absolute()) not in _swept:
         _swept.add(folder)
@@ -97,7 +88,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files and folders of `temporary_beside` whose processes, of this machine, no longer run."""
+    """Remove temporary files of ended processes of this machine."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
         if match is not None and not _is_alive(int(match[1]), path):
@@ -106,7 +97,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Let errors of the operating system that name no file name `path`: of a full disk, Python says nothing more."""
+    """Add `path` to operating system errors that name no file."""
     try:
         yield
     except OSError as error:
@@ -116,22 +107,20 @@ def naming(path: Path) -> Iterator[None]:
 
 
 def _is_alive(pid: int, path: Path) -> bool:
-    """Return whether the process that made a temporary file runs; of an older process with this one's number, no."""
     if pid == os.getpid():
-        with contextlib.suppress(FileNotFoundError):  # another thread has just put it in its place
+        with contextlib.suppress(FileNotFoundError):  # another thread has just renamed it
             return path.stat().st_mtime > _STARTED - 1.0
         return False
     try:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except (OSError, OverflowError):  # another user's
+    except (OSError, OverflowError):  # process of another user
         return True
     return True
 
 
 def _write_through(path: Path, content: bytes | str) -> None:
-    """Write a file and wait until it lies on the disk."""
     with open(path, "xb", opener=_open_itself) as file:
         file.write(content.encode() if isinstance(content, str) else content)
         file.flush()
@@ -139,7 +128,7 @@ def _write_through(path: Path, content: bytes | str) -> None:
 
 
 def _sync_folder(path: Path) -> None:
-    """Wait until the names in a folder lie on the disk: without it, a rename may not survive a power cut."""
+    """Sync a folder to disk, so that renames survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -1,5 +1,3 @@
-"""BARN: 300 worlds for local navigation, fields of cylinders between three walls."""
-
 import math
 from functools import lru_cache
 from pathlib import Path
@@ -12,26 +10,25 @@ from lidarnaut.envs.geometry import Pose2D
 from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
-"""Names of BARN's worlds."""
-_SPEED = 2.0
-"""Optimal times of the benchmark are those of paths at this speed [m/s]."""
-_MARGIN = 5.0
+_OPTIMAL_SPEED = 2.0
+"""Robot speed in the benchmark's optimal times [m/s]."""
+_WALL_DISTANCE = 5.0
 
 
 @lru_cache(maxsize=len(BARN_NAMES))
 def barn_world(name: str) -> World:
-    """Return one of BARN's worlds, the same object each time; ValueError if `name` is none of `BARN_NAMES`."""
+    """Return a BARN world, cylinders between three walls (cached). ValueError for a name not in `BARN_NAMES`."""
     if name not in BARN_NAMES:
-        raise ValueError(f"unknown world {name!r}; BARN's are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
+        raise ValueError(f"unknown world {name!r}; BARN worlds are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
     number = BARN_NAMES.index(name)
     with open_archive(Path(__file__).with_suffix(".npz")) as archive:
-        # Numbers are float32 on a grid of 0.15 m.
+        # Remove the float32 rounding error of the archive.
         first, last = archive["offsets"][number : number + 2]
         centres, radius = archive["centres"][first:last].astype(np.float64).round(3), round(float(archive["radius"]), 3)
         ends = np.array([archive["start"][:2], archive["goal"]], dtype=np.float64)
-        length = float(archive["optimal_time"][number]) * _SPEED
+        length = float(archive["optimal_time"][number]) * _OPTIMAL_SPEED
     points = np.vstack([centres, ends])
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _MARGIN, points.max(axis=0) + _MARGIN
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - _WALL_DISTANCE, points.max(axis=0) + _WALL_DISTANCE
     start, goal = (Pose2D(x, y, math.pi / 2) for x, y in ends.tolist())
     corners = np.array([[x_min, y_min], [x_max, y_min], [x_max, y_max], [x_min, y_max]])
     return World(

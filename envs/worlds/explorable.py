@@ -1,5 +1,3 @@
-"""The part of a world that a robot can explore."""
-
 import math
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,29 +16,24 @@ from .world import World, kept_with_world
 
 @dataclass(frozen=True, eq=False)
 class ExplorableArea:
-    """The part of a world that a robot could see, on a raster in the world frame."""
+    """Traversable and explorable cells of a world for one robot, on a raster in the world frame."""
 
     walls: OccupancyGrid
-    """Ground truth: 0 free, 100 touched by something static."""
+    """Rasterized static geometry: 0 is free, 100 is occupied."""
     traversable: np.ndarray
-    """Shape of `walls`, bool: cells where the robot's base is collision-free, connected to the world's first spawn."""
+    """Collision-free cells connected to the first spawn: shape of `walls`, bool."""
     start_cells: np.ndarray
-    """Shape of `walls`, bool: traversable cells with a cell's width of clearance to spare, in which robots start."""
+    """Start positions of robots, with one extra cell of clearance: shape of `walls`, bool."""
     near_people: np.ndarray
-    """Shape of `walls`, bool: cells in whose centre the footprint overlaps a person on a fixed route at time 0."""
+    """Cells in collision with people on fixed routes at time 0: shape of `walls`, bool."""
     name: str
-    """Name of the world."""
     lidar_reach: float
-    """Range of the lidar [cells]."""
+    """Maximum range of the lidar [cells]."""
 
     @cached_property
     def explorable(self) -> np.ndarray:
-        """Shape of `walls`, bool: free cells visible from a traversable one; found when first asked for.
-
-        That takes two to six times as long as all else, and tasks with a goal have no use for it.
-        """
+        """Free cells visible from traversable cells: shape of `walls`, bool. Computed at first access."""
         free = self.walls.data == 0
-        # Only free cells connected to a traversable one can be seen from it.
         pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
         touches = np.zeros(num_pieces + 1, dtype=bool)
         touches[pieces[self.traversable]] = True
@@ -53,9 +46,9 @@ class ExplorableArea:
 
     @property
     def corridor_length(self) -> float:
-        """Half the boundary of the traversable cells [m]: the length of a corridor, which has a border on either side.
+        """Estimated total corridor length: half the boundary length of the traversable cells [m].
 
-        By Crofton's formula: crossings of lines in four directions, to 6 % however the corridor is turned.
+        Uses Crofton's formula in four directions, with an error of at most 6 %.
         """
         t = self.traversable
         straight = np.count_nonzero(t[1:] != t[:-1]) + np.count_nonzero(t[:, 1:] != t[:, :-1])
@@ -63,32 +56,24 @@ class ExplorableArea:
         return math.pi / 16.0 * (straight + diagonal / math.sqrt(2.0)) * self.walls.resolution
 
     def usual_time_limit(self, speed: float) -> float:
-        """Return the time to explore the area at `speed` [m/s]: the longer one of two, rounded to ten seconds [s].
+        """Return a time limit for exploration at `speed` [m/s], rounded to ten seconds [s].
 
-        Time to sweep the area twice with a swath of a metre, and two minutes more; or time to drive all corridors at
-        0.4 of the speed, as where they are narrow, and a minute more.
+        The longer of two times: two sweeps of the area with a 1 m swath, plus 120 s; or driving all corridors at 0.4
+        `speed`, plus 60 s.
         """
         sweep = 120.0 + 10.0 * round(0.2 * self.area / speed)
         return max(sweep, 60.0 + 10.0 * round(0.25 * self.corridor_length / speed))
 
     def is_traversable(self, pose: Pose2D) -> bool:
-        """Tell whether the robot's base can be at `pose` (world frame) and reach the first spawn from there."""
+        """Return True if the robot fits at `pose` (world frame) and can reach the first spawn."""
         row, col = self.walls.cells(np.array([pose.x, pose.y]))
         return bool(self.walls.contains(np.array([row, col])) and self.traversable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
-        """Draw a pose in the world frame, uniform over where there is room for the robot and over headings.
-
-        A pose on a position of a person on a fixed route at time 0 is drawn again.
-
-        Raises:
-            ValueError: if these people leave no room anywhere.
-        """
+        """Sample a start pose in the world frame, uniformly. ValueError if people cover every start cell."""
         cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
-            raise ValueError(
-                f"world {self.name!r} has no free pose: people cover all that the robot can reach at time 0"
-            )
+            raise ValueError(f"world {self.name!r} has no free pose: people block every start cell at time 0")
         cell = cells[rng.integers(len(cells))]
         while blocked[cell]:
             cell = cells[rng.integers(len(cells))]
@@ -98,14 +83,14 @@ class ExplorableArea:
 
 @kept_with_world
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Find where the footprint of `robot` fits, on cells of a side `resolution` [m], and what it can see from there.
+    """Compute the explorable area, on cells of side `resolution` [m].
 
     Raises:
-        ValueError: if the robot does not fit at the world's first spawn.
+        ValueError: the robot does not fit at the first spawn.
     """
     walls = rasterize(world, resolution)
     free = walls.data == 0
-    # Exact as far as it is compared with: the whole transform takes half of a reset of a large world.
+    # The full distance transform takes half of a reset of a large world.
     reach = math.ceil(robot.radius / resolution) + 2
     if reach <= MAX_REACH:
         clearance = np.sqrt(squared_distances(~free, reach)) * resolution

@@ -1,5 +1,3 @@
-"""Finding a world by what users call it."""
-
 import contextlib
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -21,24 +19,22 @@ from .world import World
 from .world_file import WorldFile, build_world
 
 LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
-"""World files that come with the project, by name."""
+"""Built-in world files, by world name."""
 WORLD_NAMES = tuple(LIBRARY)
-"""Names of the worlds in the library."""
 
 Split = Literal["train", "test"]
 WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Return a world of the library or of BARN, from a world file or a map, by `module:attribute`, or as it is.
+    """Load a world from a library or BARN name, a file path or `module:attribute`; check a given `World`.
 
-    Loaded once: the same name, or path to an unchanged file, gives the same object.
+    Files are world files or `map_server` YAML files. Results are cached until the file changes.
 
     Raises:
-        ValueError: for a name that the library does not have, a file that is not a valid world, or `module:attribute`
-            of something else.
-        FileNotFoundError: if there is no such file.
-        TypeError: `world` is none of these.
+        ValueError: the name is unknown or the world is invalid.
+        FileNotFoundError: the file does not exist.
+        TypeError: `world` has another type.
     """
     found = _resolve(world, LIBRARY)
     if isinstance(found, World):
@@ -56,7 +52,6 @@ def load_world(world: str | Path | World) -> World:
 
 
 def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
-    """Return what a name stands for, see `resolve`; those that begin with `barn:` are no modules."""
     if isinstance(world, str) and world.startswith("barn:"):
         return barn_world(world)
     if isinstance(world, str) and world not in table:
@@ -65,7 +60,6 @@ def _resolve(world: Any, table: Mapping[str, Any]) -> Any:
 
 
 def _version(path: Path) -> tuple[int, ...] | None:
-    """Return numbers that differ once a file is changed or replaced; None if it is missing."""
     with contextlib.suppress(OSError, ValueError):
         found = path.stat()
         return found.st_mtime_ns, found.st_ctime_ns, found.st_size, found.st_ino
@@ -74,14 +68,12 @@ def _version(path: Path) -> tuple[int, ...] | None:
 
 @lru_cache(maxsize=64)
 def _image_of(path: Path, version: tuple[int, ...] | None) -> Path | None:
-    """Return the image that a map names; None for a world file."""
     image = read_mapping(path).get("image")
     return path.parent / image if isinstance(image, str) else None
 
 
 @lru_cache(maxsize=64)
 def _read(path: Path, version: tuple[int, ...] | None, image: tuple[int, ...] | None) -> World:
-    """Read a world file or a map; versions of the file and its image make a changed one another key of the cache."""
     content = read_mapping(path)
     build: Callable[[], World]
     if "image" in content:
@@ -103,25 +95,21 @@ def world_sampler(
     difficulty: float | None = None,
     num_worlds: int | None = None,
 ) -> WorldSampler:
-    """Return a function that gives the world of the next episode.
+    """Return a function that samples a world for each episode.
 
     Args:
-        world: name of a library world, of one of BARN's (`barn:12`) or of a procedural family, path of a world file or
-            of a `map_server` YAML, a world, a function from a random generator to a world, or `module:attribute` of
-            either; or several of these, one of which is drawn. Worlds and files give the same object each time.
-        split: which worlds of a family to draw: `train` has the even world seeds, `test` the odd ones.
-        size: outer size (x, y) of a family's worlds [m]; `None` leaves it to the family.
-        radius: of the robot that a family's worlds are to fit [m].
-        difficulty: of the worlds of `clutter`, from 0 to 1; `None` draws it for each.
-        num_worlds: how many worlds a family has, each of which is made once; `None` makes another one for each episode.
-
-    Of several worlds, families alone take a size, and `clutter` alone a difficulty.
+        world: library world, BARN world (`barn:12`), procedural family, path of a world file or `map_server` YAML,
+            `World`, function from a random generator to a `World`, `module:attribute`, or a list of these.
+        split: worlds of a family: `train` has even seeds, `test` odd seeds.
+        size: outer size (x, y) of a family's worlds [m]; `None` draws from the family's range.
+        radius: radius of the robot that must fit into a family's worlds [m].
+        difficulty: difficulty of `clutter`, from 0 to 1; `None` draws a value for each world.
+        num_worlds: number of different worlds of a family; `None` is unlimited.
 
     Raises:
-        ValueError: for an unknown world, split, size, difficulty or number, no world at all, or a world that leaks;
-            names the allowed values.
-        FileNotFoundError: if there is no such file.
-        TypeError: `world` is none of these.
+        ValueError: an argument or a world is invalid.
+        FileNotFoundError: the file does not exist.
+        TypeError: `world` has another type.
     """
     if split not in get_args(Split):
         raise ValueError(f"split must be one of {get_args(Split)}, got {split!r}")
@@ -129,7 +117,7 @@ def world_sampler(
         raise ValueError(f"num_worlds must be a positive whole number or None, got {num_worlds!r}")
     if isinstance(world, list | tuple):
         if not world:
-            raise ValueError("world is an empty list; name one at least")
+            raise ValueError("world is an empty list; name at least one")
         each = [
             world_sampler(
                 one,
@@ -144,22 +132,24 @@ def world_sampler(
         return partial(_draw_one_of, each)
     if isinstance(world, str) and world in FAMILIES:
         settings: dict[str, Any] = {"size": size, "radius": radius, "difficulty": difficulty}
-        FAMILIES[world](0, **settings)  # what the family refuses should fail here, not at the first reset
+        FAMILIES[world](0, **settings)  # fail before the first reset
         if num_worlds is None:
             return partial(_draw, partial(FAMILIES[world], **settings), split == "test", 2**31)
         settings["size"] = None if size is None else tuple(size)
         return partial(_draw, partial(_generate_once, world, **settings), split == "test", num_worlds)
     found: Any = _resolve(world, {**LIBRARY, **FAMILIES})
     if size is not None:
-        raise ValueError(f"size is for procedural families ({', '.join(FAMILIES)}); {world!r} has its own")
+        raise ValueError(
+            f"size applies to procedural families only ({', '.join(FAMILIES)}); {world!r} has a fixed size"
+        )
     if difficulty is not None:
-        raise ValueError(f"difficulty is for the family 'clutter'; {world!r} has its own")
+        raise ValueError(f"difficulty applies to the family 'clutter' only, not to {world!r}")
     if callable(found):
         return partial(_sample, found)
     return partial(_same, load_world(world if isinstance(world, str) else found))
 
 
-# Functions of the module and not closures, so that environments can be pickled.
+# Not closures, because environments are pickled.
 def _draw(generate: Callable[[int], World], is_test: bool, count: int, rng: np.random.Generator) -> World:
     return generate(2 * int(rng.integers(count)) + is_test)
 
@@ -185,6 +175,6 @@ def _same(world: World, rng: np.random.Generator) -> World:
 
 
 def has_no_effects(sample: WorldSampler) -> bool:
-    """Return True if a sampler calls no code of users: its worlds depend on the generator alone."""
+    """Return True if a sampler runs no user code."""
     kind = getattr(sample, "func", None)
     return kind in (_draw, _same) or (kind is _draw_one_of and all(map(has_no_effects, sample.args[0])))  # type: ignore[attr-defined]

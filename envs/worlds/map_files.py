@@ -1,4 +1,4 @@
-"""Maps on disk in the format of ROS's map_server: an image and a YAML file that explains it."""
+"""Maps in the format of ROS map_server: an image and a YAML file."""
 
 import io
 import logging
@@ -20,28 +20,26 @@ from .raster import MAX_CELLS
 from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
-"""Occupancy above which a saved cell reads as occupied."""
+"""Occupancy above which a pixel of a saved map is occupied."""
 FREE_THRESH = 0.196
-"""Occupancy below which a saved cell reads as free; the saver's grey for unknown, 205, reads as 0.19608."""
+"""Occupancy below which a pixel of a saved map is free; grey 205 (unknown) has 0.19608."""
 SAVED_UNKNOWN = 205
-"""Grey of unknown cells as map_savers write them."""
+"""Grey value of unknown cells in images from map_saver."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
-"""Greys that map_savers write, and pure white, a usual colour of painted free space."""
+"""Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Difference of greys that are the same, and share of the pixels with such greys in an image of a map_saver, which may
-have been retouched."""
+"""Grey-value tolerance, and minimum share of pixels with `SAVED_VALUES` in an image from map_saver."""
 MAX_YAW = 1e-6
-"""Maps that are turned by less are not rotated [rad]."""
+"""Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
-"""Of images of maps."""
 MAX_IMAGE_BYTES = 4 * MAX_CELLS
-"""Largest image of a map: digits in text for each cell."""
+"""Maximum size of a map image file [bytes]."""
 IMAGE_FORMATS = ("PNG", "PPM", "BMP", "JPEG", "GIF", "TIFF")
-"""Kinds of images that maps are read from; PPM stands for PGM and PBM too."""
+"""Pillow's names of the image formats for maps; PPM includes PGM and PBM."""
 
 
 class MapFile(BaseModel):
-    """The YAML part of a map. Keys that map_server does not know are ignored, as map_server does."""
+    """Content of a map's YAML file; unknown keys are ignored, as in map_server."""
 
     image: str
     resolution: Size
@@ -53,15 +51,15 @@ class MapFile(BaseModel):
 
 
 def check_no_image(path: Path) -> None:
-    """Raise a ValueError if a path is that of the image of a map; names the YAML file beside it."""
+    """Raise ValueError if a path is a map image instead of a YAML file."""
     if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file():
         beside = [str(other) for other in (path.with_suffix(".yaml"), path.with_suffix(".yml")) if other.is_file()]
-        advice = f"such as {beside[0]}" if beside else "there is none beside it"
+        advice = f"such as {beside[0]}" if beside else "but none was found"
         raise ValueError(f"{path} is an image; name the YAML file of the map, {advice}")
 
 
 def map_paths(path: Path) -> tuple[Path, Path]:
-    """Return the image and the YAML file that `save_map` writes; ValueError if the path ends otherwise."""
+    """Return the image path and the YAML path of a saved map; ValueError for an unknown suffix."""
     if path.suffix not in ("", ".yaml", ".yml", ".pgm", ".png"):
         raise ValueError(f"a map is saved as .yaml, .pgm or .png, got {path}")
     image_path = path if path.suffix in (".pgm", ".png") else path.with_suffix(".pgm")
@@ -69,17 +67,17 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
-    """Save a grid for map_server; a full disk changes nothing.
+    """Save a grid in map_server format; return the path of the YAML file.
 
-    `trinary` writes the classes that planners use, as map_saver does: 254 for free, 0 for occupied (`OCCUPIED_FROM`
-    percent or more), 205 for unknown. `scale` keeps the percentages; unknown cells are transparent, which takes a PNG.
-
-    `path`, which is returned: `NAME.yaml` or `NAME` (image in `NAME.pgm`, or for `scale` in `NAME.png`), `NAME.pgm` or
-    `NAME.png` (YAML in `NAME.yaml`).
+    Args:
+        grid: map to save.
+        path: `NAME`, `NAME.yaml`, `NAME.pgm` or `NAME.png`.
+        mode: `trinary` writes 254 for free, 0 for occupied and 205 for unknown cells, as map_saver does. `scale` keeps
+            percentages in a PNG, with transparent unknown cells.
 
     Raises:
-        ValueError: another suffix or mode, or a PGM for `scale`.
-        OSError: writing fails.
+        ValueError: the suffix or mode is invalid, or `scale` is used with PGM.
+        OSError: writing failed.
     """
     image_path, yaml_path = map_paths(Path(path))
     if mode == "scale" and Path(path).suffix not in (".pgm", ".png"):
@@ -104,7 +102,7 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
         "free_thresh": FREE_THRESH if mode == "trinary" else 0.0,
         "mode": mode,
     }
-    file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow writes grey images as PGM P5 under this name
+    file_format = "PNG" if image_path.suffix == ".png" else "PPM"  # Pillow's name for PGM
     Image.fromarray(np.ascontiguousarray(pixels)).save(image, format=file_format)
     text = yaml.safe_dump(content, sort_keys=False, default_flow_style=None)
     for target, written in ((image_path, image.getvalue()), (yaml_path, text)):
@@ -116,17 +114,14 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 
 
 def load_map(path: str | Path) -> OccupancyGrid:
-    """Read a map from its YAML file, with map_server's modes `trinary`, `scale` and `raw`.
+    """Load a map from a YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    As in map_server, colours are averaged, in `trinary` together with the opacity of an image that is transparent
-    somewhere; transparent pixels are unknown in `scale`. In `raw`, pixel values up to 100 are percentages and all
-    others unknown. One case differs from map_server: a `free_thresh` that takes the grey 205 for free, such as the 0.25
-    of older Nav2 map_savers. If an image holds the greys of map_savers alone (0, 205, 254, and 255), 205 is unknown,
-    and the logger warns.
+    Unlike map_server, if `free_thresh` would make grey 205 free (older Nav2 map_savers write 0.25) and the image has
+    only map_saver's greys, 205 is unknown and a warning is logged.
 
     Raises:
-        ValueError: if the YAML or the image is damaged, or the map is rotated; names the file and the key.
-        FileNotFoundError: if one of the files is missing.
+        ValueError: the YAML or image is damaged, or the map is rotated.
+        FileNotFoundError: the YAML file or image is missing.
     """
     path = Path(path)
     check_no_image(path)
@@ -140,13 +135,13 @@ def load_map(path: str | Path) -> OccupancyGrid:
 
 
 def _read_image(source: Path, file: MapFile) -> np.ndarray:
-    """Return the occupancy of the pixels of the image that a YAML file names, its shape, int8 [percent], -1 unknown."""
+    """Return the occupancy of an image: shape of the image, int8 [percent], -1 for unknown."""
     path = source.parent / file.image
-    if not os.path.isfile(path):  # False for what is no path at all
+    if not os.path.isfile(path):  # False for invalid paths
         raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of damaged files, and of large images: there is a limit of ours
+            warnings.simplefilter("ignore")  # of damaged and of large images
             check_file(path, MAX_IMAGE_BYTES)
             with Image.open(path, formats=IMAGE_FORMATS) as image:
                 if image.width * image.height > MAX_CELLS:
@@ -157,7 +152,7 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
                 array = np.asarray(image if plain else image.convert("RGB"))
     except PermissionError:
         raise
-    except Exception as error:  # Pillow raises many kinds for damaged files
+    except Exception as error:  # many types for damaged files
         said = " ".join(str(error).split()) or type(error).__name__
         raise ValueError(f"{source}: map image {path} cannot be read: {said}") from error
     is_transparent = None if alpha is None or alpha.min(initial=255) == 255 else alpha < 255
@@ -184,14 +179,14 @@ def _read_image(source: Path, file: MapFile) -> np.ndarray:
             fate = "free; write free_thresh: 0.196 if it means unknown"
             if counts[is_saved].sum() >= SAVED_SHARE * counts.sum():
                 data[is_unknown[index]] = UNKNOWN
-                fate = "unknown, as map_savers mean it"
-            text = "%s: free_thresh %g takes the grey 205 for free; it is read as %s"
+                fate = "unknown, as written by map_saver"
+            text = "%s: free_thresh %g classifies grey 205 as free; it is read as %s"
             logging.getLogger(__name__).warning(text, printable(source), file.free_thresh, fate)
     return data
 
 
 def _interpret(grey: np.ndarray, file: MapFile) -> np.ndarray:
-    """Return the occupancy of grey values from 0 to 255: int8 [percent], -1 for unknown."""
+    """Convert grey values (0 to 255) to occupancy: int8 [percent], -1 for unknown."""
     if file.mode == "raw":
         return np.where(grey <= 100, np.rint(grey), UNKNOWN).astype(np.int8)
     occupancy = grey / 255 if file.negate else (255 - grey) / 255

@@ -1,5 +1,3 @@
-"""Maps used as worlds: one connected area of free cells, and all else solid."""
-
 import logging
 import math
 
@@ -15,32 +13,29 @@ from .raster import check_world, outline
 from .world import World, kept_with_world
 
 WALL_WIDTH = 0.25
-"""Distance from the border of an area to occupied cells that bound it [m]: cells between may be undecided."""
+"""Maximum distance from the border of an area to its walls [m]."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
-"""Obstacles enclose an area where walls are at least the first share of its border, and the edge of the map at most the
-second one."""
+"""Minimum share of walls and maximum share of map edge on the border of an enclosed area."""
 DOOR_WIDTH = 1.2
-"""Widest opening that counts as a door [m]."""
+"""Maximum width of a door [m]."""
 MIN_AREA = 1.0
-"""Smaller areas are no worlds, if there is a larger one [m2]."""
+"""Minimum size of an enclosed area, unless all areas are smaller [m2]."""
 FREE_SPACE = "in free space of the map"
-"""`class_at` of a pose that nothing blocks."""
-_DELAY = 2.0
-"""Time after which there is a progress bar [s]."""
+"""Result of `class_at` for a free cell."""
+_PROGRESS_DELAY = 2.0
+"""Delay before a progress bar appears [s]."""
 
 
 def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, source: str = "") -> World:
-    """Turn a map into a world: the outline of one connected area of free cells.
+    """Build a world from one connected free area of a map; all other cells become solid.
 
-    Everything else is solid: occupied cells and unknown ones, so that the world is closed even if the map is not.
-    The area is that of the spawn. Without a spawn it is the largest one that obstacles enclose, or else the largest
-    one, and the spawn lies as far from anything solid as it gets. The logger names the area and the size of the
-    rest. A progress bar shows up if it takes longer than two seconds.
+    The area is the one that contains `spawn`. Without a spawn, it is the largest enclosed area, or else the largest
+    area, and the spawn is the point farthest from obstacles.
 
     Raises:
-        ValueError: if the map has no free cell, or the spawn does not lie on one; names the class of its cell.
+        ValueError: the map has no free cell, or the spawn is not in a free cell.
     """
-    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_DELAY, leave=False) as bar:
+    with Progress(total=4, desc=f"world of map {name}", unit="step", delay=_PROGRESS_DELAY, leave=False) as bar:
         labels, count = ndimage.label(_is_free(grid))
         if count == 0:
             raise ValueError(f"map {name!r} has no free cell")
@@ -85,19 +80,17 @@ def world_from_map(grid: OccupancyGrid, name: str, spawn: Pose2D | None = None, 
 
 
 def _is_free(grid: OccupancyGrid) -> np.ndarray:
-    """Return the free cells of a map, its shape, bool."""
     is_free: np.ndarray = (grid.data >= 0) & (grid.data < OCCUPIED_FROM)
     return is_free
 
 
 def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
-    """Return the value in the cell of a pose, -2 beyond the map."""
     cell = grid.cells(np.array(pose[:2]))
     return int(values[tuple(cell)]) if grid.contains(cell) else -2
 
 
 def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
-    """Say where in a map a pose lies."""
+    """Return a phrase for the state of the map at a pose: free, occupied, unknown or outside."""
     value = _value_at(grid.data, grid, pose)
     if value < 0:
         return "in unknown space of the map" if value == UNKNOWN else f"outside of the map, which covers {grid.bounds}"
@@ -105,14 +98,13 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 
 
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
-    """Return the label of the largest area that obstacles enclose, or else of the largest, and whether they do.
+    """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed.
 
-    `labels`: shape of the map, from 1, of areas that end `margin` [m] before walls and edges; `sizes`: of the areas
-    [m2]. See `ENCLOSED_SHARE`.
+    `labels`: shape of the map, from 1; areas end `margin` [m] before walls. `sizes`: of the areas [m2].
     """
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
-    kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # beside an area: 0 open, 1 walls, 2 the edge
+    kinds = np.full((labels.shape[0] + 2, labels.shape[1] + 2), 2)  # neighbours of an area: 0 open, 1 wall, 2 map edge
     inner = slice(rim + 1, -rim - 1), slice(rim + 1, -rim - 1)
     kinds[inner] = np.pad(is_open == 0, 1)[inner]
     padded, counts = np.pad(labels, 1), np.zeros((len(sizes) + 1) * 3)
@@ -128,10 +120,7 @@ def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, mar
 
 
 def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
-    """Return the largest part of an area, padded by a cell, that obstacles enclose except for doors, or else all of it.
-
-    A plan with an open door is one area with the space around the building.
-    """
+    """Return the largest part of a padded area that is enclosed except for doors, or else all of `area`."""
     rooms, count = ndimage.label(ndimage.distance_transform_edt(area) * grid.resolution > 0.5 * DOOR_WIDTH)
     if count < 2:
         return area
@@ -142,17 +131,13 @@ def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
 
 @kept_with_world
 def _areas(world: World) -> np.ndarray:
-    """Return the labels of the connected free areas of the map of a world, its shape, from 1; 0 for other cells."""
     assert world.map is not None
     labels: np.ndarray = ndimage.label(_is_free(world.map))[0]
     return labels
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of another area of the same map if a pose lies in one, else the world as it is.
-
-    The same object each time.
-    """
+    """Return the world of the map area that contains a pose (cached), or `world` if there is no other area."""
     if world.map is None:
         return world
     labels = _areas(world)
@@ -162,7 +147,6 @@ def area_around(world: World, pose: Pose2D) -> World:
 
 @kept_with_world
 def _other_area(world: World, label: int) -> World:
-    """Return the world of the area with a label; its spawn lies as far from anything solid as it gets."""
     assert world.map is not None
     cell = np.array(deepest_cell(np.pad(_areas(world) == label, 1))) - 1
     x, y = world.map.centers(cell).tolist()
@@ -171,7 +155,7 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return the free cells that the map of a world leaves out: 100 there, 0 elsewhere in the known part of the map."""
+    """Return a grid of the known part of a map: 100 for free cells outside the world, 0 elsewhere."""
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)
     (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()

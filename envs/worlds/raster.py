@@ -1,4 +1,4 @@
-"""Worlds as rasters: which cells are touched, what can be reached, whether the outside can; and rasters as outlines."""
+"""Rasterization and validity checks of worlds."""
 
 import numpy as np
 from numba import njit
@@ -11,13 +11,13 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from .world import MAX_COORDINATE, World
 
 MAX_CELLS = 100_000_000
-"""Most cells of a raster: 500 m x 500 m in cells of 0.05 m, which take some gigabytes to work on."""
+"""Maximum number of cells of a raster, such as 500 m x 500 m at 0.05 m."""
 CHECK_RESOLUTION = 0.05
-"""Side of the cells in which worlds are checked for leaks [m]."""
+"""Cell size for validity checks of worlds [m]."""
 _SNAP = 1e-3
-"""Coordinates this close below a cell border count as on it [cells], so that rounding errors decide nothing."""
-_ON = 0.01
-"""A spawn this close to a wall or a body lies on it [m]."""
+"""Offset of coordinates against rounding errors at cell borders [cells]."""
+_MIN_CLEARANCE = 0.01
+"""Minimum distance of a spawn or goal from walls and bodies [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -28,7 +28,7 @@ def _set(data, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _draw_segment(data, x0, y0, x1, y1):
-    """Set every cell that the segment (in units of cells) crosses; through a corner, both cells beside it too."""
+    """Mark all cells that a segment crosses [cells]; at a corner, both neighbours."""
     walk = start_walk(x0, y0, x1, y1)
     _set(data, walk.row, walk.col)
     while walk.rows_left + walk.cols_left > 0:
@@ -41,7 +41,7 @@ def _draw_segment(data, x0, y0, x1, y1):
 
 @njit(cache=True, error_model="numpy")
 def _draw_disc(data, x, y, radius):
-    """Set every cell that has a point within `radius` of (x, y), all in units of cells."""
+    """Mark all cells within `radius` of (x, y) [cells]."""
     height, width = data.shape
     for row in range(max(int(np.floor(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
         for col in range(max(int(np.floor(x - radius)), 0), min(int(np.floor(x + radius)) + 1, width)):
@@ -53,7 +53,6 @@ def _draw_disc(data, x, y, radius):
 
 @njit(cache=True, error_model="numpy")
 def _draw(data, segments, circles):
-    """Set all cells touched by segments (n, 4) and circles (m, 3), in units of cells."""
     for i in range(segments.shape[0]):
         _draw_segment(data, segments[i, 0], segments[i, 1], segments[i, 2], segments[i, 3])
     for i in range(circles.shape[0]):
@@ -61,11 +60,13 @@ def _draw(data, segments, circles):
 
 
 def rasterize(world: World, resolution: float) -> OccupancyGrid:
-    """Mark the cells, of side `resolution` [m], that a world's static segments and circles touch.
+    """Return the occupancy grid of a world's static geometry, with cells of side `resolution` [m], world frame.
 
-    A cell owns its lower and left border, circles are filled, the inside of other bodies is not. Movers are left out.
-    Returns 0 (free) and 100 (touched) over the world's bounds and at least one more cell on each side, world frame.
-    ValueError if the resolution is not positive, or so fine that there would be more than `MAX_CELLS`.
+    Cells touched by segments or circles are 100, others 0. Circles are filled; other bodies are outlines. The grid
+    extends at least one cell beyond the world.
+
+    Raises:
+        ValueError: `resolution` is not positive or gives more than `MAX_CELLS` cells.
     """
     if not resolution > 0:
         raise ValueError(f"resolution must be positive, got {resolution!r}")
@@ -88,10 +89,9 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 def reachable(
     world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
 ) -> tuple[OccupancyGrid, np.ndarray]:
-    """Find where the centre of a robot of a radius [m] can get from the first spawn, on cells of a side [m].
+    """Return the raster of a world, and the mask of cells that a robot can reach from the first spawn.
 
-    Returns the raster of the world, and a mask of its shape: cells farther than `radius` from every touched cell and
-    connected to the first spawn through the sides of such cells. Empty where the robot does not fit at the spawn.
+    `resolution`: side of a cell [m]; `radius`: of the robot [m]. The mask has the shape of the raster, bool.
     """
     grid = rasterize(world, resolution)
     free = grid.data == FREE
@@ -104,23 +104,22 @@ def reachable(
 
 
 def free_area(world: World, radius: float = 0.0) -> float:
-    """Return the size of the area that the centre of a robot of `radius` can reach from the first spawn [m2]."""
+    """Return the area that a robot of `radius` [m] can reach from the first spawn [m2]."""
     grid, mask = reachable(world, radius=radius)
     return float(np.count_nonzero(mask)) * grid.resolution**2
 
 
 def leaks(mask: np.ndarray) -> bool:
-    """Tell whether an area (a mask from `reachable`) comes to the edge of the raster, that is out of the world."""
+    """Return True if a mask from `reachable` touches the edge of the raster."""
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
 def check_world(world: World) -> World:
-    """Return a world after making sure that robots can be driven in it.
+    """Validate a world and return it.
 
     Raises:
-        ValueError: if there is no spawn, a spawn or goal lies on something solid or out of bounds, they are not
-            connected, goals are not as many as spawns, the outside can be reached, numbers are not finite, or the world
-            is too large to be worked on.
+        ValueError: the world is not closed or too large; coordinates are not finite; or spawns or goals are missing, in
+            collision, out of bounds or unreachable.
     """
     if not world.spawns:
         raise ValueError(f"world {world.name!r} has no spawn; give at least one pose (x, y, heading)")
@@ -128,7 +127,9 @@ def check_world(world: World) -> World:
     for what, values in numbers + [("people", person.waypoints) for person in world.people]:
         farthest = np.abs(np.asarray(values, dtype=np.float64)).max(initial=0.0)
         if not farthest <= MAX_COORDINATE:
-            raise ValueError(f"world {world.name!r}: {what} hold {farthest:g}, at most {MAX_COORDINATE:g} m is allowed")
+            raise ValueError(
+                f"world {world.name!r}: {what} contain {farthest:g}; at most {MAX_COORDINATE:g} m is allowed"
+            )
     if len(world.goals) not in (0, len(world.spawns)):
         goals, spawns = len(world.goals), len(world.spawns)
         raise ValueError(f"world {world.name!r} has {goals} goals and {spawns} spawns; give one for each or none")
@@ -140,7 +141,7 @@ def check_world(world: World) -> World:
         cell = grid.cells(np.array([pose.x, pose.y]))
         if not grid.contains(cell):
             raise ValueError(f"world {world.name!r}: {what} {tuple(pose)} lies outside its bounds {world.bounds}")
-        if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _ON:
+        if labels[tuple(cell)] == 0 or clearance(pose.x, pose.y, world.segments, world.circles) < _MIN_CLEARANCE:
             raise ValueError(
                 f"world {world.name!r}: {what} {tuple(pose)} lies on or within {CHECK_RESOLUTION} m of a wall or a body"
             )
@@ -159,13 +160,12 @@ def check_world(world: World) -> World:
 
 
 def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """Return the borders between solid and open cells, straight neighbours merged: shape (n, 4), (x0, y0, x1, y1) [m].
+    """Return the borders between solid and open cells as merged segments (x0, y0, x1, y1): shape (n, 4) [m].
 
-    `solid`: shape (height, width), bool; beyond the array counts as solid, so that no segments run along its edge
-    unless open cells touch it. `xs`, `ys`: shapes (width + 1,) and (height + 1,), positions of the grid lines [m].
+    `solid`: shape (height, width), bool; cells outside the array count as solid. `xs`, `ys`: positions of the grid
+    lines, shapes (width + 1,) and (height + 1,) [m].
     """
     padded = np.pad(solid, 1, constant_values=True)
-    # Border k of a row of cells lies between cell k - 1 and cell k.
     cols, bottoms, tops = _runs((padded[1:-1, 1:] != padded[1:-1, :-1]).T)
     rows, lefts, rights = _runs(padded[1:, 1:-1] != padded[:-1, 1:-1])
     segments = np.empty((len(cols) + len(rows), 4))
@@ -178,7 +178,7 @@ def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
 
 
 def _runs(marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the runs of true values along the rows: row, start and end of each, all of shape (n,), int64."""
+    """Return row, start and end of the runs of True along the rows: three arrays of shape (n,), int64."""
     steps = np.diff(np.pad(marks.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(steps == 1)
     return rows, starts, np.nonzero(steps == -1)[1]

@@ -1,5 +1,3 @@
-"""Which cells of a raster see one of some others along a straight line of free cells."""
-
 import math
 from itertools import product
 
@@ -10,36 +8,31 @@ from lidarnaut.envs.geometry.lines import cell_along, longest_step
 from lidarnaut.envs.progress import Progress
 
 NUM_DIRECTIONS = 180
-"""Directions in which a goal is searched for from a cell."""
+"""Number of directions of lines of sight from a cell."""
 _HEIGHT, _WIDTH = 8, 128
-"""Size of a block of cells that look at once: a byte holds eight rows of a column, and bytes side by side are combined
-by vector instructions."""
+"""Block size in cells: a byte holds eight rows of a column; adjacent bytes are combined by vector instructions."""
 _ROWS = 10 * _HEIGHT
-"""Rows of cells between two updates of the progress bar."""
-_DELAY = 2.0
-"""Time after which there is a progress bar [s]."""
+_PROGRESS_DELAY = 2.0
+"""Delay before a progress bar appears [s]."""
 
 
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Find the candidates that see one of the goals along a line of at most `reach` cells, and the goals themselves.
+    """Return the goals, and the candidates with a line of sight of at most `reach` cells to a goal.
 
-    All arrays are of the same shape, bool; goals and candidates are free cells. All cells of a block look along the
-    same line at once; bits tell which of them have met neither a wall nor a goal yet. So the time is proportional to
-    the number of cells, and at worst to the reach, whatever the shape of the free space: other searches take minutes
-    for large maps with doors that are too narrow. Cells from which no path with the steps of an octant's lines leads
-    to a goal do not look along these. A progress bar shows up after two seconds.
+    All arrays: shape (height, width), bool. Goals and candidates are free cells. A block of cells is processed in
+    parallel, so that the time is proportional to the number of cells. `name`: of the world, for the progress bar.
     """
     height = len(free)
-    reach = min(reach, 2.0 * max(free.shape))  # lines that are longer end beyond the raster
+    reach = min(reach, 2.0 * max(free.shape))  # longer lines leave the raster
     slopes, lengths, lines = _lines(reach)
     plain, ends = _pack(free & ~goals), _pack(goals)
     visible = goals.copy()
     label = f"explorable area of {name}"
-    with Progress(total=8 * height, desc=label, unit="row", delay=_DELAY, leave=False) as bar:
+    with Progress(total=8 * height, desc=label, unit="row", delay=_PROGRESS_DELAY, leave=False) as bar:
         for axis, sign, side in product((0, 1), (1, -1), (1, -1)):
-            # An octant: one step in `sign` along the axis each time, to `side` or not at all along the other one.
+            # In an octant, each step moves by `sign` along `axis`, and by `side` or 0 along the other axis.
             chosen = np.flatnonzero((slopes[:, axis] == sign) & ((slopes[:, 1 - axis] >= 0) == (side > 0)))
             straight, diagonal = ((sign, 0), (sign, side)) if axis == 0 else ((0, sign), (side, sign))
             wanted = _pack(candidates & ~visible & _comes_near(free, goals, straight, diagonal, reach))
@@ -52,14 +45,14 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Tell from which cells some path of two kinds of steps, each (rows, columns), leads to a goal through free cells.
+    """Return the cells that can reach a goal with two kinds of steps (rows, columns) through free cells.
 
-    Shape (height, width), bool; paths have at most `reach` steps.
+    A necessary condition for a line of sight. At most `reach` steps; shape (height, width), bool.
     """
     height, width = free.shape
     far = np.uint16(2**16 - 2)
     near = np.empty((height, width), dtype=np.bool_)
-    # Steps to a goal in this row and in the one that steps lead to, with a margin.
+    # Steps to a goal in this row and in the previous row, padded.
     line, before = np.full(width + 2, far, dtype=np.uint16), np.full(width + 2, far, dtype=np.uint16)
     by_row, by_col = diagonal
     for k in range(height):
@@ -85,7 +78,7 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Return steps (`longest_step`), numbers of steps, and (row, column) after each step of the lines from any cell.
+    """Return slope, number of steps, and (row, column) offsets of the steps for all lines of sight.
 
     Shapes (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
     """
@@ -93,7 +86,7 @@ def _lines(reach):
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
     lines = np.empty((NUM_DIRECTIONS, int(reach) + 1, 2), dtype=np.int64)
     for k in range(NUM_DIRECTIONS):
-        # The golden angle: any few directions in sequence look all around.
+        # Golden angle: consecutive directions cover the circle.
         d_row, d_col = longest_step(2.399963229728653 * k)
         slopes[k, 0], slopes[k, 1] = d_row, d_col
         lengths[k] = int(reach / math.hypot(d_row, d_col))
@@ -104,10 +97,7 @@ def _lines(reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _pack(mask):
-    """Return the bits of a mask, shape (height + 2 _HEIGHT, width + 2 _WIDTH), uint8, with a margin of zeros.
-
-    Bit b at (row + _HEIGHT, column + _WIDTH) is that of the mask at (row + b, column): a byte holds eight rows.
-    """
+    """Pack a mask into bytes, padded by zeros: bit b at (row, column) is the mask at (row + b, column)."""
     height, width = mask.shape
     packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
     for row in range(height - 1, -_HEIGHT, -1):
@@ -122,9 +112,9 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Mark in `visible` which of the wanted cells of the rows from `first`, a multiple of `_HEIGHT`, see a goal.
+    """Mark in `visible` the wanted cells of rows `first` to `last` that see a goal.
 
-    Free cells without the goals, goals, and cells in question are packed, see `_pack`; for the lines see `_lines`.
+    `plain` (free cells without goals), `ends` (goals) and `wanted` are packed by `_pack`.
     """
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
@@ -133,7 +123,7 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
             asked = wanted[top + _HEIGHT, start + _WIDTH : start + 2 * _WIDTH]
             if not asked.any():
                 continue
-            for j in range(_WIDTH):  # as slices, it would take Numba seconds to compile
+            for j in range(_WIDTH):  # slices compile slowly
                 left[j] = asked[j]
             for k in range(lengths.shape[0]):
                 if not left.any():
@@ -155,9 +145,9 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(plain, ends, alive, left):
-    """Let the cells of a block that are `alive` take a step; return whether any has met neither a wall nor a goal yet.
+    """Advance the lines of the `alive` cells by one step; return True if any can continue.
 
-    Shape (_WIDTH,), uint8, each; `left` are those that have seen no goal so far.
+    `left`: cells that have not seen a goal. Packed bits, shape (_WIDTH,), uint8.
     """
     remain = np.uint8(0)
     for j in range(_WIDTH):

@@ -1,5 +1,3 @@
-"""Worlds as data: walls, people on fixed routes, spawns."""
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import wraps
@@ -12,54 +10,51 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
 Result = TypeVar("Result")
 MAX_COORDINATE = 1e7
-"""Numbers of a world beyond this are no positions or sizes [m]; coordinates of maps of the earth lie below."""
+"""Maximum absolute coordinate or size [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedRoute:
-    """A person who walks around a closed polyline at constant speed, and waits where a robot is in the way."""
+    """Person on a closed polyline at constant speed, waiting while a robot is in the way."""
 
     radius: float
     """Radius of the person [m]."""
     waypoints: np.ndarray
-    """Shape (k, 2), float64, corners of the closed polyline [m]; the person starts at the first one."""
+    """Corners of the closed polyline, starting position first: shape (k, 2), float64 [m]."""
     speed: float
     """Speed along the polyline [m/s]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class World:
-    """A horizontal section through an environment at the height of the robots' lidars, extruded to `height`."""
+    """Horizontal section of an environment at lidar height, extruded to `height`."""
 
     name: str
-    """What users call it."""
     segments: np.ndarray
-    """Shape (n, 4), float64: walls and outlines of solid bodies as (x0, y0, x1, y1) [m]."""
+    """Walls and outlines of solid bodies as (x0, y0, x1, y1): shape (n, 4), float64 [m]."""
     circles: np.ndarray
-    """Shape (m, 3), float64: vertical cylinders as (x, y, radius) [m]."""
+    """Vertical cylinders as (x, y, radius): shape (m, 3), float64 [m]."""
     spawns: tuple[Pose2D, ...]
-    """Poses where a robot can start; the first is the usual one. All lie in one connected free area."""
+    """Start poses in one connected free area; the first is the default."""
     bounds: tuple[float, float, float, float]
-    """(x_min, y_min, x_max, y_max) of everything static [m]."""
+    """Bounds (x_min, y_min, x_max, y_max) of the static geometry [m]."""
     people: tuple[FixedRoute, ...] = ()
-    """People on fixed routes, who belong to the world."""
     goals: tuple[Pose2D, ...] = ()
-    """Usual goal of a robot that starts at each of the spawns; empty where the world has none."""
+    """Default goal for each spawn, or empty."""
     optimal_length: float | None = None
-    """Length of the path from the first spawn to its goal that a benchmark measures robots by [m]."""
+    """Reference path length from the first spawn to its goal [m]."""
     height: float = 1.0
     """Height of walls and bodies in the physics engine [m]."""
     source: str = ""
-    """Where the geometry comes from."""
+    """Origin of the geometry."""
     licence: str = ""
-    """Licence of the source, as its authors state it."""
     notes: str = ""
-    """What was chosen, closed or left out when the source became this world."""
+    """Changes made to the source geometry, such as closed gaps."""
     map: OccupancyGrid | None = None
-    """Map that the world was made of; None for others."""
+    """Source map of the world, if any."""
 
     def scaled(self, factor: float) -> "World":
-        """Return the world enlarged by a factor in the plane, with people that take as long for a round."""
+        """Return the world scaled in the plane; people take the same time per round."""
         return replace(
             self,
             segments=factor * self.segments,
@@ -74,14 +69,14 @@ class World:
 
     @property
     def circles_at_start(self) -> np.ndarray:
-        """The circles, and after them the people on fixed routes at time 0: shape (m + people, 3), float64 [m]."""
+        """Cylinders and people at time 0, as (x, y, radius): shape (n, 3), float64 [m]."""
         if not self.people:
             return self.circles
         return np.vstack([self.circles, [(*person.waypoints[0], person.radius) for person in self.people]])
 
 
 def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Keep what a function makes of a world or its area, the first argument, and of hashable others, while it lives."""
+    """Cache results for the lifetime of the first argument, a world or `ExplorableArea`."""
     kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
 
     @wraps(function)
@@ -95,11 +90,11 @@ def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
-    """Return the corners of a rectangle around (x, y), counter-clockwise, shape (4, 2) [m]."""
+    """Return the corners of a rectangle centred at (x, y), counter-clockwise: shape (4, 2) [m]."""
     corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
     return Pose2D(x, y, yaw).transform(corners)
 
 
 def edges(points: np.ndarray) -> np.ndarray:
-    """Return the segments from each of n points to the next, and from the last to the first: shape (n, 4) [m]."""
+    """Return the edges of a closed polygon as segments (x0, y0, x1, y1): shape (n, 4) [m]."""
     return np.hstack([points, np.roll(points, -1, axis=0)])

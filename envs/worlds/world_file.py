@@ -1,5 +1,3 @@
-"""World files: a world as YAML, one row per body."""
-
 import math
 import reprlib
 from typing import Annotated
@@ -13,7 +11,7 @@ from .raster import check_world
 from .world import MAX_COORDINATE, FixedRoute, World, box, edges
 
 MAX_SPEED = 100.0
-"""Greatest speed of a person on a fixed route [m/s]."""
+"""Maximum speed of a person on a fixed route [m/s]."""
 
 Number = Annotated[float, Field(ge=-MAX_COORDINATE, le=MAX_COORDINATE, allow_inf_nan=False)]
 Size = Annotated[float, Field(gt=0.0, le=MAX_COORDINATE, allow_inf_nan=False)]
@@ -22,13 +20,13 @@ Loops = list[list[list[Number]]]
 
 
 def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) -> AfterValidator:
-    """Hold rows to the named columns; the last `optional` ones may be missing."""
+    """Return a validator for rows with the named columns."""
     names = columns.split(", ")
 
     def check(rows: Rows) -> Rows:
         for i, row in enumerate(rows):
             if not len(names) - optional <= len(row) <= len(names):
-                may = f" ({', '.join(names[-optional:])} may be left out)" if optional else ""
+                may = f" ({', '.join(names[-optional:])} optional)" if optional else ""
                 raise ValueError(f"row {i} must be [{columns}]{may}, got {reprlib.repr(row)}")
             for k in positive:
                 if k < len(row) and row[k] <= 0:
@@ -39,7 +37,7 @@ def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) ->
 
 
 def _points(minimum: int) -> AfterValidator:
-    """Hold lists of points to pairs of numbers, of which at least `minimum` differ."""
+    """Return a validator for lists of at least `minimum` different points (x, y)."""
 
     def check(loops: Loops) -> Loops:
         for i, loop in enumerate(loops):
@@ -53,7 +51,7 @@ def _points(minimum: int) -> AfterValidator:
 
 
 class RouteFile(BaseModel):
-    """A person on a fixed route in a world file."""
+    """Person on a fixed route in a world file."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -63,46 +61,45 @@ class RouteFile(BaseModel):
 
 
 class WorldFile(BaseModel):
-    """The keys of a world file; lengths in metres, angles in radians."""
+    """World as YAML; lengths in metres, angles in radians."""
 
     model_config = ConfigDict(extra="forbid")
 
     source: str
-    """Where the geometry comes from."""
+    """Origin of the geometry."""
     licence: str
-    """Licence of the source, as its authors state it."""
+    """License of the source."""
     notes: str = ""
-    """What was chosen, closed or left out."""
+    """Changes to the source geometry, such as closed gaps."""
     height: Size = 1.0
     """Height of walls and bodies in the physics engine."""
     spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
-    """Poses where a robot can start; the first is the usual one."""
+    """Start poses; the first is the default."""
     goals: Annotated[Rows, _columns("x, y, heading")] = []
-    """Usual goal from each of the spawns."""
+    """Default goal for each spawn."""
     boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
-    """Solid rectangles: centre, size, rotation."""
+    """Solid rectangles: centre, size and yaw."""
     polygons: Annotated[Loops, _points(3)] = []
-    """Solid bodies by their corners; the last joins the first."""
+    """Solid polygons by their corners."""
     polylines: Annotated[Loops, _points(2)] = []
-    """Thin walls from point to point, such as the outline of a room; repeat the first point to close one."""
+    """Thin walls along lists of points; repeat the first point to close a polyline."""
     segments: Annotated[Rows, _columns("x0, y0, x1, y1, thickness", positive=(4,), optional=1)] = []
-    """Straight walls: thin, or solid rectangles where a thickness is given."""
+    """Straight walls: thin, or solid rectangles if a thickness is given."""
     cylinders: Annotated[Rows, _columns("x, y, radius", positive=(2,))] = []
-    """Upright cylinders."""
+    """Vertical cylinders."""
     people: list[RouteFile] = []
-    """People who walk around closed polylines at constant speed."""
+    """People on closed polylines at constant speed."""
     closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
-    """Thin walls that the source does not have, added so that nothing leaks out."""
+    """Thin walls that close gaps of the source."""
 
 
 def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
-    """Return the corners of a straight wall, half its thickness longer at both ends so that corners close."""
     length = math.hypot(x1 - x0, y1 - y0) + thickness
     return box((x0 + x1) / 2, (y0 + y1) / 2, length, thickness, math.atan2(y1 - y0, x1 - x0))
 
 
 def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
-    """Tell whether a point lies inside a polygon (even-odd rule)."""
+    """Return True if a point lies inside a polygon (even-odd rule)."""
     x0, y0, x1, y1 = edges(polygon).T
     crosses = (y0 > y) != (y1 > y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -111,10 +108,10 @@ def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
 
 
 def build_world(name: str, file: WorldFile) -> World:
-    """Turn the content of a world file into a world.
+    """Build a world from a world file.
 
     Raises:
-        ValueError: if a spawn lies in or on something solid, or the outside can be reached.
+        ValueError: the world is empty or not closed, or a spawn or goal is in collision.
     """
     solids = [box(*row) for row in file.boxes]
     solids += [np.array(loop) for loop in file.polygons]

@@ -44,7 +44,7 @@ def test_a_record_survives_being_written(tmp_path):
         ({"speed": 1, "wheels": [{"radius": -1}]}, "mem: wheels.0: radius must be positive, got -1.0$"),
         ({"speed": 1, "spare": {"radios": 1}}, r"unknown key 'spare.radios' \(did you mean 'radius'\?\); allowed"),
         ({"sped": 1, "colour": 2}, r"^(mem: .*\n){2}mem: .*$"),  # each mistake has a line of its own
-        ([1], "mem: must hold keys and values, got list"),
+        ([1], "mem: must be a mapping of keys to values, got list"),
     ],
 )
 def test_mistakes_name_source_key_and_what_is_allowed(content, message):
@@ -62,7 +62,7 @@ def bomb(first, line, repeats):
     ("text", "message"),
     [
         ("a: [1", "not readable as YAML"),
-        ("- 1", "keys and values"),
+        ("- 1", "mapping of keys to values"),
         ("a: 1\na: 2", "key 'a' occurs twice"),
         ("a: 2024-13-45", "not readable as YAML: month"),
         ("a: " + "9" * 5000, "number of 5,000 characters; at most 100 are allowed"),

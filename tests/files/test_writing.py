@@ -136,7 +136,7 @@ def test_a_folder_with_links_is_refused_before_anything_is_written(tmp_path, whe
     link = folder / where
     link.parent.mkdir(exist_ok=True)
     link.symlink_to(tmp_path / target)
-    with pytest.raises(ValueError, match=rf"{where} is a symbolic link: nothing is written through links; remove it"):
+    with pytest.raises(ValueError, match=rf"{where} is a symbolic link: writing through links is refused; remove it"):
         own_folder(folder)
     (tmp_path / "named").symlink_to(tmp_path / "precious")
     assert own_folder(tmp_path / "named").is_symlink()  # the caller names it

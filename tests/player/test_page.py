@@ -27,7 +27,7 @@ def test_recordings_of_others_make_a_page_or_are_named(tmp_path):
     recording = synthetic(5.0)
     del recording.about["explorer"]
     (tmp_path / "a.npz").write_bytes(recording.to_bytes())
-    with pytest.raises(ValueError, match=r"a\.npz is no recorded episode \(about lacks explorer\)"):
+    with pytest.raises(ValueError, match=r"a\.npz is not a recorded episode \(about lacks explorer\)"):
         Recording.load(tmp_path / "a.npz")
 
 
@@ -48,7 +48,7 @@ def test_the_command_writes_the_page_and_opens_it(tmp_path, monkeypatch, capsys)
     ("names", "says"),
     [
         (["missing.npz"], "missing.npz"),
-        (["notes.txt"], "notes.txt is no recorded episode"),
+        (["notes.txt"], "notes.txt is not a recorded episode"),
         (["a.npz", "a.npz", "a.npz"], "shows 1 to 2 episodes, got 3"),
         ([], "shows 1 to 2 episodes, got 0"),
     ],

@@ -207,7 +207,7 @@ def changed(name, change):
 )
 def test_what_is_no_recording_is_named(tmp_path, content, says):
     (tmp_path / "other.npz").write_bytes(content)
-    with pytest.raises(ValueError, match=r"other\.npz is no recorded episode") as error:
+    with pytest.raises(ValueError, match=r"other\.npz is not a recorded episode") as error:
         Recording.load(tmp_path / "other.npz")
     assert says in str(error.value)
     assert "\n" not in str(error.value)

@@ -39,5 +39,5 @@ def test_there_are_no_others(name):
 
 
 def test_they_have_their_own_size():
-    with pytest.raises(ValueError, match=r"'barn:3' has its own"):
+    with pytest.raises(ValueError, match=r"'barn:3' has a fixed size"):
         world_sampler("barn:3", size=(20.0, 20.0))

@@ -156,7 +156,7 @@ def test_the_log_names_area_spawn_and_the_rest(tmp_path, caplog):
     caplog.set_level(logging.INFO)
     slam_toolbox_with_a_yard(tmp_path)
     world = load_world(tmp_path / "map.yaml")
-    assert "free_thresh 0.25 takes the grey 205 for free; it is read as unknown" in caplog.text
+    assert "free_thresh 0.25 classifies grey 205 as free; it is read as unknown" in caplog.text
     assert "world of map map: 29.5 m2 around the spawn" in caplog.text
     assert "left out: 21.6 m2 in 1 other areas" in caplog.text
     assert (left_out(world).data == 100).sum() * 0.05**2 == pytest.approx(21.6)

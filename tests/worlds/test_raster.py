@@ -126,8 +126,11 @@ def test_contour_of_two_cones_is_two_closed_circles():
         ({"spawns": [Pose2D(3.0, 0.0, 0.0)]}, "outside its bounds"),
         ({"spawns": []}, "no spawn"),
         ({"bounds": (-1e6, -1.0, 1e6, 1.0)}, r"cells of 0\.05 m; at most 100,000,000"),
-        *(({"segments": np.array([(0.0, 0.0, end, 1.0)])}, "'test': segments hold") for end in (1e308, np.inf, np.nan)),
-        *(({"bounds": (-1.0, -1.0, end, 1.0)}, "'test': bounds hold") for end in (1e308, np.inf, np.nan)),
+        *(
+            ({"segments": np.array([(0.0, 0.0, end, 1.0)])}, "'test': segments contain")
+            for end in (1e308, np.inf, np.nan)
+        ),
+        *(({"bounds": (-1.0, -1.0, end, 1.0)}, "'test': bounds contain") for end in (1e308, np.inf, np.nan)),
     ],
 )
 def test_what_is_wrong_with_a_world_is_named(changes, complaint):

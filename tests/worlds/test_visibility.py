@@ -93,6 +93,6 @@ def test_a_long_search_shows_its_progress(monkeypatch, capsys):
     goals[0, 0] = True
     visible_from(free, goals, free, 60.0, "hall")
     assert capsys.readouterr().err == ""
-    monkeypatch.setattr(visibility, "_DELAY", 0.0)
+    monkeypatch.setattr(visibility, "_PROGRESS_DELAY", 0.0)
     visible_from(free, goals, free, 60.0, "hall")
     assert "explorable area of hall" in capsys.readouterr().err

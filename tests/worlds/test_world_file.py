@@ -71,7 +71,7 @@ def test_every_kind_of_body(tmp_path):
         ("speed: 0.5", "speed: 1e9", r"people\.0\.speed: .*less than or equal to 100"),
         ("height: 5e-1", "height: 1e99", "height: "),
         ("source: here", "source: [", "not readable as YAML"),
-        (GOOD, "", "keys and values"),
+        (GOOD, "", "mapping of keys to values"),
         (GOOD, "source: a\nlicence: b\nspawns: [[0, 0, 0]]\n", "empty"),
     ],
 )

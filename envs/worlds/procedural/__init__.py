@@ -1,5 +1,3 @@
-"""Endless worlds by seed."""
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -14,18 +12,15 @@ from .plan import UNIT, Size, units
 
 @dataclass(frozen=True, slots=True)
 class _Family:
-    """How the worlds of a family are made."""
-
     build: Callable[..., World]
-    """Makes a world from its name, a generator and its outer size."""
     smallest: Size
-    """Smallest outer size [m]."""
+    """Minimum outer size (x, y) [m]."""
     low: Size
-    """From where sizes are drawn [m]."""
+    """Minimum random outer size (x, y) [m]."""
     high: Size
-    """Up to where they are drawn [m]."""
+    """Maximum random outer size (x, y) [m]."""
     radius: float = 0.25
-    """Robots up to this radius get everywhere that they should [m]; see `plan.REACH`."""
+    """Maximum robot radius that fits everywhere without scaling [m]."""
 
 
 _FAMILIES = {
@@ -46,16 +41,13 @@ _FAMILIES = {
 def _generate(
     family: str, seed: int, size: Size | None = None, radius: float = 0.0, difficulty: float | None = None
 ) -> World:
-    """Return a world of a family; the same arguments give the same bytes.
+    """Return a world of a family; equal arguments give identical worlds.
 
-    A robot of a radius of 0.25 m (of some families larger) fits everywhere that it should. For one of a larger `radius`
-    [m] everything is larger, but for the outer `size` (x, y) [m]. This is rounded to whole units; by default it is
-    drawn from the family's range, and at least as large as its smallest. `difficulty` is for `clutter`, from 0 to 1, by
-    default drawn.
+    `size`: outer size (x, y) [m], rounded to grid units; `radius`: of the robot [m], scales everything except the
+    outer size; `difficulty`: of `clutter`, from 0 to 1. None draws a value.
 
     Raises:
-        ValueError: if the size is not two numbers from the family's smallest, for this robot, to 200 m; or the
-            difficulty is not from 0 to 1, or the family has none.
+        ValueError: `size` or `difficulty` is out of range.
     """
     one = _FAMILIES[family]
     scale = max(1.0, radius / one.radius)
@@ -68,7 +60,7 @@ def _generate(
         least = f"{smallest[0]:g} x {smallest[1]:g} m{larger}"
         raise ValueError(f"size must be (width, height), from {least} to 200 x 200 m, got {size!r}")
     if difficulty is not None and family != "clutter":
-        raise ValueError(f"difficulty is for clutter; {family!r} has none")
+        raise ValueError(f"difficulty applies to the family 'clutter' only, not to {family!r}")
     build = partial(clutter.build, difficulty=difficulty) if family == "clutter" else one.build
     world = build(f"{family}-{seed}", rng, (units(size[0] / scale) * UNIT, units(size[1] / scale) * UNIT))
     return world.scaled(scale) if scale > 1.0 else world
@@ -77,10 +69,10 @@ def _generate(
 def _is_size(size: Any, smallest: Size) -> bool:
     try:
         return len(size) == 2 and all(least <= side <= 200 for side, least in zip(size, smallest))
-    except TypeError:  # no sequence, or one of something else than numbers
+    except TypeError:  # not a sequence of numbers
         return False
 
 
 FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}
-"""Generators of worlds: seed, optional outer size [m], radius of the robot [m] and difficulty in, world out. Even seeds
-train, odd ones test."""
+"""World generators by family: functions of seed (even: training, odd: testing) and optionally outer size [m], robot
+radius [m] and difficulty."""

@@ -1,4 +1,4 @@
-"""Caves: a cellular automaton, smoothed into rounded walls."""
+"""Caves from a cellular automaton with smoothed walls."""
 
 import math
 
@@ -10,13 +10,13 @@ from ..world import World
 from .plan import Size, world_within
 
 _CELL = 0.4
-"""Side of the automaton's cells [m]."""
+"""Side of a cell of the automaton [m]."""
 _STEP = 0.1
-"""Distance between the points of the drawing [m]."""
-_REACH = 0.35
-"""Radius of the disc that gets everywhere [m]: what a robot of 0.25 m radius needs, and the drawing's error."""
-_MARGIN = 0.2
-"""Least thickness of the outer wall [m]."""
+"""Grid spacing of the contoured field [m]."""
+_CLEARANCE_RADIUS = 0.35
+"""Radius of the disc that fits everywhere [m]: robot radius plus contour error."""
+_OUTER_WALL = 0.2
+"""Minimum thickness of the outer wall [m]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -26,61 +26,59 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
     fill = float(rng.uniform(0.42, 0.5))
     core = _largest(_traversable(rng, shape, fill))
     while np.count_nonzero(core) * _STEP**2 < 0.3 * width * height:
-        fill -= 0.02  # at the latest without any rock there is room enough
+        fill -= 0.02  # ends without any rock
         core = _largest(_traversable(rng, shape, fill))
-    # Free is what lies within reach of where the disc's centre can be, so that no corner is too tight for it.
+    # Free space is the union of all collision-free discs.
     distance = ndimage.distance_transform_edt(~core) * _STEP
     _sweep(distance)
     offset = (np.array([width, height]) - _STEP * (np.array(shape[::-1]) - 1)) / 2
-    segments = contour(distance, _REACH, tolerance=0.25) * _STEP + np.tile(offset, 2)
+    segments = contour(distance, _CLEARANCE_RADIUS, tolerance=0.25) * _STEP + np.tile(offset, 2)
     cells = np.argwhere(core)
     spawn = offset + _STEP * cells[int(rng.integers(len(cells)))][::-1]
     return world_within(name, size, rng, spawn, segments, np.empty((0, 3)))
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
-    """Grow a cave and return where in it the centre of a disc of radius `_REACH` can be: bool, of the given shape."""
+    """Grow a cave; return the mask of collision-free disc centres."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)
     for _ in range(4):
-        # A cell is rock if most of its neighbourhood is.
+        # A cell is rock if most of its neighbourhood is rock.
         rows = rock[:-2].astype(np.int8) + rock[1:-1] + rock[2:]
         rock[1:-1, 1:-1] = rows[:, :-2] + rows[:, 1:-1] + rows[:, 2:] >= 5
     fine = round(_CELL / _STEP)
     field = np.repeat(np.repeat(rock[1:-1, 1:-1].astype(np.float32), fine, axis=0), fine, axis=1)
     open_ground = ndimage.gaussian_filter(field, 0.6 * fine, mode="nearest")[: shape[0], : shape[1]] < 0.5
-    edge = round(_MARGIN / _STEP)
+    edge = round(_OUTER_WALL / _STEP)
     framed = np.zeros(shape, dtype=bool)
     framed[edge:-edge, edge:-edge] = open_ground[edge:-edge, edge:-edge]
-    return ndimage.distance_transform_edt(framed) * _STEP > _REACH
+    return ndimage.distance_transform_edt(framed) * _STEP > _CLEARANCE_RADIUS
 
 
 def _sweep(distance: np.ndarray) -> None:
-    """Take away rocks of less than 0.1 m2, in place."""
-    labels, _ = ndimage.label(distance >= _REACH)
+    """Remove rocks smaller than 0.1 m2, in place."""
+    labels, _ = ndimage.label(distance >= _CLEARANCE_RADIUS)
     small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
     small[0] = False
     distance[small[labels]] = 0.0
 
 
 def _largest(mask: np.ndarray) -> np.ndarray:
-    """Return the largest connected part of a mask."""
     labels, count = ndimage.label(mask)
     return labels == 1 + int(np.argmax(np.bincount(labels.ravel())[1:])) if count else mask
 
 
 @njit(cache=True, error_model="numpy")
 def _link(links, a, b):
-    """Note that the contour runs from grid edge `a` to grid edge `b`."""
     links[a, 0 if links[a, 0] < 0 else 1] = b
     links[b, 0 if links[b, 0] < 0 else 1] = a
 
 
 @njit(cache=True, error_model="numpy")
 def _march(field, level, links, points):
-    """Find where the contour crosses each grid edge, and which crossings follow each other (marching squares).
+    """Find and link the contour's crossings with grid edges (marching squares).
 
-    Grid edge 2 k runs from point k to its right neighbour, 2 k + 1 from point k to the one above.
+    Grid edge 2 k joins point k to its right neighbour, edge 2 k + 1 to its upper neighbour.
     """
     height, width = field.shape
     for row in range(height):
@@ -100,7 +98,7 @@ def _march(field, level, links, points):
             a, b = field[row, col] < level, field[row, col + 1] < level
             c, d = field[row + 1, col] < level, field[row + 1, col + 1] < level
             if a != b and c != d and a != c:
-                # A saddle: low corners stay apart.
+                # Saddle: separate the low corners.
                 _link(links, south, west if a else east)
                 _link(links, north, east if a else west)
             else:
@@ -115,7 +113,7 @@ def _march(field, level, links, points):
 
 @njit(cache=True, error_model="numpy")
 def _trace(links, points, tolerance, segments):
-    """Walk around every loop and write as few segments as stay within `tolerance` of it; return how many."""
+    """Simplify the contour loops within `tolerance`; return the number of segments written."""
     count = 0
     loop = np.empty(links.shape[0], dtype=np.int64)
     for start in range(links.shape[0]):
@@ -143,7 +141,6 @@ def _trace(links, points, tolerance, segments):
 
 @njit(cache=True, error_model="numpy")
 def _is_straight(points, loop, i, j, n, tolerance):
-    """Tell whether the loop's points between the i-th and the j-th lie within `tolerance` of the line between those."""
     x, y = points[loop[i], 0], points[loop[i], 1]
     dx, dy = points[loop[j % n], 0] - x, points[loop[j % n], 1] - y
     length = np.hypot(dx, dy)
@@ -157,10 +154,9 @@ def _is_straight(points, loop, i, j, n, tolerance):
 
 
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
-    """Return the closed lines on which a field, shape (height, width), takes a value, as (column, row, column, row).
+    """Return the closed contours of a field as segments (column, row, column, row): shape (n, 4) [grid steps].
 
-    Shape (n, 4), float64 [grid steps]. The field's edge lies on one side of `level`; segments stay within `tolerance`
-    of the lines that they replace.
+    `field`: shape (height, width), with a border on one side of `level`; `tolerance`: for simplification [grid steps].
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

@@ -1,4 +1,4 @@
-"""Clutter: fields of cylinders, drawn as the worlds of the BARN benchmark are."""
+"""Fields of cylinders, generated as in the BARN benchmark."""
 
 import numpy as np
 from scipy import ndimage
@@ -7,66 +7,60 @@ from ..world import World
 from .plan import UNIT, Size, units, with_goals, world_within
 
 _RADIUS = 0.075
-"""Of the cylinders, which fill the cells of the automaton [m]."""
 _CELL = 3
-"""Side of a cell [units]."""
-_MARGIN = 5.0
-"""How far the outer wall is from cylinders and goal [m]."""
-_START = 3.0
-"""How far robots start from the row of cylinders behind them [m]."""
-_RUN_IN = 33
-"""Number of rows between that one and the field."""
-_BEYOND = 3.4
-"""How far the goal lies beyond the field [m]."""
-_REACH = 0.36
-"""Radius of a circle that gets through [m]: what the Jackal's of 0.333 m needs, and the error of rasters."""
+"""Side of a cell of the automaton [units]."""
+_WALL_DISTANCE = 5.0
+"""Distance of the outer wall from cylinders and goal [m]."""
+_START_DISTANCE = 3.0
+"""Distance of the start from the rear wall [m]."""
+_RUN_IN_ROWS = 33
+"""Number of rows between the rear wall and the field."""
+_GOAL_DISTANCE = 3.4
+"""Distance of the goal beyond the field [m]."""
+_CLEARANCE_RADIUS = 0.36
+"""Radius of the disc that can cross the field [m]: Jackal radius 0.333 m plus raster error."""
 _FILL = 0.15, 0.28
 """Initial share of filled cells at difficulties 0 and 1."""
 _SMOOTHINGS = 2, 5
-"""Range of the number of smoothing iterations, the last not included."""
-_AROUND = 8
-"""Number of rows that are looked at before and beyond a field."""
+"""Range of the number of smoothing iterations, without the upper limit."""
+_PADDING_ROWS = 8
+"""Number of empty rows added before and behind a field to check for a passage."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size, difficulty: float | None = None) -> World:
-    """Return a field of cylinders between walls left, right and behind, 5 m from the outer wall.
+    """Return a field of cylinders of the given outer size [m], with the goal beyond the field.
 
-    The goal lies ahead of the start, beyond the field; of the usual outer size of 14.5 m x 23 m [m], by 10 m.
-    `difficulty`, from 0 to 1, is that of the first draw, by default drawn evenly; fields without a way through are
-    drawn again, each with a hundredth less of filled cells. After Perille, Truong, Xiao and Stone, Benchmarking Metric
-    Ground Navigation (2020).
+    `difficulty`, from 0 to 1, sets the share of filled cells; None draws a value. Fields without a passage are drawn
+    again with fewer filled cells. After Perille, Truong, Xiao and Stone, "Benchmarking Metric Ground Navigation"
+    (2020).
     """
     width, height = size
-    rows = int((height - 2.0 * _MARGIN - _BEYOND) / (UNIT * _CELL) + 1e-6) - 1 - _RUN_IN
-    cols = int((width - 2.0 * _MARGIN) / (UNIT * _CELL) + 1e-6)
+    rows = int((height - 2.0 * _WALL_DISTANCE - _GOAL_DISTANCE) / (UNIT * _CELL) + 1e-6) - 1 - _RUN_IN_ROWS
+    cols = int((width - 2.0 * _WALL_DISTANCE) / (UNIT * _CELL) + 1e-6)
     if difficulty is not None and not 0.0 <= difficulty <= 1.0:
         raise ValueError(f"difficulty must lie in [0, 1], got {difficulty!r}")
     hardness = float(rng.random() if difficulty is None else difficulty)
     fill, smoothings = _FILL[0] + hardness * (_FILL[1] - _FILL[0]), int(rng.integers(*_SMOOTHINGS))
-    while not _has_a_way_through(field := _grow(rng, (rows, cols), fill, smoothings)):
+    while not _has_passage(field := _grow(rng, (rows, cols), fill, smoothings)):
         fill *= 0.99
-    filled = np.zeros((1 + _RUN_IN + rows, cols), dtype=bool)
-    filled[1 + _RUN_IN :] = field
+    filled = np.zeros((1 + _RUN_IN_ROWS + rows, cols), dtype=bool)
+    filled[1 + _RUN_IN_ROWS :] = field
     filled[0] = filled[:, [0, -1]] = True
-    filled &= _neighbors(filled) < 8  # nobody meets the others
+    filled &= _neighbors(filled) < 8  # remove enclosed cylinders
     left = UNIT * ((units(width) - _CELL * cols) // 2)
-    centres = (left, _MARGIN) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
+    centres = (left, _WALL_DISTANCE) + UNIT * _CELL * (np.argwhere(filled)[:, ::-1] + 0.5)
     circles = np.ascontiguousarray(np.column_stack([centres, np.full(len(centres), _RADIUS)]))
     middle = left + 0.5 * UNIT * _CELL * cols
-    start, goal = (middle, _MARGIN + _START), (middle, height - _MARGIN)
+    start, goal = (middle, _WALL_DISTANCE + _START_DISTANCE), (middle, height - _WALL_DISTANCE)
     return with_goals(world_within(name, size, rng, start, np.empty((0, 4)), circles), [(start, goal)])
 
 
 def _neighbors(cells: np.ndarray) -> np.ndarray:
-    """Count the filled ones among the eight cells around each; beyond the edge none is."""
     return ndimage.convolve(cells.astype(np.int8), [[1, 1, 1], [1, 0, 1], [1, 1, 1]], mode="constant")
 
 
 def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
-    """Return which cells of a field are filled, bool; the first and the last column are walls.
-
-    A cell with more than four filled neighbours becomes filled, one with fewer than two empty.
-    """
+    """Grow a field with a cellular automaton; return the mask of filled cells."""
     cells = np.pad(rng.random(shape) < fill, 1)
     cells[:, [0, 1, -2, -1]] = True
     for _ in range(smoothings):
@@ -75,14 +69,13 @@ def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothi
     return cells[1:-1, 1:-1]
 
 
-def _has_a_way_through(field: np.ndarray) -> bool:
-    """Tell whether a circle of radius `_REACH` gets from before the middle of a field to beyond it."""
+def _has_passage(field: np.ndarray) -> bool:
     rows, cols = field.shape
-    filled = np.zeros((rows + 2 * _AROUND, cols), dtype=bool)
-    filled[_AROUND:-_AROUND] = field
-    filled[:_AROUND, [0, -1]] = True
+    filled = np.zeros((rows + 2 * _PADDING_ROWS, cols), dtype=bool)
+    filled[_PADDING_ROWS:-_PADDING_ROWS] = field
+    filled[:_PADDING_ROWS, [0, -1]] = True
     is_empty = np.ones((_CELL * filled.shape[0], _CELL * cols), dtype=bool)
     is_empty[1::_CELL, 1::_CELL] = ~filled
-    labels, _ = ndimage.label(ndimage.distance_transform_edt(is_empty) * UNIT > _RADIUS + _REACH)
-    before, beyond = labels[_CELL * _AROUND // 2, _CELL * cols // 2], labels[-1, _CELL * cols // 2]
+    labels, _ = ndimage.label(ndimage.distance_transform_edt(is_empty) * UNIT > _RADIUS + _CLEARANCE_RADIUS)
+    before, beyond = labels[_CELL * _PADDING_ROWS // 2, _CELL * cols // 2], labels[-1, _CELL * cols // 2]
     return bool(before == beyond > 0)

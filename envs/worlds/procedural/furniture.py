@@ -1,4 +1,4 @@
-"""Furniture as it looks to a lidar 0.2 m above the floor: cupboards are solid, tables and chairs are legs."""
+"""Furniture in a section 0.2 m above the floor."""
 
 import math
 from collections.abc import Callable
@@ -9,10 +9,10 @@ import numpy as np
 from .plan import Disc, Item, Rect, units
 
 _LEG = 0.5
-"""Radius of a table's or a chair's leg [units]."""
+"""Radius of a table leg or chair leg [units]."""
 
 Bar = tuple[float, float, float, float]
-"""From a point to another: (x, y, x, y) [units]."""
+"""Line between two points as (x0, y0, x1, y1) [units]."""
 
 
 def block(length: float, depth: float) -> Item:
@@ -22,13 +22,13 @@ def block(length: float, depth: float) -> Item:
 
 
 def disc(radius: float) -> Item:
-    """Return a round column; `radius` in units."""
+    """Return a round column of `radius` [units]."""
     side = math.ceil(2 * radius)
     return Item(side, side, discs=((side / 2, side / 2, radius),))
 
 
 def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
-    """Return straight bars of a thickness [units], turned by an angle [rad]: a screen, or with one thick bar a body."""
+    """Return straight bars of a thickness [units], rotated by an angle [rad]."""
     ends = np.array(lines, dtype=np.float64).reshape(-1, 2, 2)
     ends = ends @ [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
     low = ends.min(axis=(0, 1)) - thickness
@@ -50,7 +50,7 @@ def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
 
 
 def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
-    """Return the leaf of a door of `width` units, open by 90 to 135 degrees, and whether its hinge is at the right."""
+    """Return a door leaf, open by 90 to 135 degrees, and True if its hinge is at the right; `width` in units."""
     angle = float(rng.uniform(0.0, 0.25 * math.pi))
     points = np.arange(width)[:, None] * [math.sin(angle), math.cos(angle)]
     xs, ys = np.unique(points.astype(int), axis=0).T.tolist()
@@ -61,7 +61,6 @@ def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
 
 
 def _random_block(length: tuple[float, float], depth: float | tuple[float, float], rng: np.random.Generator) -> Item:
-    """Return a solid box of a size drawn from ranges [m]."""
     drawn = float(rng.uniform(*length))
     return block(drawn, float(rng.uniform(*depth)) if isinstance(depth, tuple) else depth)
 
@@ -69,18 +68,16 @@ def _random_block(length: tuple[float, float], depth: float | tuple[float, float
 cupboard = partial(_random_block, (0.8, 2.0), (0.4, 0.6))
 shelf = partial(_random_block, (0.6, 1.8), 0.3)
 chest = partial(_random_block, (0.5, 0.9), (0.4, 0.6))
-"""A chest of drawers, a printer or a washing machine."""
 basin = partial(_random_block, (0.5, 0.9), 0.45)
 rack = partial(_random_block, (1.2, 2.6), 0.5)
 
 
 def _legs(x0: float, y0: float, x1: float, y1: float) -> tuple[Disc, ...]:
-    """Return four legs within the corners of a rectangle [units]."""
     return tuple((x, y, _LEG) for x in (x0 + _LEG, x1 - _LEG) for y in (y0 + _LEG, y1 - _LEG))
 
 
 def sofa(rng: np.random.Generator) -> Item:
-    """Return a sofa, sometimes with a low table before it."""
+    """Return a sofa."""
     length = int(rng.integers(32, 46))
     rects = [(0, 0, length, 18)]
     if rng.random() < 0.6:
@@ -89,7 +86,7 @@ def sofa(rng: np.random.Generator) -> Item:
 
 
 def bed(rng: np.random.Generator) -> Item:
-    """Return a bed with its head to the wall and one or two night stands."""
+    """Return a bed with night stands."""
     width = int(rng.choice([18, 28, 32, 36]))
     rects: list[Rect] = [(9, 0, 9 + width, 41), (0, 0, 8, 8)]
     if width > 18:
@@ -98,14 +95,14 @@ def bed(rng: np.random.Generator) -> Item:
 
 
 def desk(rng: np.random.Generator) -> Item:
-    """Return a desk on a side panel and a chest of drawers, and an office chair pushed half under it."""
+    """Return a desk with an office chair."""
     length = int(rng.integers(26, 34))
     rects = ((0, 0, 1, 15), (length - 8, 1, length, 15))
     return Item(length, 21, rects=rects, discs=((length / 2 - 4 + rng.random() * 3, 16.0, 5.0),))
 
 
 def table(rng: np.random.Generator) -> Item:
-    """Return a table on four legs with four-legged chairs along its two long sides."""
+    """Return a table with chairs, all on four legs."""
     length, depth = int(rng.integers(22, 40)), int(rng.integers(14, 20))
     legs = list(_legs(1, 6, length - 1, 6 + depth))
     per_side = length // 13
@@ -113,13 +110,13 @@ def table(rng: np.random.Generator) -> Item:
         x = (k + 0.5) * length / per_side - 4
         for y in (0.0, depth + 4.0):
             if rng.random() < 0.85:
-                pushed = rng.random() * 2  # how far a chair is out of line
+                pushed = rng.random() * 2
                 legs += _legs(x, y + pushed, x + 8, y + pushed + 6)
     return Item(length, depth + 12, discs=tuple(legs))
 
 
 def conference(rng: np.random.Generator, length: int) -> Item:
-    """Return a long table on a central stand with office chairs around it; `length` in units."""
+    """Return a conference table with office chairs; `length` in units."""
     depth = int(rng.integers(20, 25))
     stand = (7, 10 + depth // 2 - 3, length - 7, 10 + depth // 2 + 3)
     seats = length // 15
@@ -129,12 +126,12 @@ def conference(rng: np.random.Generator, length: int) -> Item:
 
 
 def counter(rng: np.random.Generator, length: int) -> Item:
-    """Return a kitchen counter that ends in a fridge; `length` in units."""
+    """Return a kitchen counter with a fridge; `length` in units."""
     return Item(length, 14, rects=((0, 0, length - 14, 12), (length - 13, 0, length, 14)))
 
 
 def cluster(rng: np.random.Generator) -> Item:
-    """Return four desks pushed together around a screen, with a chair at each."""
+    """Return four desks with chairs around a screen."""
     length = int(rng.integers(26, 33))
     screen = (0, 25, 2 * length, 27)
     panels = tuple((x, 11, x + 1, 41) for x in (0, length - 1, 2 * length - 1))
@@ -170,4 +167,4 @@ WALL_FURNITURE: dict[str, tuple[Callable[[np.random.Generator], Item], ...]] = {
     "meeting": (shelf, plant, chest),
     "storage": (rack, rack, rack, chest, rack),
 }
-"""Pieces along the walls of a kind of room, in the order in which they are put."""
+"""Furniture along walls by kind of room, in order of placement."""

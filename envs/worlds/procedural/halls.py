@@ -1,5 +1,3 @@
-"""Halls: open floors with columns, screens, benches and boxes, from arenas to workshops."""
-
 import math
 from itertools import pairwise, product
 
@@ -7,26 +5,25 @@ import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import Item, Plan, Rect, Size, extent, mirror, units
+from .plan import FloorPlan, Item, Rect, Size, extent, mirror, units
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return one to three halls of the given outer size [m], furnished in a few styles."""
-    plan = Plan(size, int(rng.integers(2, 6)), is_open=True)
+    """Return one to three open halls with columns, screens or boxes, of the given outer size [m]."""
+    plan = FloorPlan(size, int(rng.integers(2, 6)), is_open=True)
     halls = _divide(rng, plan)
     if rng.random() < 0.35:
         _cut_corners(rng, plan, halls)
     plan.settle()
     styles = [_put_columns, _put_screens, _put_machines, _put_benches, _put_boxes, _put_niches, _put_core]
-    common = int(rng.integers(len(styles) - 1))  # a large body does not stand alone
+    common = int(rng.integers(len(styles) - 1))  # excludes the core
     for hall in halls:
         for k in [common, *rng.integers(len(styles), size=int(rng.integers(4)))]:
             styles[k](rng, plan, hall)
     return plan.build(name, rng)
 
 
-def _divide(rng: np.random.Generator, plan: Plan) -> list[Rect]:
-    """Return halls side by side along the longer side, with wide openings between them; some are set back."""
+def _divide(rng: np.random.Generator, plan: FloorPlan) -> list[Rect]:
     upright = plan.width < plan.height
     solid = plan.solid.T if upright else plan.solid
     x0, y0, x1, y1 = mirror(plan.floor) if upright else plan.floor
@@ -51,8 +48,7 @@ def _divide(rng: np.random.Generator, plan: Plan) -> list[Rect]:
     return [mirror(hall) for hall in halls] if upright else halls
 
 
-def _cut_corners(rng: np.random.Generator, plan: Plan, halls: list[Rect]) -> None:
-    """Fill corners of the floor with triangles, the same in all or some of the four."""
+def _cut_corners(rng: np.random.Generator, plan: FloorPlan, halls: list[Rect]) -> None:
     x0, y0, x1, y1 = plan.floor
     most = min(min(extent(hall, 0)) for hall in halls)
     u, v = (most * rng.uniform(0.1, 0.35, size=2)).tolist()
@@ -64,23 +60,20 @@ def _cut_corners(rng: np.random.Generator, plan: Plan, halls: list[Rect]) -> Non
 
 
 def _angle(rng: np.random.Generator, slanted: float) -> float:
-    """Draw an angle: one of the walls', or with a probability any."""
     return float(rng.uniform(0.0, math.pi)) if rng.random() < slanted else 0.5 * math.pi * int(rng.integers(4))
 
 
-def _scatter(rng: np.random.Generator, plan: Plan, hall: Rect, items: list[Item]) -> None:
-    """Put items anywhere in a hall; some touch a wall."""
+def _scatter(rng: np.random.Generator, plan: FloorPlan, hall: Rect, items: list[Item]) -> None:
     for item in items:
         plan.put_somewhere(rng, item, hall, 0 if rng.random() < 0.15 else 8)
 
 
 def _count(rng: np.random.Generator, hall: Rect, low: float, high: float) -> int:
-    """Draw how many things a hall holds, for one in each square of a side from `low` to `high` [m]."""
+    """Draw a number of items: one per square with a side from `low` to `high` [m]."""
     return min(20, max(1, round(math.prod(extent(hall, 0)) / units(rng.uniform(low, high)) ** 2)))
 
 
-def _grid(rng: np.random.Generator, plan: Plan, hall: Rect, item: Item, gaps: tuple[int, int]) -> None:
-    """Put the same thing in rows and columns about the middle of a hall, with gaps from a range [units]; some lack."""
+def _grid(rng: np.random.Generator, plan: FloorPlan, hall: Rect, item: Item, gaps: tuple[int, int]) -> None:
     side = int(rng.integers(2))
     starts = []
     for span, length in zip(extent(hall, side), (item.length, item.depth)):
@@ -94,7 +87,7 @@ def _grid(rng: np.random.Generator, plan: Plan, hall: Rect, item: Item, gaps: tu
             plan.put(item, hall, side, along, gap)
 
 
-def _put_columns(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
+def _put_columns(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     radius = float(rng.uniform(2.0, 7.0))
     item = furniture.disc(radius) if rng.random() < 0.6 else furniture.bars([(0, 0, 2 * radius, 0)], 2 * radius, 0.0)
     if rng.random() < 0.7:
@@ -103,7 +96,7 @@ def _put_columns(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
         _scatter(rng, plan, hall, [item] * _count(rng, hall, 1.8, 4.0))
 
 
-def _put_screens(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
+def _put_screens(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     slanted, thickness = rng.choice([0.0, 0.0, 0.3, 0.7]), int(rng.integers(2, 5))
     longest = min(70.0, max(25.0, 0.45 * min(extent(hall, 0))))
     items = []
@@ -114,17 +107,16 @@ def _put_screens(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
     _scatter(rng, plan, hall, items)
 
 
-def _put_machines(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
+def _put_machines(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     sizes = rng.uniform([12.0, 10.0], [50.0, 30.0], size=(_count(rng, hall, 2.5, 5.0), 2)).tolist()
     _scatter(rng, plan, hall, [furniture.bars([(0, 0, u, 0)], v, _angle(rng, 0.3)) for u, v in sizes])
 
 
-def _put_benches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
+def _put_benches(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     _grid(rng, plan, hall, furniture.block(rng.uniform(1.0, 2.6), rng.uniform(0.4, 0.9)), (20, 45))
 
 
-def _put_boxes(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    """Put boxes in heaps."""
+def _put_boxes(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     for _ in range(_count(rng, hall, 3.5, 7.0)):
         x, y = (int(rng.integers(span)) for span in extent(hall, 0))
         for _ in range(int(rng.integers(2, 8))):
@@ -132,8 +124,7 @@ def _put_boxes(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
             plan.put(furniture.block(*rng.uniform(0.3, 0.8, size=2).tolist()), hall, 0, x + u, y + v)
 
 
-def _put_niches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    """Leave niches between short walls or thick pillars along some of the walls."""
+def _put_niches(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     thickness, depth, pitch = (int(rng.integers(*span)) for span in ((2, 16), (10, 36), (40, 90)))
     item = Item(thickness, depth, ((0, 0, thickness, depth),))
     for side in rng.permutation(4)[: int(rng.integers(1, 4))].tolist():
@@ -141,8 +132,7 @@ def _put_niches(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
             plan.put(item, hall, side, along)
 
 
-def _put_core(rng: np.random.Generator, plan: Plan, hall: Rect) -> None:
-    """Put one large body into the middle, around which the floor forms a loop."""
+def _put_core(rng: np.random.Generator, plan: FloorPlan, hall: Rect) -> None:
     width, height = extent(hall, 0)
     u, v = (int(min(span * rng.uniform(0.2, 0.6), span - 48)) for span in (width, height))
     if min(u, v) > 8:

@@ -1,5 +1,3 @@
-"""Mazes: corridors between walls, with a few loops and chambers."""
-
 import numpy as np
 
 from ..raster import outline
@@ -11,7 +9,7 @@ _WALL = 0.1
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a maze of the given outer size [m], whose corridors are about 0.9 to 1.6 m wide."""
+    """Return a maze of the given outer size [m], with corridors about 0.9 to 1.6 m wide."""
     width, height = size
     corridor = float(rng.uniform(0.9, 1.4))
     cols, rows = (max(2, int((side - _WALL) / (corridor + _WALL))) for side in (width, height))
@@ -25,17 +23,14 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _lines(length: float, count: int) -> np.ndarray:
-    """Return where walls begin and end along a side of `count` corridors: shape (2 count + 2,) [m]."""
+    """Return the borders of all walls along a side: shape (2 count + 2,) [m]."""
     pitch = (length - _WALL) / count
     starts = pitch * np.arange(count + 1)
     return np.column_stack([starts, starts + _WALL]).ravel()
 
 
 def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
-    """Walk at random from cell to unvisited cell, and back where there is none.
-
-    Returns shape (2 rows + 1, 2 cols + 1), bool: solid; cells at odd positions, walls and posts between them.
-    """
+    """Return the solid cells of a depth-first maze: shape (2 rows + 1, 2 cols + 1), bool; corridors at odd indices."""
     solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
     solid[1::2, 1::2] = False
     visited = {(0, 0)}
@@ -58,7 +53,6 @@ def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
 
 
 def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers: int) -> None:
-    """Take out a share of the inner walls, and all of them within a few chambers."""
     inner = solid[1:-1, 1:-1]
     gone = rng.random(inner.shape) < loops
     gone[1::2, 1::2] = False  # posts stay
@@ -68,6 +62,6 @@ def _open_up(rng: np.random.Generator, solid: np.ndarray, loops: float, chambers
         if rows > 2 and cols > 2:
             row, col = int(rng.integers(rows - 1)), int(rng.integers(cols - 1))
             solid[2 * row + 1 : 2 * row + 4, 2 * col + 1 : 2 * col + 4] = False
-    # A post without walls would be a lone pillar.
+    # Remove posts without walls.
     posts = solid[2:-1:2, 2:-1:2]
     posts &= solid[1:-2:2, 2:-1:2] | solid[3::2, 2:-1:2] | solid[2:-1:2, 1:-2:2] | solid[2:-1:2, 3::2]

@@ -1,5 +1,3 @@
-"""Where people and robots meet: a hall, a corridor, a doorway and a crossing of two corridors."""
-
 import math
 
 import numpy as np
@@ -9,27 +7,27 @@ from ..world import World, box, edges
 from .plan import UNIT, Point, Size, units, with_goals, world_within
 
 _GAP = 1.0
-"""Least gap between bodies, and from them to walls [m]."""
+"""Minimum gap between bodies and to walls [m]."""
 _WALL = 0.1
 """Thickness of the outer walls [m]."""
-_END = 1.0
-"""How far starts and goals are from the wall behind them [m]."""
+_END_DISTANCE = 1.0
+"""Distance of starts and goals from the nearest wall [m]."""
 
 Area = tuple[float, float, float, float]
 """Rectangle (x0, y0, x1, y1) [m]."""
 
 
 def build_hall(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a hall of the given outer size [m] with pillars and boxes, one on 12 to 30 m2."""
+    """Return a hall of the given outer size [m], with pillars and boxes."""
     width, height = size
-    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END, width - _END))
+    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_END_DISTANCE, width - _END_DISTANCE))
     number = round(width * height / rng.uniform(12.0, 30.0))
     bodies = _scatter(rng, (0.0, 0.0, width, height), number, [start, goal])
     return with_goals(world_within(name, size, rng, start, *bodies), [(start, goal), (goal, start)])
 
 
 def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a corridor along the longer side of the given outer size [m], with niches of 0.5 to 0.8 m depth."""
+    """Return a corridor with niches along the longer side of the given outer size [m]."""
     turned = size[1] > size[0]
     length, width = max(size), min(size)
     depth = rng.uniform(0.5, 0.8)
@@ -40,7 +38,7 @@ def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
             span = rng.uniform(0.8, 2.5)
             x = rng.uniform(_WALL, length - _WALL - span)
             areas.append((x, bottom, x + span, top))
-    start, goal = ((x, _somewhere(rng, low, high)) for x in (_WALL + _END, length - _WALL - _END))
+    start, goal = ((x, _somewhere(rng, low, high)) for x in (_WALL + _END_DISTANCE, length - _WALL - _END_DISTANCE))
     if turned:
         areas = [(y0, x0, y1, x1) for x0, y0, x1, y1 in areas]
         start, goal = start[::-1], goal[::-1]
@@ -49,13 +47,13 @@ def build_corridor(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two rooms side by side, of the given outer size together [m], joined by a door of 1.0 to 1.6 m."""
+    """Return two rooms of the given outer size [m], joined by a door 1.0 to 1.6 m wide."""
     width, height = size
     middle, half, door = width * rng.uniform(0.4, 0.6), rng.uniform(0.05, 0.1), rng.uniform(1.0, 1.6)
     y = rng.uniform(0.3, height - 0.3 - door)
     rooms = [(_WALL, _WALL, middle - half, height - _WALL), (middle + half, _WALL, width - _WALL, height - _WALL)]
     walls = _walls_around(size, [*rooms, (middle - half, y, middle + half, y + door)])
-    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_WALL + _END, width - _WALL - _END))
+    start, goal = ((x, _somewhere(rng, 0.0, height)) for x in (_WALL + _END_DISTANCE, width - _WALL - _END_DISTANCE))
     bodies = [
         _scatter(rng, room, int(rng.integers(3)), [point, (middle, y), (middle, y + door)])
         for room, point in zip(rooms, (start, goal))
@@ -66,30 +64,27 @@ def build_doorway(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def build_crossing(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return two corridors of 3 to 4.5 m that cross, each as long as the outer size [m]."""
+    """Return two crossing corridors of the given outer size [m], 3 to 4.5 m wide."""
     (x0, x1), (y0, y1) = (_strip(rng, side) for side in size)
     width, height = size
     areas = [(_WALL, y0, width - _WALL, y1), (x0, _WALL, x1, height - _WALL)]
-    west, east = ((x, _somewhere(rng, y0, y1)) for x in (_WALL + _END, width - _WALL - _END))
-    south, north = ((_somewhere(rng, x0, x1), y) for y in (_WALL + _END, height - _WALL - _END))
+    west, east = ((x, _somewhere(rng, y0, y1)) for x in (_WALL + _END_DISTANCE, width - _WALL - _END_DISTANCE))
+    south, north = ((_somewhere(rng, x0, x1), y) for y in (_WALL + _END_DISTANCE, height - _WALL - _END_DISTANCE))
     world = world_within(name, size, rng, west, _walls_around(size, areas), np.empty((0, 3)))
     return with_goals(world, [(west, east), (south, north), (east, west), (north, south)])
 
 
 def _strip(rng: np.random.Generator, side: float) -> tuple[float, float]:
-    """Draw where along a side of a crossing the corridor across it begins and ends [m]."""
     width = min(float(rng.uniform(3.0, 4.5)), 0.5 * side)
     low = 0.5 * (side - width) + rng.uniform(-0.1, 0.1) * side
     return low, low + width
 
 
 def _somewhere(rng: np.random.Generator, low: float, high: float) -> float:
-    """Draw a coordinate between two walls, away from both [m]."""
-    return float(rng.uniform(low + _END, high - _END))
+    return float(rng.uniform(low + _END_DISTANCE, high - _END_DISTANCE))
 
 
 def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
-    """Return the borders of the free areas of an outer size [m], rounded to units: segments (n, 4) [m]."""
     width, height = map(units, size)
     solid = np.ones((height, width), dtype=bool)
     for area in areas:
@@ -99,10 +94,6 @@ def _walls_around(size: Size, areas: list[Area]) -> np.ndarray:
 
 
 def _scatter(rng: np.random.Generator, area: Area, number: int, points: list[Point]) -> tuple[np.ndarray, np.ndarray]:
-    """Return up to a number of boxes and pillars in an area, with room to pass everywhere, and around some points.
-
-    As segments, shape (n, 4), and circles, shape (m, 3) [m].
-    """
     taken = [(*point, 0.0) for point in points]
     segments, circles = [np.empty((0, 4))], []
     for _ in range(8 * number):

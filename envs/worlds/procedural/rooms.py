@@ -1,20 +1,18 @@
-"""Flats and offices: rooms by binary space partition, doors, corridors and furniture."""
-
 import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import INNER, MARGIN, REACH, Plan, Rect, Size, mirror, touching_pairs, units
+from .plan import INNER, ROBOT_HALF_SIDE, WALL_CLEARANCE, FloorPlan, Rect, Size, mirror, touching_pairs, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
-_SHORTEST = 44
-"""Shortest side of a room [units]."""
+_MIN_ROOM_SIDE = 44
+"""Minimum side of a room [units]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a flat or an office of the given outer size [m], furnished."""
-    plan = Plan(size, _OUTER)
+    """Return a furnished flat or office of the given outer size [m]."""
+    plan = FloorPlan(size, _OUTER)
     is_office = min(size) >= 7.5 and rng.random() < 0.5
     rooms, corridors = _office(rng, plan.floor) if is_office else (_split(rng, plan.floor, units(3.4)), [])
     plan.solid[:] = True
@@ -29,16 +27,16 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
-    """Halve a room again and again until its parts are about `typical` units wide."""
+    """Split a room recursively into parts about `typical` [units] wide (binary space partition)."""
     x0, y0, x1, y1 = room
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5
     longer = width if across else height
-    slack = longer - INNER - 2 * _SHORTEST
+    slack = longer - INNER - 2 * _MIN_ROOM_SIDE
     large = width * height > (typical * (1.1 + rng.random())) ** 2 or longer > 2.6 * min(width, height)
     if slack < 0 or not large:
         return [room]
-    cut = _SHORTEST + int(slack * rng.beta(2, 2))
+    cut = _MIN_ROOM_SIDE + int(slack * rng.beta(2, 2))
     if across:
         parts = (x0, y0, x0 + cut, y1), (x0 + cut + INNER, y0, x1, y1)
     else:
@@ -47,14 +45,13 @@ def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
 
 
 def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rect]]:
-    """Return the rooms on both sides of a corridor, and the corridor; wide floors get several."""
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         rooms, corridors = _office(rng, (y0, x0, y1, x1))
         return [mirror(room) for room in rooms], [mirror(corridor) for corridor in corridors]
     breadth = int(rng.integers(28, 37))
     depth = (y1 - y0 - breadth) // 2 - INNER
-    shift = int(rng.integers(-depth // 5, depth // 5 + 1)) if depth > 1.25 * _SHORTEST else 0
+    shift = int(rng.integers(-depth // 5, depth // 5 + 1)) if depth > 1.25 * _MIN_ROOM_SIDE else 0
     low = y0 + depth + INNER + shift
     corridor = (x0, low, x1, low + breadth)
     rooms, corridors = [], [corridor]
@@ -69,28 +66,25 @@ def _office(rng: np.random.Generator, floor: Rect) -> tuple[list[Rect], list[Rec
 
 
 def _row(rng: np.random.Generator, strip: Rect) -> list[Rect]:
-    """Cut a strip along a corridor into rooms side by side."""
     x0, y0, x1, y1 = strip
     rooms = []
-    while x1 - x0 > 2 * _SHORTEST + 30:
-        width = min(int(rng.integers(_SHORTEST + 8, 110)), x1 - x0 - _SHORTEST - INNER)
+    while x1 - x0 > 2 * _MIN_ROOM_SIDE + 30:
+        width = min(int(rng.integers(_MIN_ROOM_SIDE + 8, 110)), x1 - x0 - _MIN_ROOM_SIDE - INNER)
         rooms.append((x0, y0, x0 + width, y1))
         x0 += width + INNER
     return [*rooms, (x0, y0, x1, y1)]
 
 
-def _open_doors(rng: np.random.Generator, plan: Plan, rooms: list[Rect], corridors: list[Rect]) -> None:
-    """Open doors until all rooms hang together, through corridors where there are any, and a few more."""
+def _open_doors(rng: np.random.Generator, plan: FloorPlan, rooms: list[Rect], corridors: list[Rect]) -> None:
     every = rooms + corridors
-    # A door to a corridor comes before others.
+    # Prefer doors to corridors.
     pairs = [(float(rng.random()) - (j >= len(rooms)), i, j, wall) for i, j, wall in touching_pairs(every)]
     group = list(range(len(every)))
     for _, i, j, wall in sorted(pairs):
         if group[i] != group[j]:
             group = [group[i] if g == group[j] else g for g in group]
         elif rng.random() > (0.06 if corridors else 0.3):
-            continue  # a path around exists already
-        # Flats have a wide opening between rooms now and then.
+            continue  # already connected
         wide = not corridors and wall[2] - wall[1] > 60 and rng.random() < 0.2
         width = int(rng.integers(30, 45)) if wide else int(rng.integers(18, 22))
         plan.open_door(rng, every[i], every[j], wall, width)
@@ -101,7 +95,6 @@ def _area(room: Rect) -> int:
 
 
 def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list[str]:
-    """Decide what each room is for, by size."""
     order = sorted(range(len(rooms)), key=lambda i: _area(rooms[i]))
     if is_office:
         kinds = ["office"] * len(rooms)
@@ -119,21 +112,20 @@ def _kinds(rng: np.random.Generator, rooms: list[Rect], is_office: bool) -> list
     return kinds
 
 
-def _furnish(rng: np.random.Generator, plan: Plan, room: Rect, kind: str) -> None:
-    """Put furniture into a room as long as a robot still gets everywhere in it."""
+def _furnish(rng: np.random.Generator, plan: FloorPlan, room: Rect, kind: str) -> None:
     area, longer = _area(room), max(room[2] - room[0], room[3] - room[1])
     if kind == "kitchen":
-        length = min(int(rng.integers(44, 80)), longer - 2 * REACH)
+        length = min(int(rng.integers(44, 80)), longer - 2 * ROBOT_HALF_SIDE)
         plan.put_somewhere(rng, furniture.counter(rng, length), room, attempts=8)
     elif kind == "meeting":
         length = min(int(rng.integers(40, 90)), longer - 40)
         if length >= 32:
-            plan.put_somewhere(rng, furniture.conference(rng, length), room, MARGIN, attempts=8)
+            plan.put_somewhere(rng, furniture.conference(rng, length), room, WALL_CLEARANCE, attempts=8)
     elif kind == "office" and area > units(4.6) ** 2:
         for _ in range(area // units(4.4) ** 2):
-            plan.put_somewhere(rng, furniture.cluster(rng), room, MARGIN)
+            plan.put_somewhere(rng, furniture.cluster(rng), room, WALL_CLEARANCE)
     if kind in ("kitchen", "living") and area > units(3.6) ** 2:
-        plan.put_somewhere(rng, furniture.table(rng), room, MARGIN)
+        plan.put_somewhere(rng, furniture.table(rng), room, WALL_CLEARANCE)
     pieces = furniture.WALL_FURNITURE[kind]
     count = max(1, min(len(pieces), round(area / units(1.6) ** 2)))
     for make in pieces[:count]:

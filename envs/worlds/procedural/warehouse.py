@@ -1,18 +1,16 @@
-"""Warehouses: rows of racks between aisles, a loading zone with pallets, columns, sometimes an office."""
-
 import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import MARGIN, Item, Plan, Rect, Size, extent, mirror, units
+from .plan import WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, mirror, units
 
 _WALL = 4
 """Thickness of the outer walls [units]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a warehouse of the given outer size [m], whose aisles are about 1.6 to 4 m wide."""
-    plan = Plan(size, _WALL, is_open=True)
+    """Return a warehouse of the given outer size [m], with aisles about 1.6 to 4 m wide."""
+    plan = FloorPlan(size, _WALL, is_open=True)
     plan.settle()
     loading, storage = _divide(rng, plan.floor)
     if min(size) >= 11 and rng.random() < 0.6:
@@ -24,7 +22,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
-    """Return the loading zone, at one end of the longer side, and the storage zone."""
     x0, y0, x1, y1 = floor
     if x1 - x0 < y1 - y0:
         loading, storage = _divide(rng, mirror(floor))
@@ -36,9 +33,8 @@ def _divide(rng: np.random.Generator, floor: Rect) -> tuple[Rect, Rect]:
     return (near, far) if first else (far, near)
 
 
-def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
-    """Fill a zone with parallel rows of racks along x or y, cut by cross aisles."""
-    side = 0 if rng.random() < 0.65 else 3  # the wall that the rows lie along
+def _put_racks(rng: np.random.Generator, plan: FloorPlan, zone: Rect) -> None:
+    side = 0 if rng.random() < 0.65 else 3  # wall parallel to the rows
     length, depth = extent(zone, side)
     bay, cross = int(rng.integers(46, 57)), int(rng.integers(34, 50))
     blocks = max(1, round(length / units(rng.uniform(8.0, 14.0))))
@@ -53,11 +49,10 @@ def _put_racks(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
 
 
 def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
-    """Return where rows of racks begin and how thick they are: single along walls, back to back between aisles."""
     rack, aisle = int(rng.integers(16, 23)), int(rng.integers(36, 58))
     along_walls = rng.random(2) < 0.6
     ends = rack * int(along_walls.sum())
-    # As many as leave aisles of at least about the drawn breadth; what is left over widens them.
+    # Leftover space widens the aisles.
     doubles = max(0, round((depth - ends - aisle) / (2 * rack + aisle) - 0.2))
     aisle = (depth - ends - 2 * rack * doubles) // (doubles + 1)
     rows = [(0, rack)] if along_walls[0] else []
@@ -71,14 +66,12 @@ def _rows(rng: np.random.Generator, depth: int) -> list[tuple[int, int]]:
 
 
 def _stretches(rng: np.random.Generator, count: int, empty: float) -> list[tuple[int, int]]:
-    """Return the stretches of bays in a row of `count`, some of which are missing."""
     present = [bool(rng.random() >= empty) for _ in range(count)]
     edges = [k for k in range(count + 1) if (k > 0 and present[k - 1]) != (k < count and present[k])]
     return list(zip(edges[::2], edges[1::2]))
 
 
-def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
-    """Put a small office with a door into a corner of a zone."""
+def _put_office(rng: np.random.Generator, plan: FloorPlan, zone: Rect) -> None:
     width, depth = int(rng.integers(56, 80)), int(rng.integers(50, 66))
     door = int(rng.integers(6, width - 28))
     wall = ((0, depth - 2, door, depth), (door + 20, depth - 2, width, depth))
@@ -89,8 +82,7 @@ def _put_office(rng: np.random.Generator, plan: Plan, zone: Rect) -> None:
         plan.put(item, zone, side, int(rng.choice([0, slack])))
 
 
-def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
-    """Put columns on a lattice, where nothing else is."""
+def _put_columns(rng: np.random.Generator, plan: FloorPlan) -> None:
     if rng.random() < 0.3:
         return
     x0, y0, x1, y1 = plan.floor
@@ -101,8 +93,7 @@ def _put_columns(rng: np.random.Generator, plan: Plan) -> None:
             plan.put(column, plan.floor, 0, x - 4 - x0, y - 4 - y0)
 
 
-def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
-    """Put rows of pallets and a few racks into the loading zone, and stray things everywhere."""
+def _put_goods(rng: np.random.Generator, plan: FloorPlan, loading: Rect) -> None:
     side = int(rng.integers(4))
     length, depth = extent(loading, side)
     gap, step = int(rng.integers(24, 40)), 16 + int(rng.integers(1, 5))
@@ -115,6 +106,6 @@ def _put_goods(rng: np.random.Generator, plan: Plan, loading: Rect) -> None:
     for _ in range(3):
         plan.put_somewhere(rng, furniture.rack(rng), loading)
     for make in (furniture.chest, furniture.plant, furniture.chest):
-        plan.put_somewhere(rng, make(rng), plan.floor, MARGIN)
+        plan.put_somewhere(rng, make(rng), plan.floor, WALL_CLEARANCE)
     for _ in range(int(rng.integers(1, 4))):
-        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, MARGIN)
+        plan.put_somewhere(rng, furniture.block(1.2, 0.8), loading, WALL_CLEARANCE)

@@ -1,15 +1,13 @@
-"""Wings: buildings in the shape of letters or of a ring, with rooms along corridors that meet in a lobby."""
-
 import numpy as np
 
 from ..world import World
 from . import furniture
-from .plan import INNER, MARGIN, Item, Plan, Rect, Size, extent, shared_wall, touching_pairs, turn, units
+from .plan import INNER, WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, shared_wall, touching_pairs, turn, units
 
 _OUTER = 3
 """Thickness of outer walls [units]."""
-_LEAST, _LARGEST = 38, 160
-"""Least side and largest depth of a room [units]."""
+_MIN_ROOM_SIDE, _MAX_ROOM_DEPTH = 38, 160
+"""Minimum side and maximum depth of a room [units]."""
 _SHAPES = {
     "L": (((1, 1, 4),), ((1, 1, 4),)),
     "T": (((2, 1, 4),), ((1, 0, 4),)),
@@ -19,12 +17,13 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Corridors along y and along x as (line, from, to), in lines across: 0 and 4 at the outer walls, 2 in the middle."""
+"""Corridors along y and along x as (line, start, end), on five grid lines across the floor: 0 and 4 are at the outer
+walls, 2 is in the middle."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
-    """Return a building of the given outer size [m], sparsely furnished."""
-    plan = Plan(size, _OUTER, is_open=True)  # corridors overlap where they meet
+    """Return a building in the shape of a letter, with rooms along corridors, of the given outer size [m]."""
+    plan = FloorPlan(size, _OUTER, is_open=True)  # corridors overlap at junctions
     plan.solid[:] = True
     shape = str(rng.choice(list(_SHAPES)))
     corridors = _corridors(rng, plan.floor, shape)
@@ -46,14 +45,13 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
-    """Return the corridors of a shape, turned at random, and a lobby where two of them meet."""
     x_lines, width = _lines(rng, floor[0], floor[2])
     y_lines, height = _lines(rng, floor[1], floor[3])
     turned = rng.random() < 0.5
     upright, level = _SHAPES[shape][::-1] if turned else _SHAPES[shape]
     corridors = [(x_lines[i], y_lines[a], x_lines[i] + width, y_lines[b] + height) for i, a, b in upright]
     corridors += [(x_lines[a], y_lines[i], x_lines[b] + width, y_lines[i] + height) for i, a, b in level]
-    # An L and the like may look the other way.
+    # Mirror the shape at random.
     if rng.random() < 0.5:
         corridors = [(floor[0] + floor[2] - c, b, floor[0] + floor[2] - a, d) for a, b, c, d in corridors]
     if rng.random() < 0.5:
@@ -67,24 +65,25 @@ def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
 
 
 def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], int]:
-    """Return where corridors may begin across a floor, from the first wall to the last, and their breadth."""
+    """Return the five grid lines for corridors across a floor, and the corridor width [units]."""
     length = high - low
     breadth = int(rng.integers(28, max(29, min(49, length // 5))))
     near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
-    # What is too thin for rooms goes to the corridor's other side.
-    near, far = (edge if edge >= _LEAST + INNER else 0 for edge in (near, far))
+    # Strips too thin for rooms are dropped.
+    near, far = (edge if edge >= _MIN_ROOM_SIDE + INNER else 0 for edge in (near, far))
     middle = low + int((length - breadth) * rng.uniform(0.38, 0.62))
     return [low, low + near, middle, high - breadth - far, high - breadth], breadth
 
 
-def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
-    """Return rooms along the corridors, and the pairs of a room and its corridor."""
+def _rooms(
+    rng: np.random.Generator, plan: FloorPlan, corridors: list[Rect]
+) -> tuple[list[Rect], list[tuple[Rect, Rect]]]:
     x0, y0, x1, y1 = plan.floor
     taken = np.ones_like(plan.solid)
     taken[y0:y1, x0:x1] = False
     for x0, y0, x1, y1 in corridors:
         taken[y0 - INNER : y1 + INNER, x0 - INNER : x1 + INNER] = True
-    most = min(_LARGEST, int(0.4 * min(extent(plan.floor, 0))))
+    most = min(_MAX_ROOM_DEPTH, int(0.4 * min(extent(plan.floor, 0))))
     doors: list[tuple[Rect, Rect]] = []
     for corridor in corridors:
         for side in rng.permutation(4).tolist():
@@ -95,7 +94,6 @@ def _rooms(rng: np.random.Generator, plan: Plan, corridors: list[Rect]) -> tuple
 
 
 def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int, depth: int) -> list[Rect]:
-    """Put rooms side by side along a corridor where nothing is taken, at most `depth` deep."""
     length = extent(corridor, side)[0]
     x0, y0, x1, y1 = turn((0, -INNER - depth, length, -INNER), corridor, side, 0)
     strip = taken[max(y0, 0) : y1, max(x0, 0) : x1]
@@ -103,17 +101,21 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
     reach = np.vstack([strip, np.ones((1, length), dtype=bool)]).argmax(axis=0)
     rooms: list[Rect] = []
     k = 0
-    while k + _LEAST <= length:
-        short = np.flatnonzero(reach[k:] < _LEAST)
+    while k + _MIN_ROOM_SIDE <= length:
+        short = np.flatnonzero(reach[k:] < _MIN_ROOM_SIDE)
         limit = int(short[0]) if len(short) else length - k
-        if limit < _LEAST:
+        if limit < _MIN_ROOM_SIDE:
             k += limit + 1
             continue
-        width = int(rng.integers(*((_LEAST, 56), (56, 100), (56, 100), (70, 120), (110, _LARGEST))[rng.integers(5)]))
-        width = limit if limit - width < _LEAST + INNER else width
+        width = int(
+            rng.integers(
+                *((_MIN_ROOM_SIDE, 56), (56, 100), (56, 100), (70, 120), (110, _MAX_ROOM_DEPTH))[rng.integers(5)]
+            )
+        )
+        width = limit if limit - width < _MIN_ROOM_SIDE + INNER else width
         deep = int(reach[k : k + width].min())
         if rng.random() < 0.2:
-            deep = max(_LEAST, int(deep * rng.uniform(0.4, 1.0)))
+            deep = max(_MIN_ROOM_SIDE, int(deep * rng.uniform(0.4, 1.0)))
         rooms.append(turn((k, -INNER - deep, k + width, -INNER), corridor, side, 0))
         k += width + INNER
     for x0, y0, x1, y1 in rooms:
@@ -121,8 +123,8 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
     return rooms
 
 
-def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
-    """Open a door of 0.7 to 1 m; return what to put of its leaf if it stands ajar in the room."""
+def _door(rng: np.random.Generator, plan: FloorPlan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
+    """Open a door; return the arguments of `FloorPlan.put` for its open leaf, if any."""
     wall = shared_wall(room, other)
     if wall is None:
         return None
@@ -137,8 +139,7 @@ def _door(rng: np.random.Generator, plan: Plan, room: Rect, other: Rect) -> tupl
     return leaf, room, side, (start + width if at_right else start - leaf.length) - room[1 - axis]
 
 
-def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
-    """Put some furniture into a room, or none."""
+def _furnish(rng: np.random.Generator, plan: FloorPlan, room: Rect) -> None:
     pieces = furniture.WALL_FURNITURE[str(rng.choice(["living", "bedroom", "study", "office", "storage", "meeting"]))]
     area = (room[2] - room[0]) * (room[3] - room[1])
     most = min(len(pieces), round(area / units(2.2) ** 2))
@@ -146,4 +147,4 @@ def _furnish(rng: np.random.Generator, plan: Plan, room: Rect) -> None:
         plan.put_somewhere(rng, make(rng), room)
     if area > units(4.5) ** 2 and rng.random() < 0.4:
         make = furniture.table if rng.random() < 0.5 else furniture.cluster
-        plan.put_somewhere(rng, make(rng), room, MARGIN)
+        plan.put_somewhere(rng, make(rng), room, WALL_CLEARANCE)
