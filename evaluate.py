@@ -21,7 +21,7 @@ import tyro
 import yaml
 from rich.console import Console
 
-from lidarnaut import find_configuration
+from lidarnaut.agents.config import find_configuration
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings

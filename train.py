@@ -24,17 +24,11 @@ from typing import Any
 import gymnasium
 import yaml
 
-from lidarnaut import find_configuration
-from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, parse_config
-from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, CheckpointError, find_config
-from lidarnaut.agents.trust import check_names, named_code
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
+from lidarnaut.agents.run_folder import CheckpointError
+from lidarnaut.agents.start import train
 from lidarnaut.envs.command_line import begin_command, fail, read_options
-from lidarnaut.envs.files import LockedError, printable, read_mapping
-
-PLAIN = {"experiment": "plain", "total_steps": 300_000}
-"""What a training without a configuration is."""
-RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files beside the configuration of a run or of a policy: a record that users exchange."""
+from lidarnaut.envs.files import LockedError, printable
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -54,15 +48,11 @@ def main(arguments: list[str] | None = None) -> int:
                 read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
-        changes, data, source = read_changes(others), PLAIN, "the command line"
+        changes = read_changes(others)
         if given.resume is None and given.config is None and "algorithm" not in changes:
-            raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
-        if given.resume is not None or given.config is not None:
-            path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
-            data, source = read_mapping(path), str(path)
-            if given.resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
-                check_names(data, source, [*given.trust, *named_code(changes)])
-        run = start(change(data, changes), source, given)
+            raise ValueError("name a configuration, --config FILE, or a run to resume, --resume RUN")
+        options = {"trust": given.trust, "ray": given.ray, "jobs": given.jobs}
+        run = train(given.config, changes, resume=given.resume, **options)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -70,25 +60,6 @@ def main(arguments: list[str] | None = None) -> int:
         return fail(error)
     print(f"results are in {printable(run)}")
     return 0
-
-
-def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
-    """Start, or go on with, what a configuration asks for; return the folder of the results. Raises as `train`."""
-    # Torch takes seconds to load: mistakes in the configuration are reported at once.
-    if {"sweep", "seeds"} & data.keys():
-        from lidarnaut.agents.sweep import run_sweep
-
-        return run_sweep(data, source, resume=given.resume, ray=given.ray, jobs=given.jobs)
-    config = parse_config(data, source)
-    if isinstance(config, EvolutionConfig):
-        from lidarnaut.agents.frontiers.evolution import evolve
-
-        return evolve(config, resume=given.resume, ray=given.ray)
-    if given.ray is not None:
-        raise ValueError("--ray is for sweeps and evolutions: a training by itself runs in one place")
-    from lidarnaut.agents.training import train
-
-    return train(config, resume=given.resume, trust=given.trust)
 
 
 def read_changes(words: Sequence[str]) -> dict[str, Any]:

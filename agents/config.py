@@ -2,6 +2,7 @@
 
 import copy
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Annotated, Any, Literal, get_origin
 
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, field_validator, model_validator
@@ -227,6 +228,24 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
     """
     kind: Any = EvolutionConfig if data.get("algorithm") == "evolution" else TrainingConfig
     return parse_record(data, source, kind)
+
+
+CONFIGURATIONS = Path(__file__).resolve().parents[1] / "configs"
+"""Folder of the packaged configurations."""
+
+
+def find_configuration(name: str) -> Path:
+    """Return the file of a configuration: a path, or the name of a packaged one, such as `explore_frontiers`.
+
+    Raises:
+        ValueError: if there is no such configuration; the message lists the packaged ones.
+    """
+    if name.endswith((".yaml", ".yml")) or Path(name).is_file():
+        return Path(name)
+    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml"))}
+    if name not in known:
+        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
+    return known[name]
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:

@@ -14,8 +14,9 @@ import dataclasses
 import inspect
 import io
 import json
-import re
+import sys
 import warnings
+from collections.abc import Iterable
 from importlib.metadata import version
 from pathlib import Path
 from typing import Annotated, Any
@@ -37,7 +38,7 @@ from lidarnaut.agents.vec_env import Observations, make_env
 from lidarnaut.baselines.explorer import marked
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
-from lidarnaut.envs.files import write_file
+from lidarnaut.envs.files import printable, write_file
 
 TOLERANCE = 1e-5
 """Greatest difference between an action of the policy and that of the file; choices are the same."""
@@ -54,13 +55,26 @@ def main(
     policy: Annotated[str, tyro.conf.Positional],
     out: Annotated[Path, tyro.conf.Positional],
     trust: tuple[str, ...] = (),
-) -> dict[str, Any]:
-    """Write a policy as ONNX; return its metadata.
+) -> None:
+    """Write a policy as ONNX.
 
     Args:
-        policy: folder of a run, a checkpoint or a policy, with or without `ppo:` or `learned:` before it.
+        policy: folder of a run, a checkpoint or a policy, with or without the prefix `ppo:` or `learned:`.
         out: file to write.
-        trust: modules of your own code that the policy may name, or `module:attribute`.
+        trust: modules, or names `module:attribute`, of your own code that the policy may import.
+    """
+    about = export_policy(policy, out, trust)
+    inputs = ", ".join([*about["inputs"], *about["states"]])
+    sys.stdout.write(f"{printable(out)}: inputs {inputs}; policy and file give the same actions\n")
+
+
+def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()) -> dict[str, Any]:
+    """Write a policy as ONNX and return the metadata of the file.
+
+    Args:
+        policy: folder of a run, a checkpoint or a policy, with or without the prefix `ppo:` or `learned:`.
+        out: file to write.
+        trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
     Raises:
         ImportError: if onnx or onnxruntime is not installed.
@@ -73,7 +87,7 @@ def main(
     except ImportError as error:
         extra = "pip install 'lidarnaut[export]', or -e '.[export]' in a checkout"
         raise ImportError(f"writing ONNX needs onnx and onnxruntime: {extra}") from error
-    folder = find_policy(re.sub("^(ppo|learned):", "", policy))
+    folder, out = find_policy(policy), Path(out)
     if (folder / RECORD_FILE).exists():
         raise CheckpointError(f"{folder} holds a score of frontiers, which needs no torch; only networks become ONNX")
     checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
@@ -82,7 +96,7 @@ def main(
     states = {"state_h": shape, "state_c": shape} if shape else {}
     with contextlib.closing(make_env(evaluation_environment(record.config), "test")) as env:
         inner: Any = lidar_env_of(env)
-        about = {"policy": marked(policy, None, env), "sha256": fingerprint(folder), **_describe(record, inner)}
+        about = {"policy": marked(str(policy), None, env), "sha256": fingerprint(folder), **_describe(record, inner)}
         about["states"] = states
         try:
             model = onnx.load_model_from_string(_trace(network, record, states))

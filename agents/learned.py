@@ -1,6 +1,7 @@
 """Learned policies by their folders: of a run, of a checkpoint, or one that comes with the package."""
 
 import hashlib
+import re
 from collections.abc import Iterable
 from pathlib import Path
 
@@ -22,12 +23,14 @@ POLICY = "policy"
 
 
 def find_policy(path: str | Path) -> Path:
-    """Return the folder that holds the weights of a policy: of a run, a checkpoint, a policy, or `pretrained/NAME`.
+    """Return the folder of a policy's weights: in a run, a checkpoint or a policy folder, or `pretrained/NAME`.
+
+    A prefix `ppo:` or `learned:` is ignored.
 
     Raises:
         CheckpointError: if there is none.
     """
-    path = Path(path)
+    path = Path(re.sub("^(ppo|learned):", "", str(path)))
     if path.parts[:1] == ("pretrained",) and not path.exists():
         names = sorted(folder.name for folder in PRETRAINED.glob("*/"))
         if path.name not in names:
@@ -40,18 +43,25 @@ def find_policy(path: str | Path) -> Path:
 
 
 def load_policy(
-    folder: Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
+    policy: str | Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
 ) -> Explorer | ObservationPolicy:
-    """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
+    """Load a learned policy for `run_episode` or for calls with observations.
 
-    That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`); others take their most likely
-    actions, or draw them as in training if they are not to be `deterministic`. `trust`: modules and names of your own
-    code that the policy may name; see `lidarnaut.agents.trust`.
+    Args:
+        policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`.
+        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit`).
+        deterministic: return the most likely action; False samples actions as in training.
+        trust: modules, or names `module:attribute`, of your own code that the policy may import.
+
+    Returns:
+        An explorer for a frontier score; otherwise a `LearnedPolicy`, whose `observations` name the observation parts
+        that the environment must have.
 
     Raises:
-        CheckpointError: if it is damaged, drives by `pursuit` and is no score of frontiers, or draws and is one.
-        ValueError: if it names code that is not trusted.
+        CheckpointError: if there is no such policy, it is damaged, or it does not support the options.
+        ValueError: if the policy names code that is not trusted.
     """
+    folder = find_policy(policy)
     if (folder / RECORD_FILE).exists():
         if not deterministic:
             raise CheckpointError(

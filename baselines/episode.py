@@ -105,6 +105,10 @@ class Episode:
     distance_limit: float
     """Distance that a robot can drive within the time limit, at full speed [m]."""
 
+    def __repr__(self) -> str:
+        values = ", ".join(f"{name}={value:.4g}" for name, value in self.values.items())
+        return f"Episode(end_reason={self.end_reason!r}, duration={self.duration:.1f}, {values})"
+
     @property
     def decision_ms(self) -> float:
         """Mean time of a decision [ms]."""

@@ -1,34 +1,79 @@
-"""Lidarnaut: Gymnasium environments in which lidar robots explore unknown worlds.
+"""Lidarnaut: Gymnasium environments in which lidar robots explore unknown worlds and find their way among people.
 
-Importing this package, or any of it, registers the environments, so that `gymnasium.make` knows their ids; so does an
-id with the module before it: `gymnasium.make("lidarnaut:lidarnaut/Explore-v0")`.
+`import lidarnaut` registers the environments for `gymnasium.make`, and loads no other part of the package: the names
+below are imported on first use. They are the public API. Other modules may change between versions without notice.
 """
 
-from importlib.metadata import PackageNotFoundError, version
-from pathlib import Path
+import importlib.metadata
+from typing import TYPE_CHECKING, Any
 
-from lidarnaut.envs import ENVIRONMENTS, register
-from lidarnaut.envs.files import explain_unknown
+from lidarnaut.envs import register
 
-__all__ = ["ENVIRONMENTS", "__version__", "find_configuration", "register"]
+if TYPE_CHECKING:
+    from lidarnaut.agents.export import export_policy
+    from lidarnaut.agents.learned import load_policy
+    from lidarnaut.agents.start import train
+    from lidarnaut.baselines import make_explorer, policies_for
+    from lidarnaut.baselines.episode import Episode, run_episode
+    from lidarnaut.benchmarks.arena.evaluate import evaluate
+    from lidarnaut.envs.core import LidarEnv
+    from lidarnaut.envs.robots import RobotParams, robots
+    from lidarnaut.envs.simulation.crowd import Crowd
+    from lidarnaut.envs.task import Task
+    from lidarnaut.envs.worlds import load_world, save_map, worlds
+
+__all__ = [
+    "Crowd",
+    "Episode",
+    "LidarEnv",
+    "RobotParams",
+    "Task",
+    "__version__",
+    "evaluate",
+    "export_policy",
+    "load_policy",
+    "load_world",
+    "make_explorer",
+    "policies_for",
+    "register",
+    "robots",
+    "run_episode",
+    "save_map",
+    "train",
+    "worlds",
+]
+
+_MODULES = {
+    "Crowd": "envs.simulation.crowd",
+    "Episode": "baselines.episode",
+    "LidarEnv": "envs.core",
+    "RobotParams": "envs.robots",
+    "Task": "envs.task",
+    "evaluate": "benchmarks.arena.evaluate",
+    "export_policy": "agents.export",
+    "load_policy": "agents.learned",
+    "load_world": "envs.worlds",
+    "make_explorer": "baselines",
+    "policies_for": "baselines",
+    "robots": "envs.robots",
+    "run_episode": "baselines.episode",
+    "save_map": "envs.worlds",
+    "train": "agents.start",
+    "worlds": "envs.worlds",
+}
 
 try:
-    __version__ = version("lidarnaut")
-except PackageNotFoundError:  # a checkout that is on the path, but not installed
+    __version__ = importlib.metadata.version("lidarnaut")
+except importlib.metadata.PackageNotFoundError:  # a checkout on the path that is not installed
     __version__ = "0+unknown"
-CONFIGURATIONS = Path(__file__).with_name("configs").resolve()
-"""Folder of the configurations, in a checkout and where the package is installed."""
 
 
-def find_configuration(name: str) -> Path:
-    """Return the file that `name` means: a path of a YAML file, or `explore_frontiers` for one that is packaged.
+def __getattr__(name: str) -> Any:
+    if name not in _MODULES:
+        raise AttributeError(f"module 'lidarnaut' has no attribute {name!r}; its names are {', '.join(__all__)}")
+    value = globals()[name] = getattr(importlib.import_module(f"lidarnaut.{_MODULES[name]}"), name)
+    return value
 
-    Raises:
-        ValueError: if no configuration has that name; lists those there are.
-    """
-    if name.endswith((".yaml", ".yml")) or Path(name).is_file():
-        return Path(name)
-    known = {path.stem: path for path in sorted(CONFIGURATIONS.rglob("*.yaml"))}
-    if name not in known:
-        raise ValueError(f"unknown configuration {explain_unknown(name, known)}, and paths of YAML files")
-    return known[name]
+
+def __dir__() -> list[str]:
+    return __all__

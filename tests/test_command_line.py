@@ -9,7 +9,9 @@ from typing import Annotated, Literal
 import pytest
 import tyro
 
-from lidarnaut import evaluate, find_configuration, train
+from lidarnaut import evaluate_command as evaluate
+from lidarnaut import train_command as train
+from lidarnaut.agents.config import find_configuration
 from lidarnaut.envs import progress
 from lidarnaut.envs.command_line import Count, run_command
 from lidarnaut.envs.progress import Progress
@@ -117,7 +119,8 @@ def test_commands_end_with_a_message(command, says, tmp_path):
 def test_an_evaluation_goes_on_when_its_reader_has_gone(tmp_path):
     pytest.importorskip("torch", reason="the version of torch is recorded")
     options = "--policies random --worlds pimouse_arena --episodes 1 --physics kinematic --time-limit 1 --out out"
-    line = f"{sys.executable} -m lidarnaut.evaluate {options} --no-world-sections 2>&1 | true; exit ${{PIPESTATUS[0]}}"
+    command = f"{sys.executable} -m lidarnaut.evaluate_command {options} --no-world-sections"
+    line = f"{command} 2>&1 | true; exit ${{PIPESTATUS[0]}}"
     environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     done = subprocess.run(["bash", "-c", line], cwd=tmp_path, env=environment, capture_output=True, text=True)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import lidarnaut.envs.player.__main__ as player
-from lidarnaut import evaluate
+from lidarnaut import evaluate_command as evaluate
 from lidarnaut.agents.callbacks import RunCallback
 from lidarnaut.agents.training import train
 from lidarnaut.envs import ENVIRONMENTS

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from lidarnaut import evaluate, train
+from lidarnaut import evaluate_command as evaluate
+from lidarnaut import train_command as train
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.frontiers.evolution import evolve
 from tests.agents.conftest import TINY

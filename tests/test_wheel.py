@@ -23,15 +23,16 @@ COMMANDS = ("lidarnaut-train", "lidarnaut-evaluate", "lidarnaut-replay", "lidarn
 EPISODES = """
 import gymnasium, lidarnaut
 from pathlib import Path
-from lidarnaut import agents, baselines, benchmarks, envs, evaluate, train
+from lidarnaut import agents, baselines, benchmarks, envs, evaluate_command, train_command
+from lidarnaut.agents.config import find_configuration
 from lidarnaut.envs.worlds import load_world
 from lidarnaut.agents.learned import find_policy, load_policy
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
 
 print(lidarnaut.__version__)
-for module in (agents, baselines, benchmarks, envs, evaluate, lidarnaut, train):
+for module in (agents, baselines, benchmarks, envs, evaluate_command, lidarnaut, train_command):
     print(Path(module.__file__))
-print(lidarnaut.find_configuration("explore_frontiers"))
+print(find_configuration("explore_frontiers"))
 assert load_world("barn:12").goals
 for explorer in (baselines.make_explorer("nearest"), load_policy(find_policy("pretrained/frontiers"))):
     env = gymnasium.make("lidarnaut:lidarnaut/ExploreHouse-v0", physics="kinematic", time_limit=3.0)

@@ -22,6 +22,11 @@ ROBOT_NAMES: tuple[str, ...] = tuple(_LIBRARY)
 """Names of the robots in the library."""
 
 
+def robots() -> tuple[str, ...]:
+    """Return the names of the packaged robots, for the argument `robot` of environments."""
+    return ROBOT_NAMES
+
+
 def load_robot(robot: str | Path | RobotParams) -> RobotParams:
     """Return the parameters of a robot.
 
@@ -55,4 +60,5 @@ __all__ = [
     "OdometryParams",
     "RobotParams",
     "load_robot",
+    "robots",
 ]

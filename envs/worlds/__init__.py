@@ -9,6 +9,15 @@ from .procedural import FAMILIES
 from .raster import check_world, free_area, leaks, rasterize, reachable
 from .world import FixedRoute, World
 
+
+def worlds() -> tuple[str, ...]:
+    """Return the names of worlds for the argument `world` of environments.
+
+    These are the worlds of the library, the procedural families, and `barn:0` to `barn:299` of BARN.
+    """
+    return (*WORLD_NAMES, *FAMILIES, *BARN_NAMES)
+
+
 __all__ = [
     "BARN_NAMES",
     "FAMILIES",
@@ -27,4 +36,5 @@ __all__ = [
     "save_map",
     "world_from_map",
     "world_sampler",
+    "worlds",
 ]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarnaut import train
+from lidarnaut import train_command as train
 from lidarnaut.agents import training
 from lidarnaut.agents.algorithms import complete
 from lidarnaut.agents.config import TrainingConfig, parse_config
@@ -129,8 +129,8 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "--config FILE, or a run that is to go on"),
-        (["--seed", "1"], "--config FILE, or a run that is to go on"),
+        ([], "--config FILE, or a run to resume"),
+        (["--seed", "1"], "--config FILE, or a run to resume"),
         (["--config", ""], "unknown configuration ''"),
         (["--config", "no.yaml"], "no.yaml: no such file"),
         ([*ID, "CartPole-v1", "--environment.time-limit", "1"], "has no argument 'time_limit'; allowed are sutton"),

@@ -6,7 +6,7 @@ import shutil
 import numpy as np
 import pytest
 
-from lidarnaut import evaluate
+from lidarnaut import evaluate_command as evaluate
 from lidarnaut.agents.checkpoint import load_checkpoint
 from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations

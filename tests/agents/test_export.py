@@ -11,7 +11,7 @@ from stable_baselines3.common.torch_layers import CombinedExtractor
 from lidarnaut.agents.checkpoint import POLICY_FILE
 from lidarnaut.agents.evaluation import evaluation_environment
 from lidarnaut.agents.explorer import LearnedPolicy
-from lidarnaut.agents.export import main
+from lidarnaut.agents.export import export_policy as main
 from lidarnaut.agents.learned import PRETRAINED, find_policy
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train

@@ -13,7 +13,7 @@ from lidarnaut.agents.resume import MAY_CHANGE
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
 from lidarnaut.agents.training import train
 from lidarnaut.envs.files import read_record
-from lidarnaut.train import main
+from lidarnaut.train_command import main
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
 
 ROOT = Path(__file__).parents[2]

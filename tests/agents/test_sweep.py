@@ -6,7 +6,7 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from lidarnaut import train
+from lidarnaut import train_command as train
 from lidarnaut.agents import sweep
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.run_folder import CheckpointError

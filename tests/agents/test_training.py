@@ -19,7 +19,7 @@ from lidarnaut.agents.run_folder import find_checkpoint, list_checkpoints, write
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.files import Lock, LockedError, dump_record, parse_record, read_record
-from lidarnaut.train import main
+from lidarnaut.train_command import main
 from tests.agents.fake_env import ID
 
 ROOT = Path(__file__).parents[2]

@@ -8,7 +8,8 @@ import yaml
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from lidarnaut import evaluate, train
+from lidarnaut import evaluate_command as evaluate
+from lidarnaut import train_command as train
 from lidarnaut.agents import export
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import PRETRAINED
@@ -69,7 +70,7 @@ def in_policy_of_evaluation(folder, *trust):
 
 def in_export(folder, *trust):
     pytest.importorskip("onnx")
-    export.main(str(policy_folder(folder / "policy", name_reward)), folder / "a.onnx", trust=trust)
+    export.export_policy(str(policy_folder(folder / "policy", name_reward)), folder / "a.onnx", trust=trust)
 
 
 def run_folder(folder):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import yaml
 
-from lidarnaut import find_configuration
+from lidarnaut.agents.config import find_configuration
 from lidarnaut.agents.sweep import run_sweep
 from lidarnaut.benchmarks import algorithms
 from lidarnaut.benchmarks.algorithms import Task, difference, overview, score, task_section

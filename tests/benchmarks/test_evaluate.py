@@ -19,7 +19,7 @@ from lidarnaut.envs.estimation import MapUpdate
 from lidarnaut.envs.files import Lock
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 from lidarnaut.envs.logs import load_log
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import MEASURES, deterministic, read_rows
 from tests.slam.rooms import wall_distances
 
@@ -205,7 +205,7 @@ INTERRUPTED = """
 import os, signal, sys, threading
 
 import lidarnaut.benchmarks.arena.workers as workers
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 
 if __name__ == "__main__":
     signal.signal(signal.SIGINT, signal.default_int_handler)  # it is ignored in the background of a script

@@ -9,7 +9,7 @@ from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of
 from lidarnaut.benchmarks.arena.measures import texts
 from lidarnaut.benchmarks.arena.statistics import Estimate
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row
 
 RELATIVE = BY_NAME["relative_time_to_95"]

@@ -11,7 +11,7 @@ import pytest
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.benchmarks.arena.trace import Trace
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 from tests import own_code
 from tests.benchmarks.explorations import read_rows
 

@@ -17,7 +17,7 @@ from lidarnaut.benchmarks.arena.page import (
     write_markdown,
 )
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.evaluate import Command, shown_command
+from lidarnaut.evaluate_command import Command, shown_command
 
 LONG = [[Cell("a"), Cell("1", "0 to 2")]] * (MAX_OPEN_LINES + 1)
 

@@ -6,7 +6,7 @@ from lidarnaut.benchmarks.arena.records import read_table
 from lidarnaut.benchmarks.arena.trace import Trace
 from lidarnaut.benchmarks.arena.workers import describe
 from lidarnaut.envs.player import Recording
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import COLUMNS, MEASURES
 
 POLICIES = ("--policies", "random", "nearest", "--worlds", "turtlebot3_world")

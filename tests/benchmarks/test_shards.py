@@ -13,7 +13,7 @@ from lidarnaut.benchmarks.arena.workers import NOT_RUN
 from lidarnaut.envs.files import parse_record, read_record
 from lidarnaut.envs.slam import SLAM_NAMES
 from lidarnaut.envs.worlds import WORLD_NAMES
-from lidarnaut.evaluate import main
+from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import deterministic
 
 SETTINGS = Settings(

@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
-from lidarnaut.evaluate import main, split_arguments
+from lidarnaut.evaluate_command import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
 ROOT = Path(__file__).parents[2]

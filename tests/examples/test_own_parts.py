@@ -12,8 +12,8 @@ import pytest
 import yaml
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.evaluate import main as evaluate
-from lidarnaut.train import main as train
+from lidarnaut.evaluate_command import main as evaluate
+from lidarnaut.train_command import main as train
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 TASK = "own_task:own_task/ReachGoal-v0"

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from tensorboard.backend.event_processing.event_accumulator import EventAccumulator
 
-from lidarnaut import train
+from lidarnaut import train_command as train
 from lidarnaut.agents.config import EvolutionConfig
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.frontiers import evolution

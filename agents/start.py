@@ -1,0 +1,76 @@
+"""Start or resume a training, an evolution or a sweep, from Python or from the command line."""
+
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from lidarnaut.agents.config import EvolutionConfig, TrainingConfig, change, find_configuration, parse_config
+from lidarnaut.agents.run_folder import GENERATIONS, RECORD_FILE, SWEEP, VERSIONS, find_config
+from lidarnaut.agents.trust import check_names, named_code
+from lidarnaut.envs.files import read_mapping
+
+DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
+"""Configuration of a training for which none is given."""
+RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
+"""Files next to the configuration of a run or policy folder, which users exchange."""
+
+
+def train(
+    config: str | Path | Mapping[str, Any] | TrainingConfig | EvolutionConfig | None = None,
+    changes: Mapping[str, Any] | None = None,
+    *,
+    resume: str | Path | None = None,
+    trust: Iterable[str] = (),
+    jobs: int = 1,
+    ray: str | None = None,
+    progress: bool = True,
+) -> Path:
+    """Train a policy and return the folder of the run.
+
+    Args:
+        config: name of a packaged configuration such as `"reach_crowd"`, path of a YAML file, nested mapping, or
+            configuration object. None takes the defaults.
+        changes: new values by key, with dots between the names of nested keys: `{"environment.world": "caves"}`.
+        resume: folder of a run or sweep, or of a checkpoint, to resume. It replaces `config`.
+        trust: modules, or names `module:attribute`, of your own code that the resumed run may import.
+        jobs: number of trainings of a sweep that run in parallel on this machine.
+        ray: address of a Ray cluster for sweeps and evolutions.
+        progress: whether to show progress bars.
+
+    Raises:
+        ValueError: if the configuration is invalid; the message names the key and the allowed values.
+        lidarnaut.agents.run_folder.CheckpointError: if the run to resume is missing or damaged.
+        lidarnaut.envs.files.LockedError: if another process writes to the run.
+        KeyboardInterrupt: on Ctrl-C, after the state has been saved; the message names the run.
+    """
+    changes, trust = dict(changes or {}), tuple(trust)
+    data, source = _read(config, resume, changes, trust)
+    data, resume = change(data, changes), None if resume is None else Path(resume)
+    # Importing torch takes seconds, so report mistakes in the configuration first.
+    if {"sweep", "seeds"} & data.keys():
+        from lidarnaut.agents.sweep import run_sweep
+
+        return run_sweep(data, source, resume=resume, ray=ray, jobs=jobs, progress=progress)
+    parsed = parse_config(data, source)
+    if isinstance(parsed, EvolutionConfig):
+        from lidarnaut.agents.frontiers.evolution import evolve
+
+        return evolve(parsed, resume=resume, ray=ray, progress=progress)
+    if ray is not None:
+        raise ValueError("--ray is for sweeps and evolutions; a single training runs on one machine")
+    from lidarnaut.agents import training
+
+    return training.train(parsed, resume=resume, trust=trust, progress=progress)
+
+
+def _read(config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]) -> tuple[dict[str, Any], str]:
+    """Return a configuration as nested mappings, and its source for messages; refuse untrusted code in records."""
+    if resume is None and config is None:
+        return dict(DEFAULTS), "the configuration"
+    if resume is None and not isinstance(config, str | Path):
+        return dict(config if isinstance(config, Mapping) else config.model_dump()), "the configuration"
+    path = find_configuration(str(config)) if resume is None else find_config(resume)
+    data = read_mapping(path)
+    if resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
+        check_names(data, str(path), [*trust, *named_code(changes)])
+    return data, str(path)

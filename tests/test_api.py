@@ -1,0 +1,85 @@
+"""The public API: the names of `lidarnaut`."""
+
+import inspect
+import subprocess
+import sys
+import typing
+
+import gymnasium
+import pytest
+
+import lidarnaut
+
+
+def test_dir_lists_the_public_names_alone_and_each_has_a_docstring():
+    assert dir(lidarnaut) == lidarnaut.__all__
+    assert len(lidarnaut.__all__) <= 20
+    for name in set(lidarnaut.__all__) - {"__version__"}:
+        assert inspect.getdoc(getattr(lidarnaut, name)), name
+
+
+@pytest.mark.parametrize("name", sorted(set(lidarnaut.__all__) - {"__version__"}))
+def test_signatures_are_typed(name):
+    value = getattr(lidarnaut, name)
+    if inspect.isfunction(value):
+        hints = typing.get_type_hints(value)
+        assert set(inspect.signature(value).parameters) | {"return"} == set(hints)
+
+
+def test_unknown_names_list_the_known_ones():
+    with pytest.raises(AttributeError, match=r"no attribute 'fly'.* make_explorer, policies_for"):
+        lidarnaut.fly  # noqa: B018
+
+
+IMPORT = """
+import sys, lidarnaut, gymnasium
+assert not {"torch", "numba", "stable_baselines3", "scipy", "tyro"} & sys.modules.keys(), sorted(sys.modules)
+assert "lidarnaut/Explore-v0" in gymnasium.registry
+from lidarnaut import train, evaluate
+assert callable(train) and callable(evaluate) and "torch" not in sys.modules
+"""
+
+
+def test_import_registers_the_environments_and_loads_no_heavy_library():
+    subprocess.run([sys.executable, "-c", IMPORT], check=True)
+
+
+def test_a_first_session_works_with_public_names(tmp_path):
+    with gymnasium.make("lidarnaut/ReachGoal-v0", physics="kinematic", world="rooms", time_limit=4.0) as env:
+        env.reset(seed=0)
+        episode = lidarnaut.run_episode(env, lidarnaut.policies_for(env)["pursuit"](), seed=0)
+    assert repr(episode).startswith("Episode(end_reason=")
+    assert len(repr(episode)) < 500
+    assert {"rooms", "turtlebot3_world", "barn:299"} <= set(lidarnaut.worlds())
+    assert "turtlebot3_burger" in lidarnaut.robots()
+
+
+def test_evaluate_takes_names_and_own_policies_and_keeps_files_if_asked(tmp_path):
+    common = {"id": "lidarnaut/ReachGoal-v0", "arguments": {"time_limit": 2.0}, "physics": ["kinematic"], "episodes": 2}
+    own = {"still": lambda: lidarnaut.make_explorer("random"), "pursuit": None}
+    summary = lidarnaut.evaluate(["random", "pursuit"], ["rooms"], people=[2], out=tmp_path / "out", **common)
+    assert summary["random"]["rooms"]["success"].n == 2
+    assert (tmp_path / "out" / "report.html").is_file()
+    del own["pursuit"]
+    assert set(lidarnaut.evaluate(own, ["rooms"], **common)) == {"still"}
+
+
+@pytest.mark.parametrize(
+    ("wrong", "match"),
+    [
+        ({"episodes": 0}, "episodes.* 1"),
+        ({"policies": ["persuit"]}, "did you mean 'pursuit'"),
+        ({"people": ["lots"]}, "lots"),
+    ],
+)
+def test_wrong_arguments_of_evaluate_name_the_culprit(wrong, match):
+    with pytest.raises(ValueError, match=match):
+        lidarnaut.evaluate(**{"policies": ["pursuit"], "id": "lidarnaut/ReachGoal-v0", **wrong})
+
+
+def test_train_takes_a_mapping_with_changes_and_refuses_unknown_keys():
+    data = {"experiment": "a", "algorithm": "PPO", "total_steps": 64, "environment": {"id": "lidarnaut/ReachGoal-v0"}}
+    with pytest.raises(ValueError, match="no argument .worlt. .did you mean .world"):
+        lidarnaut.train(data, {"environment.worlt": "rooms"})
+    with pytest.raises(ValueError, match="did you mean 'reach_crowd'"):
+        lidarnaut.train("reach_crwd")
