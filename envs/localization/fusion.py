@@ -1,4 +1,4 @@
-"""Sensor fusion: readings of wheel encoders and compass as measurements, and one pose estimate from these and a map."""
+"""Sensor fusion of wheel encoders, compass and map localization."""
 
 import math
 from collections import deque
@@ -19,39 +19,37 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Kinds of measurement that the filter uses, by the name of the fusion. `amcl` is the localizer's own pose, unfiltered,
-which follows odometry between two corrections."""
+"""Sensors used by the EKF, by name of the fusion. `amcl` is the localizer's pose without EKF."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
-"""Least standard deviations of position, heading, speed and yaw rate at the start [m, rad, m/s, rad/s]."""
+"""Minimum initial standard deviation of position, heading, speed and yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviations of x, y and heading [m, m, rad], added to those of the localizer's estimates, whose errors are
-correlated: where the map is 6 mm off, all of them are. With this much the filter is consistent (NEES)."""
+"""Standard deviation of x, y, heading added to the localizer's [m, m, rad], for correlated errors such as map errors of
+6 mm; tuned for consistency (NEES)."""
 MIN_HEADING_STD = 1e-4
-"""Standard deviation of a perfect compass [rad]."""
+"""Minimum standard deviation of a compass [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return a Kalman filter whose process noise is the greatest acceleration of a robot.
+    """Return an EKF with process noise from the robot's acceleration limits.
 
-    All measurements have the clock of the readings, so that none is too new.
+    Sensors share one clock, so `max_ahead` is unlimited.
     """
     return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
-    """Return the initial covariance of the filter for a robot at rest, shape (5, 5).
+    """Return the initial EKF covariance of a robot at rest, shape (5, 5).
 
-    `spread` is the standard deviation of the position along either axis [m], `turn` that of the heading [rad].
+    `spread`: standard deviation of the position per axis [m]. `turn`: standard deviation of the heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
-    """Return speed and yaw rate from encoder counts (left, right) during a period [s] that ends at a time [s].
+    """Return mean speed and yaw rate from encoder counts (left, right) over a period [s] that ends at `time` [s].
 
-    They are means, so the measurement's time is the middle of the period. Wheel radius and track are the controller's;
-    the covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
+    The covariance models wheel slip and quantization.
     """
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
@@ -66,12 +64,12 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 
 
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
-    """Return heading and yaw rate from the compass's headings at a time and a period [s] before, map frame [rad].
+    """Return heading and yaw rate from compass headings at `time` and one `period` [s] earlier, map frame [rad].
 
-    NaN gives NaN; but if only the heading before is NaN, the rate is unknown.
+    If only the earlier heading is NaN, the yaw rate gets a large variance.
     """
     imu = robot.imu
-    # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
+    # Standard deviation of uniform rounding errors: step / sqrt(12).
     variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
     rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
     rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
@@ -83,13 +81,19 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
 
 class FusedPose:
-    """Estimates a robot's pose from its sensors."""
+    """EKF fusion of AMCL, wheel encoders and compass."""
 
     def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Fuse, by one of `FUSIONS`, a robot's sensors and a localizer whose estimates come `latency` [s] late.
+        """Create the estimator.
+
+        Args:
+            robot: robot with its sensors.
+            localizer: AMCL on the known map.
+            fusion: one of `FUSIONS`.
+            latency: delay of the localizer's estimates [s].
 
         Raises:
-            ValueError: the fusion is unknown, or the robot lacks the compass that it needs.
+            ValueError: unknown fusion, or the robot lacks the required compass.
         """
         if fusion not in FUSIONS:
             raise ValueError(f"unknown fusion {fusion!r}; choose one of {', '.join(FUSIONS)}")
@@ -98,15 +102,14 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements that arrived with the last reading, of all kinds, be they used by the fusion or not."""
+        """Measurements received with the last reading, including sensors that the fusion ignores."""
         self.localized: Estimate
-        """The localizer's own estimate at the last reading, with speeds from the encoders."""
+        """Localizer's pose at the last reading, with encoder velocities."""
         self.estimate: Estimate
-        """The fused pose and velocity."""
+        """Fused pose and velocity."""
         self.belief: Belief
-        """The fused pose on the map."""
         self.north = math.nan
-        """What the compass reads in the direction of the map's x axis [rad]; set it before a reset."""
+        """Compass reading when facing along the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
@@ -117,7 +120,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a map; see `Estimator` and `Amcl`. The first reading that follows is that of the start."""
+        """Start at rest on a map; see `Estimator` and `Amcl`. The next reading is the start reading."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -129,14 +132,14 @@ class FusedPose:
 
     @property
     def particles(self) -> np.ndarray:
-        """Particles of the localizer; see `Amcl`."""
+        """Particles of the localizer; see `Amcl.particles`."""
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
         """Update by a reading; see `Estimator`.
 
         Raises:
-            ValueError: no time has passed since the last reading.
+            ValueError: time stamps do not increase.
         """
         last, self._last = self._last, reading
         if last is None:
