@@ -29,13 +29,13 @@ from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 _MIN_HITS = 5
 """Minimum number of hits in a scan to compute the scan-to-map fit."""
 _WIDE_FACTOR = 4.0
-"""Ratio of position spread to `lost_spread` above which convergence to a wrong pose is possible."""
+"""Ratio of position spread to `lost_spread` at which convergence to a wrong pose is possible."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
-"""Covariance of particles drawn around an alternative pose [m, m, rad]."""
+"""Covariance of particles around an alternative pose [m, m, rad]."""
 
 
 class _MapTables:
-    """Lookup tables of one map, shared by equal localizers. The origin is the corner of cell (0, 0), for precision."""
+    """Lookup tables of one map, shared by equal localizers."""
 
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
@@ -55,9 +55,8 @@ class _MapTables:
 class Amcl:
     """Adaptive Monte Carlo localization with KLD-sampling.
 
-    Particles are updated by scans. Between updates the pose follows odometry. Fox, "Adapting the sample size in
-    particle
-    filters through KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
+    Between used scans the pose follows odometry. Fox, "Adapting the sample size in particle filters through
+    KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
     """
 
     uses_first_scan = False
@@ -69,13 +68,12 @@ class Amcl:
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
-        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence and
-        confirmation,
-        if other poses explain the scans equally well (`Belief.rivals`), or if the map does not explain the scans."""
+        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, if other
+        poses explain the scans equally well (`Belief.rivals`), or if no pose explains them."""
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
         self.fit: float
-        """Share of hits in recent scans near mapped obstacles; NaN before convergence or without enough hits."""
+        """Share of hits in recent scans near mapped obstacles; NaN before convergence."""
         self.is_corrected = False
         """Whether the last scan updated the particles."""
 
@@ -100,11 +98,11 @@ class Amcl:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start on a map; see `Estimator`. Log a warning if `pose` is not in free space.
+        """Start on a map; see `Estimator`.
 
         Args:
             rng: random generator.
-            pose: initial pose of the base (map frame); None for global localization.
+            pose: initial pose (map frame); None for global localization.
             map: occupancy grid.
             covariance: of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
 
@@ -171,14 +169,12 @@ class Amcl:
             logging.getLogger(__name__).warning(text, pose.x, pose.y)
 
     def _draw_anywhere(self, count: int) -> np.ndarray:
-        """Sample particles uniformly over free space and heading: shape (3, count), float32."""
         free_cells = self._tables.free_cells
         cells = free_cells[self.rng.integers(len(free_cells), size=count)]
         positions = self._tables.map.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
         return np.stack([*positions.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
 
     def _draw_around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
-        """Sample particles from a Gaussian around a pose: shape (3, max_particles), float32."""
         params = self.params
         if covariance is None:
             covariance = np.diag(np.square([params.initial_std, params.initial_std, params.initial_std_theta]))
@@ -223,7 +219,6 @@ class Amcl:
             self._resample()
 
     def _resample(self) -> None:
-        """Resample by weight; inject random particles if the likelihood has dropped."""
         params, rng = self.params, self.rng
         share, anywhere = 0.0, np.empty((3, 0), dtype=np.float32)
         if params.alpha_slow > 0.0 and self._fast < self._slow:
@@ -250,7 +245,7 @@ class Amcl:
         return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
 
     def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
-        """Confirm the estimate if it is unambiguous, or restart around a pose with a better score."""
+        """Confirm an unambiguous estimate, or restart around a pose with a better score."""
         tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
         if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
             return
@@ -263,11 +258,10 @@ class Amcl:
             self._rivals, self.belief.is_lost = None, not self._has_converged
 
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
-        """Compute pose, covariance and fit from the weighted particles."""
         tables, particles, weights = self._tables, self._particles, self._weights
         bins = self._bins[: len(weights)]
         extent = find_bins(particles, tables.raster, bins)
-        # In a cloud of at most two bins per axis, all bins are connected.
+        # At most two bins per axis are always connected.
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))

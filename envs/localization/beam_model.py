@@ -1,4 +1,4 @@
-"""Beam sensor model: weights particles by ray casting in the map."""
+"""Beam sensor model: weights particles by ray casting."""
 
 import math
 from collections.abc import Callable
@@ -17,17 +17,17 @@ from .motion_model import cosine, sine
 from .params import AmclParams
 
 _MIN_STEP = np.float32(0.5)
-"""Minimum step of ray casting [cells]; obstacle corners shorter than this may be missed."""
+"""Minimum step of ray casting [cells]."""
 _CELL_DIAGONAL = np.float32(1.42)
-"""Maximum error of a distance between points taken between their cell centers [cells]."""
+"""Maximum error of a distance between points measured between their cell centers [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
     """Return the range from (x, y) to the first obstacle along a unit direction (dx, dy), by sphere tracing.
 
-    Lengths are float32 [cells]. `distances`, shape (height, width), holds each cell's distance to the nearest obstacle.
-    Returns the maximum range `longest` without a hit.
+    Float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width). `longest`: maximum
+    range, returned without a hit.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)
@@ -55,7 +55,7 @@ class BeamMixture(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def beam_likelihood(measured, expected, range_max, mixture):
-    """Return the likelihood of a range reading [m] (Thrun et al. 2005, table 6.1, as in ROS)."""
+    """Return the likelihood of a range reading [m] (Thrun et al. 2005, table 6.1)."""
     error = measured - expected
     p = mixture.z_hit * math.exp(-error * error / (2.0 * mixture.sigma_hit * mixture.sigma_hit))
     if error < 0.0:
@@ -97,7 +97,7 @@ def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
 
 
 class BeamModel:
-    """The `beam` sensor model. Rays end at obstacles and unknown cells, as in ROS."""
+    """The `beam` sensor model. Rays also end at unknown cells, as in ROS."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
         resolution = occupancy.resolution
@@ -108,7 +108,7 @@ class BeamModel:
         self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan, as in `LikelihoodField`; None if all beams are ignored."""
+        """Return the weighting function of a scan, or None without valid beams; see `LikelihoodField`."""
         picked = self._beams.pick(ranges)
         if np.isnan(picked).all():
             return None

@@ -1,7 +1,7 @@
 """Particle cloud statistics: histogram bins, clusters, mean and covariance.
 
-`particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: shape (n,), float64. `bins`: flat indices in a
-`BinRaster`, shape (n,), int32.
+`particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: shape (n,), float64. `bins`: flat bin indices,
+shape (n,), int32.
 """
 
 import math
@@ -37,10 +37,7 @@ class BinRaster(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Write the bin index of each particle to `bins`; return the largest extent along any axis [bins].
-
-    Indices off the map are clamped to its edge.
-    """
+    """Write the bin index of each particle to `bins`; return the largest extent along any axis [bins]."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
     per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
@@ -51,7 +48,7 @@ def find_bins(particles, raster, bins):
     low_row, low_col, low_angle = num_y, num_x, num_angles
     high_row, high_col, high_angle = zero, zero, zero
     for i in range(xs.shape[0]):
-        # Clamp before the conversion: int32 overflows above 2e9.
+        # Clamp first: int32 overflows above 2e9.
         col = np.int32(min(max((xs[i] - offset_x) * per_metre, first), last_col))
         row = np.int32(min(max((ys[i] - offset_y) * per_metre, first), last_row))
         angle = min(np.int32((thetas[i] + np.float32(math.pi)) * per_radian), num_angles - one)
@@ -63,15 +60,12 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Return the weight of the heaviest cluster of connected bins, and its particles' weights, shape (n,), float64.
-
-    Weights are 0 outside of the cluster. Bins also connect across +-pi.
-    """
+    """Return the weight of the heaviest cluster of connected bins, and its particles' weights, else 0, shape (n,)."""
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)
     occupied[rows, cols, angles] = True
-    # Heading is periodic: repeat the first bin after the last, and merge clusters that meet there.
+    # Heading is periodic: merge clusters that meet at +-pi.
     again = occupied[:, :, -1] = occupied[:, :, 0]
     labels, count = ndimage.label(occupied, _TOUCHING)
     if count == 1:
@@ -94,7 +88,7 @@ def mean_and_covariance(particles, weights, total, covariance):
     `covariance`: shape (3, 3), float64 [m, m, rad], is written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
-    # Relative to the first particle, for precision far from the origin.
+    # Relative to the first particle, for precision.
     x0, y0 = xs[0], ys[0]
     x = y = c = s = 0.0
     for i in range(xs.shape[0]):

@@ -1,8 +1,8 @@
 """Extended Kalman filter over pose and velocity with late, missing and outlier measurements.
 
-Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to 10.
-Differences: covariance updates in Joseph form (positive definite), prediction in short steps (equation 3 drives
-straight within a step), and measurements ordered by time stamp.
+Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to 10, with
+covariance updates in Joseph form, short prediction steps (equation 3 drives straight), and measurements ordered by time
+stamp.
 """
 
 import bisect
@@ -31,8 +31,7 @@ MAX_STEPS = 5000
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
 """Clock reset: minimum number of consecutive refused time stamps, and factor on `patience` if only one of several
-sensors
-is refused."""
+sensors is refused."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -109,9 +108,8 @@ class _Moment:
 class Ekf:
     """Extended Kalman filter for measurements in any order of arrival.
 
-    A late measurement is inserted at its time stamp and later measurements are applied again. The result is
-    bit-identical
-    to ordered arrival.
+    Late measurements are inserted at their time stamps, and later ones applied again. Results are bit-identical to
+    ordered arrival.
     """
 
     def __init__(
@@ -130,17 +128,13 @@ class Ekf:
             acceleration: root spectral density of forward acceleration noise [m/s2/sqrt(Hz)].
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
             horizon: maximum delay of a measurement [s]; later ones are `too_old`.
-            gate: probability that a valid measurement passes the chi-square gate; rejected ones are `gated`.
-            patience: divergence timeout [s]. After this time with only gated measurements of a sensor, the covariance
-                is
-                inflated and the next measurement is `recovered`.
-            max_ahead: maximum lead of a measurement over the filter's clock [s]; further ones are `too_new`. The clock
-                is the
-                latest of the reset, applied measurements and times passed to `estimate`. It is reset if two sensors
-                send only
-                `too_new` or only `too_old` measurements for `patience` seconds. Raise this limit, or call `estimate`
-                first, if
-                measurements are farther apart; inf disables it.
+            gate: probability that a valid measurement passes the chi-square gate; others are `gated`.
+            patience: divergence timeout [s]. A sensor that was only gated for this time is `recovered` with an inflated
+                covariance.
+            max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
+                The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
+                that are only `too_new` or only `too_old` for `patience` seconds reset the clock. Raise the limit, or
+                call `estimate` first, if measurements are farther apart.
 
         Raises:
             ValueError: an argument is out of range.
@@ -165,10 +159,10 @@ class Ekf:
     ) -> None:
         """Restart at a pose (map frame), speed [m/s], yaw rate [rad/s] and time [s].
 
-        `covariance`: shape (5, 5), as in `Estimate`. Without a time, the first measurement sets the clock.
+        `covariance`: shape (5, 5), see `Estimate`. Without a time, the first measurement sets the clock.
 
         Raises:
-            ValueError: a value is not finite, or the covariance is not symmetric and positive definite.
+            ValueError: a value is not finite, or the covariance is invalid.
         """
         clock, time = (math.inf, 0.0) if time is None else (time, time)
         state = np.array([pose.x, pose.y, float(wrap_angle(pose.theta)), v, w])
@@ -197,7 +191,7 @@ class Ekf:
         """Apply a measurement and return its verdict.
 
         Raises:
-            ValueError: the covariance is not symmetric and positive definite.
+            ValueError: invalid covariance.
         """
         if not np.isfinite(measurement.values).all():
             self._counts[measurement.kind, "unusable"] += 1
@@ -215,7 +209,7 @@ class Ekf:
         self._moments.insert(index, added)
         for k in range(index, len(self._moments)):
             self._apply(self._moments[k - 1], self._moments[k])
-        # Keep one state before the horizon, to predict late measurements from.
+        # Keep one state before the horizon for late measurements.
         oldest = self.time - self._horizon
         keep = max(bisect.bisect_left(self._moments, oldest, key=lambda moment: moment.time) - 1, 0)
         self._counts.update(_tally(self._moments[:keep]))
@@ -223,11 +217,9 @@ class Ekf:
         return added.verdict
 
     def _judge_stamp(self, measurement: Measurement) -> Verdict | None:
-        """Return `too_old` or `too_new`, or None if the time stamp is acceptable.
+        """Return `too_old` or `too_new`, or None if the time stamp is acceptable; see `max_ahead`.
 
-        Resets the clock after refused measurements of two sensors, or of the only one, that advance by `patience`. One
-        of
-        several sensors must be too new and advance by `LONE_FACTOR * patience`.
+        One of several sensors resets the clock only if too new for `LONE_FACTOR * patience`.
         """
         time, verdict = measurement.time, cast(Verdict, "too_old")
         if time >= max(self._moments[0].time, self.time - self._horizon):
@@ -254,12 +246,12 @@ class Ekf:
         return None
 
     def estimate(self, time: float | None = None) -> Estimate:
-        """Return the state estimate at a time [s], by default that of the newest measurement.
+        """Return the state estimate at a time [s], by default the newest measurement's.
 
         Later times are predicted and advance the clock of `max_ahead`. Earlier times ignore newer measurements.
 
         Raises:
-            ValueError: the time is before the filter's history, or not finite.
+            ValueError: the time is not finite, or before the history.
         """
         time = self.time if time is None else time
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
@@ -277,7 +269,6 @@ class Ekf:
         return state, covariance
 
     def _apply(self, before: _Moment, after: _Moment) -> None:
-        """Predict to the measurement of `after`, and apply the measurement if it passes the gate."""
         measurement = after.measurement
         assert measurement is not None
         kind, measured, noise = measurement.kind, MEASURED[measurement.kind], measurement.covariance
@@ -315,9 +306,9 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def predict(state, covariance, duration, noise, max_step):
-    """Predict state and covariance in place by a `duration` [s]: equations (2) and (3), and P = F P F^T + Q.
+    """Predict state and covariance in place by a `duration` [s]: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral densities of the process noise, shape (5,), float64 [unit^2/s].
+    `noise`: spectral densities of process noise, shape (5,), float64 [unit^2/s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps
@@ -327,7 +318,7 @@ def predict(state, covariance, duration, noise, max_step):
         state[X] += state[V] * dt * c
         state[Y] += state[V] * dt * s
         state[THETA] += state[W] * dt
-        # Only five elements of F differ from the identity: F P by rows, then (F P) F^T by columns.
+        # F P by rows, then (F P) F^T by columns; five elements of F differ from the identity.
         for j in range(STATE_SIZE):
             covariance[X, j] += turn_x * covariance[THETA, j] + dt * c * covariance[V, j]
             covariance[Y, j] += turn_y * covariance[THETA, j] + dt * s * covariance[V, j]
@@ -342,7 +333,6 @@ def predict(state, covariance, duration, noise, max_step):
 
 @njit(cache=True, error_model="numpy")
 def _innovation_of(state, covariance, measured, values, noise):
-    """Return the innovation, its covariance S, and the normalized innovation squared (NIS)."""
     size = measured.shape[0]
     innovation, spread = np.empty(size), np.empty((size, size))
     for i in range(size):
@@ -356,7 +346,6 @@ def _innovation_of(state, covariance, measured, values, noise):
 
 @njit(cache=True, error_model="numpy")
 def _correct(state, covariance, measured, innovation, spread, noise):
-    """Update the state in place; return the covariance in Joseph form."""
     size = measured.shape[0]
     rows = np.empty((size, STATE_SIZE))
     for i in range(size):

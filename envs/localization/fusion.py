@@ -19,38 +19,31 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Sensors used by the EKF, by name of the fusion. `amcl` is the localizer's pose without EKF."""
+"""Sensors used by the EKF, by name of the fusion. `amcl` is AMCL alone."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
-"""Minimum initial standard deviation of position, heading, speed and yaw rate [m, rad, m/s, rad/s]."""
+"""Minimum initial standard deviation of position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviation of x, y, heading added to the localizer's [m, m, rad], for correlated errors such as map errors of
-6 mm; tuned for consistency (NEES)."""
+"""Standard deviation of x, y, heading added to the localizer's for correlated errors [m, m, rad]; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of a compass [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return an EKF with process noise from the robot's acceleration limits.
-
-    Sensors share one clock, so `max_ahead` is unlimited.
-    """
+    """Return an EKF with process noise from the robot's acceleration limits."""
     return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     """Return the initial EKF covariance of a robot at rest, shape (5, 5).
 
-    `spread`: standard deviation of the position per axis [m]. `turn`: standard deviation of the heading [rad].
+    `spread`, `turn`: standard deviation of position per axis [m] and heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
-    """Return mean speed and yaw rate from encoder counts (left, right) over a period [s] that ends at `time` [s].
-
-    The covariance models wheel slip and quantization.
-    """
+    """Return mean speed and yaw rate from encoder counts (left, right) over a period [s] that ends at `time` [s]."""
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
     left_variance, right_variance = (per_tick**2 / 6.0 + slip**2 * abs(rolled) for rolled in (left, right))
@@ -66,7 +59,7 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
     """Return heading and yaw rate from compass headings at `time` and one `period` [s] earlier, map frame [rad].
 
-    If only the earlier heading is NaN, the yaw rate gets a large variance.
+    Without the earlier heading (NaN), the yaw rate gets a large variance.
     """
     imu = robot.imu
     # Standard deviation of uniform rounding errors: step / sqrt(12).
@@ -87,13 +80,13 @@ class FusedPose:
         """Create the estimator.
 
         Args:
-            robot: robot with its sensors.
-            localizer: AMCL on the known map.
+            robot: robot parameters.
+            localizer: AMCL.
             fusion: one of `FUSIONS`.
-            latency: delay of the localizer's estimates [s].
+            latency: delay of AMCL estimates [s].
 
         Raises:
-            ValueError: unknown fusion, or the robot lacks the required compass.
+            ValueError: unknown fusion, or no compass.
         """
         if fusion not in FUSIONS:
             raise ValueError(f"unknown fusion {fusion!r}; choose one of {', '.join(FUSIONS)}")
@@ -102,14 +95,14 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements received with the last reading, including sensors that the fusion ignores."""
+        """Measurements received with the last reading, used or not."""
         self.localized: Estimate
-        """Localizer's pose at the last reading, with encoder velocities."""
+        """AMCL pose at the last reading, with encoder velocities."""
         self.estimate: Estimate
         """Fused pose and velocity."""
         self.belief: Belief
         self.north = math.nan
-        """Compass reading when facing along the map's x axis [rad]; set before `reset`."""
+        """Compass reading along the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
@@ -120,7 +113,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a map; see `Estimator` and `Amcl`. The next reading is the start reading."""
+        """Start at rest on a map; see `Amcl`. The next reading is the start reading."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -132,7 +125,6 @@ class FusedPose:
 
     @property
     def particles(self) -> np.ndarray:
-        """Particles of the localizer; see `Amcl.particles`."""
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:

@@ -1,4 +1,4 @@
-"""Likelihood field sensor models: weight particles by the distance of hits to mapped obstacles."""
+"""Likelihood field sensor models: weight particles by distances of hits to mapped obstacles."""
 
 import math
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from .motion_model import cosine, sine
 from .params import AmclParams
 
 MAX_ENTRY = 65535
-"""Maximum entry of a likelihood field; uint16 saves cache space and gives exact sums."""
+"""Maximum entry of a likelihood field (uint16, for caching and exact sums)."""
 
 
 class Beams:
@@ -34,7 +34,7 @@ class Beams:
         )
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
-        """Return the ranges of the selected beams, shape (k,), float32 [m]."""
+        """Return ranges of the selected beams, shape (k,), float32 [m]."""
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
@@ -44,9 +44,9 @@ class Beams:
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Return distances from cells to the nearest obstacle, shape (height, width), float64 [m].
+    """Return distances of cells to the nearest obstacle, shape (height, width), float64 [m].
 
-    `obstacles`: shape (height, width), bool. Distances are between cell centers, at most `max_distance` [m].
+    `obstacles`: shape (height, width), bool. Distances are at most `max_distance` [m].
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -74,7 +74,7 @@ class Field(NamedTuple):
 def sum_fields(field, points, num_points, particles, sums):
     """Sum field values over hits, shape (2, >= num_points), base frame [cells], for each particle.
 
-    `particles`: shape (3, n), float32 [m, m, rad]; outside the map, the border value counts. `sums`: shape (n,), int32.
+    `particles`: shape (3, n), float32 [m, m, rad]. `sums`: shape (n,), int32, written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]
@@ -121,7 +121,7 @@ def multiply_by_sum(weights, sums, unit):
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply weights, shape (n,), float64, by likelihoods from log-likelihood `sums`, up to a constant.
 
-    Returns the weighted mean of per-beam geometric means, which vary less than likelihoods of scans.
+    Returns the weighted mean of per-beam geometric mean likelihoods.
     """
     best = sums.max()
     mean = 0.0
@@ -150,9 +150,8 @@ def count_near(field, near, points, num_points, pose):
 class LikelihoodField:
     """Likelihood field models: `likelihood_field` sums over beams, `likelihood_field_prob` multiplies.
 
-    A hit at distance d from the nearest obstacle has the likelihood
-    `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand / range_max` (Thrun et al. 2005, table 6.3). Cells store `pz^3` or
-    `log pz`.
+    Likelihood of a hit at distance d from the nearest obstacle: `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand /
+    range_max` (Thrun et al. 2005, table 6.3). Cells store `pz^3` or `log pz`.
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
@@ -178,7 +177,7 @@ class LikelihoodField:
 
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         distances = obstacle_distances(obstacles, resolution, params.max_distance)
-        # Row by row: allocating whole arrays is slow on large maps.
+        # By rows, as temporary arrays of large maps are slow.
         values = np.array([entry(row) for row in distances])
         border = max(reach, far)
         values = np.pad(values, border - far, constant_values=entry(params.max_distance))
@@ -189,9 +188,8 @@ class LikelihoodField:
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return the weighting function of a scan, shape (num_beams,), float32 [m]; None without hits.
 
-        The function multiplies weights, shape (n,), float64, of particles, shape (3, n), float32, by likelihoods up to
-        a
-        constant, and returns the mean likelihood.
+        The function scales weights, shape (n,), float64, of particles, shape (3, n), float32, and returns the mean
+        likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:

@@ -22,8 +22,7 @@ _HALF = np.float32(0.5)
 def normal(seed, index):
     """Return sample `index` of an approximately normal random sequence with a uint64 seed.
 
-    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014). Exact mean and variance, maximum 3.46. Loops
-    vectorize: 20 times faster than NumPy.
+    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014); vectorizes, unlike NumPy's generator.
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -36,10 +35,7 @@ def normal(seed, index):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def sine(theta):
-    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6.
-
-    Taylor polynomial without branches, so that loops vectorize.
-    """
+    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6; vectorizes."""
     t = _PI - theta if theta > _HALF * _PI else theta
     t = -_PI - theta if theta < -_HALF * _PI else t
     t2 = t * t
@@ -53,7 +49,7 @@ def sine(theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wrap(theta):
-    """Wrap an angle of a few turns at most to [-pi, pi], float32."""
+    """Wrap an angle of few turns to [-pi, pi], float32."""
     return theta - _TURN * np.floor(theta / _TURN + _HALF)
 
 
@@ -82,16 +78,14 @@ def _move(particles, motion, stds, seed):
 def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
     """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as in Nav2.
 
-    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad], changed in place. `motion`: new base pose in the
-    previous
-    base frame.
+    `particles`: shape (3, n), float32 [m, m, rad], changed in place. `motion`: new pose in the previous base frame.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
     rot2 = wrap_angle(motion.theta - rot1)
-    # Driving backwards is as precise as driving forwards.
+    # Driving backwards is as precise as forwards.
     noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
-    # A standard deviation of one turn means an unknown heading; `wrap` handles only a few turns.
+    # One turn means unknown heading; `wrap` handles few turns.
     stds = (
         min(math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2), math.tau),
         math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),

@@ -81,13 +81,11 @@ class AmclParams:
     lost_fit: Share = 0.5
     """Minimum share of fitting hits in recent scans; below it, the filter is lost."""
     lost_updates: Count = 5
-    """Number of recent used scans in the fit; also the number required to confirm a pose after global localization."""
+    """Number of recent scans in the fit; also required to confirm a pose after global localization."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest cluster [m]; above it, the filter is lost."""
     relocalize: bool = False
-    """Whether to restart global localization after `lost_updates` scans without fit; always done once all particles
-    have left
-    free space."""
+    """Whether to restart global localization after `lost_updates` scans without fit, not only after leaving free space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):
@@ -134,14 +132,9 @@ PRESETS: dict[str, AmclParams] = {
     ),
 }
 """AMCL presets: `nav2` (Nav2's defaults), `turtlebot3` (launch file, as in Nguyen et al., "SLAM for mobile robots",
-2022)
-and `default` (of the environments)."""
+2022), `default` (of the environments)."""
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:
-    """Return parameters by preset name or `module:attribute`, or unchanged.
-
-    Raises:
-        ValueError: unknown name.
-    """
+    """Return parameters by preset name or `module:attribute`; ValueError for unknown names."""
     return resolve(preset, PRESETS, "AMCL preset")

@@ -26,7 +26,7 @@ def particles_needed(num_bins, error, quantile):
 def cumulate(weights, cumulated, guide):
     """Compute cumulative weights, shape (n,), and a guide table, shape (n,), int32, for inverse transform sampling.
 
-    Entry k of `guide` is the first particle that a draw of at least k / n can select.
+    Entry k of `guide` is the first particle for draws of at least k / n.
     """
     n = weights.shape[0]
     total = 0.0
@@ -45,16 +45,16 @@ def cumulate(weights, cumulated, guide):
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Golden-ratio steps replace systematic resampling, which needs the number in advance.
+    Golden-ratio steps work without a number known in advance, unlike systematic resampling.
 
     Args:
         particles: shape (3, n), float32 [m, m, rad].
         weights: normalized, shape (n,), float64.
-        bins: histogram bins of particles, shape (n,), int32.
+        bins: histogram bins, shape (n,), int32.
         start: first draw, from 0 to 1.
-        kld: `min_particles`, `kld_err` and `kld_z` of `AmclParams`.
-        injected: random particles, shape (3, f), float32, f > `share` * m; each counts as a new bin.
-        share: share of injected particles, from 0 to 1.
+        kld: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
+        injected: random particles, shape (3, f), float32, f > `share` * m.
+        share: share of injected particles.
         seen: scratch, shape (num_bins,), bool, all False.
         drawn: output, shape (3, m), float32.
     """

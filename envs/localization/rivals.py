@@ -28,9 +28,9 @@ NUM_SEARCHES = 3
 MAX_PER_BIN = 4
 """Maximum number of poses per bin kept by a search stage."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Search stages, coarse to fine: number of hits, number of poses kept, standard deviations of random steps [m]."""
+"""Search stages: number of hits, number of poses kept, standard deviations of random steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Tracking between scans: number of perturbed copies per pose, and standard deviations of random steps [m]."""
+"""Tracking between scans: number of perturbed copies per pose, standard deviations of random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
 """Ratio of x, y and heading steps to the step size [1, 1, rad/m]."""
 
@@ -42,9 +42,8 @@ NO_RIVALS = np.empty((0, 4))
 def count_crossed(field, hits, lidars, margin, pose):
     """Count beams that pass through mapped obstacles more than `margin` cells before their end points.
 
-    Parallel rays one cell to either side must be blocked too, which allows grazing beams. `field`: `Field` of
-    likelihoods.
-    `hits`, `lidars`: end and start points, shape (2, n), float32, base frame [cells].
+    Grazing beams do not count. `field`: `Field` of likelihoods. `hits`, `lidars`: end and start points, shape (2, n),
+    float32, base frame [cells].
     """
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
@@ -73,7 +72,6 @@ def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
 
 
 def _thinned(poses: np.ndarray) -> np.ndarray:
-    """Return the first `MAX_PER_BIN` poses, shape (3, n), of each bin, to preserve diversity."""
     bins = np.floor(poses / np.array([[MIN_SEPARATION], [MIN_SEPARATION], [MIN_SEPARATION_ANGLE]])).astype(np.int64)
     bins -= bins.min(axis=1, keepdims=True)
     flat = np.ravel_multi_index(tuple(bins), tuple(bins.max(axis=1) + 1))
@@ -90,12 +88,12 @@ def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
 class Rivals:
     """Search and tracking of alternative poses.
 
-    The score of a pose is the mean likelihood field value at hits of recent scans, at most 1, minus the share of beams
-    through obstacles.
+    Score of a pose: mean likelihood field value at hits of recent scans, at most 1, minus the share of beams through
+    obstacles.
     """
 
     def __init__(self, field: LikelihoodField, num_scans: int) -> None:
-        """Initialize with a map's likelihood field and the number of recent scans to use."""
+        """Initialize with a map's likelihood field and the number of recent scans."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
@@ -108,7 +106,7 @@ class Rivals:
         """Scores of `poses` relative to the estimate, shape (k,), float64, at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
-        """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous scan."""
+        """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous one."""
         back, geometry = motion.inverse(), self._beams.geometry
         self._scans.extend([back.transform(scan) for scan in self._scans])
         points, count = self._beams.hits(ranges)
@@ -123,15 +121,15 @@ class Rivals:
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Track alternative poses; search the map if there are none, and once per `num_scans` updates.
+        """Track alternative poses; search the map if there are none, and every `num_scans` updates.
 
-        `draw(n)` returns n random poses in free space of `area` [m2], shape (3, n), float32.
+        `draw(n)` returns random poses in free space of `area` [m2], shape (3, n), float32.
         """
         if not self._scans:
             return
         hits = np.vstack([scan[:-1] for scan in self._scans]) / self._table.resolution
         lidars = np.vstack([np.tile(scan[-1], (len(scan) - 1, 1)) for scan in self._scans]) / self._table.resolution
-        # Drop hits that could lie beyond the table: kernels do not check bounds.
+        # Kernels do not check bounds: drop hits beyond the table.
         used = np.flatnonzero(np.hypot(*hits.T) < self._table.border - 2)
         used = used[:: math.ceil(len(used) / MAX_HITS) or 1]
         self._hits, self._lidars = (rows[used].T.astype(np.float32, order="C") for rows in (hits, lidars))
@@ -158,7 +156,6 @@ class Rivals:
     def _climb(
         self, poses: np.ndarray, hits: np.ndarray, steps: Sequence[float], rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Improve poses, shape (3, n), by random hill climbing; return poses and scores."""
         scores = self._score(poses, hits)
         for step in steps:
             tried = poses + (step * STEP_SHAPE).astype(np.float32) * rng.standard_normal(poses.shape, dtype=np.float32)
@@ -169,7 +166,7 @@ class Rivals:
         return poses, scores
 
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
-        """Select distinct alternatives to `own`, shape (3, 1), with similar score from `poses`, shape (3, n)."""
+        """Select distinct poses with scores similar to `own`, shape (3, 1), from `poses`, shape (3, n)."""
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
         poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]

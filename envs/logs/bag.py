@@ -36,9 +36,8 @@ def read_bag(
     """Read the scans and odometry of a bag. Times are header stamps.
 
     Default odometry: the only Odometry topic, or else transforms from `odom_frame` to the base. Transforms are read
-    from
-    `tf` and `tf_static` in the innermost namespace of the scans; see `FrameTree`. The lidar mount may change over time.
-    Following REP 117, ranges above `range_max` are no return; ranges below `range_min` and NaN are ignored.
+    from `tf` and `tf_static` in the innermost namespace of the scans; see `FrameTree`. As in REP 117, ranges above
+    `range_max` are no return; ranges below `range_min` and NaN are ignored.
 
     Raises:
         BagError: damaged bag, missing or ambiguous topic or frame, or invalid messages.
@@ -105,7 +104,6 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
-    """Return static or dynamic transform topics in the innermost namespace of a topic."""
     name, prefix = "tf_static" if static else "tf", f"{topic.strip('/')}/"
     found: dict[str, list[str]] = {"": []}
     for each in bag.topics(TRANSFORMS):
@@ -146,7 +144,6 @@ def _read_odometry(
 
 
 def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
-    """Return lidar poses in the base frame, shape (n, 4, 4), NaN if unknown; None if never known."""
     found = (tree.find(start, frame, times) for start in ((base,) if base else BASE_FRAMES))
     return next((mounts for mounts in found if mounts is not None), None)
 
@@ -177,7 +174,6 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
 
 
 def _time_order(bag: BagReader, topic: str, times: list[float]) -> np.ndarray:
-    """Return the order by time; BagError if the clock runs back."""
     jump = find_jump_back(np.array(times))
     if jump is not None:
         clock = f"from {max(times[:jump]):.3f} to {times[jump]:.3f} s"

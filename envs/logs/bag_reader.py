@@ -24,7 +24,6 @@ MAX_CHUNK = 2**29
 
 
 def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-    """Return a decompression function limited to `MAX_CHUNK` bytes."""
 
     def unpack(data: bytes, *_: int) -> bytes:
         decompressor = make_decompressor()
@@ -67,7 +66,7 @@ class BagReader:
             self._counts[connection.topic] = self._counts.get(connection.topic, 0) + connection.msgcount
 
     def topics(self, kinds: Sequence[str]) -> list[str]:
-        """Return the non-empty topics with a message type in `kinds`."""
+        """Return non-empty topics with a message type in `kinds`."""
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
@@ -93,11 +92,10 @@ class BagReader:
             raise self.error(f"damaged: holds {count} of {self._counts[topic]} messages of {topic}")
 
     def error(self, text: str) -> BagError:
-        """Return an error that names the file, truncated to `MAX_TEXT`."""
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
     def checked(self, where: str, function: Any, *arguments: Any) -> Any:
-        """Call a function and convert its ValueError to a BagError."""
+        """Call a function; convert its ValueError to a BagError."""
         try:
             return function(*arguments)
         except ValueError as error:
@@ -125,6 +123,6 @@ def open_bag(path: Path) -> Iterator[BagReader]:
             yield BagReader(path, reader)
     except (BagError, PermissionError):
         raise
-    except Exception as error:  # damaged bags raise many types
+    except Exception as error:  # many types
         said = " ".join(str(error).split()) or type(error).__name__
         raise BagError(f"{path}: damaged or not a bag: {said}") from error

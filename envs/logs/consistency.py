@@ -15,17 +15,15 @@ END_MARGIN = 0.3
 """Beam length before the hit that may cross occupied cells [m], for walls and grazing beams."""
 MAX_CONFLICTS = 0.2
 """Maximum share of conflicting beams in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds, else 0.24
-to
-0.53 (docs/notes/slam.md)."""
+to 0.53."""
 CHUNK = 256
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:
     """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
-    All scans are integrated into a new map, which makes SLAMs comparable. Overlapping rooms show; a bent trajectory
-    without
-    overlap does not.
+    All scans are integrated into a new map, which makes SLAMs comparable. The share rises if rooms overlap, but not if
+    the trajectory is bent without overlap.
 
     `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN without returns or without a finite map.
     """
@@ -49,7 +47,6 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _count_conflicts(occupancy, ranges, angles, sensors, resolution, range_max):
-    """Count conflicting beams and returns; `sensors`: lidar poses [cells, cells, rad]."""
     height, width = occupancy.shape
     conflicts = count = 0
     for i in range(ranges.shape[0]):

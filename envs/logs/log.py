@@ -113,15 +113,14 @@ def load_log(
     Args:
         path: file or ROS 2 bag folder. Arrays: `t`, `odo`, `idx`, `ranges`, see `Log`; `ang0`, `dang`, first angle and
             increment in the base frame [rad]; `maxr`, maximum range [m]; optional `mount_x`, lidar position [m], and
-            `off`,
-            added to `t`.
+            `off`, added to `t`.
         max_range: ranges from this value on count as no return [m]; None for the log's limit.
         min_range: ranges below this value are ignored [m]; None for the log's limit.
         field_of_view: angle of CARMEN's FLASER scans [rad]; None: see `read_carmen`.
         scan_topic: scan topic of a bag; None for the only one.
         odom_topic: odometry topic of a bag; None for the only one.
-        base_frame: base frame of a bag; None for that of the odometry.
-        odom_frame: odometry frame of a bag; None for that of the messages, or `odom`.
+        base_frame: base frame of a bag; None for the odometry's.
+        odom_frame: odometry frame of a bag; None for the messages' or `odom`.
         laser_frame: lidar frame of a bag; needed if ambiguous or named differently in transforms.
         max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
 
@@ -178,7 +177,6 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)
-    # LidarParams centers the field of view on the x axis.
     lidar = LidarParams(ranges.shape[1], high, low, fov, mount=Mount(x, y, z, yaw=first + fov / 2))
     if not np.isfinite(ranges).any():
         notes.append("no beam of any scan has a return")
@@ -188,7 +186,6 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
 def _interpolated(
     scans: list[Scan], times: np.ndarray, odometry: np.ndarray, of_all: str, notes: list[str]
 ) -> tuple[list[Scan], np.ndarray, np.ndarray, np.ndarray]:
-    """Return scans, times and odometry interpolated at the scans, and rows of the scans."""
     scan_times = np.array([scan.time for scan in scans])
     after = np.searchsorted(times, scan_times)
     outside = (scan_times < times[0]) | (scan_times > times[-1])

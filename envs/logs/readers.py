@@ -34,8 +34,8 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
     """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one laser.
 
     FLASER lines lack angles. As in CARMEN, 180 or 181 beams have increments of 1 degree, 360 or 361 of 0.5, 400 or 401
-    of
-    0.25; others cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of the base.
+    of 0.25; others cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of the
+    base.
 
     Raises:
         ValueError: damaged line, truncated file, no scans, or several lasers.
@@ -168,7 +168,6 @@ def _numbers(fields: list[str]) -> list[float]:
 def read_archive(path: Path) -> Recording:
     """Read the arrays of `load_log`; ValueError if any is invalid."""
     arrays: dict[str, Any] = {}
-    # Object arrays: unequal numbers of beams.
     with open_archive(path) as archive:
         if missing := _DIMENSIONS.keys() - set(archive.files):
             raise ValueError(f"lacks the arrays {sorted(missing)}")

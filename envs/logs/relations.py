@@ -50,7 +50,7 @@ def load_relations(path: str | Path) -> np.ndarray:
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # empty files are refused below
+            warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(io.BytesIO(read_bytes(Path(path))), ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: not a list of relations: {error}") from error
@@ -105,7 +105,7 @@ def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) 
 
 
 def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    order = np.argsort(times, kind="stable")  # clocks of real logs jump back
+    order = np.argsort(times, kind="stable")  # clocks may jump back
     times = times[order]
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     return order[np.where(wanted - times[after - 1] <= times[after] - wanted, after - 1, after)]

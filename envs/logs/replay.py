@@ -77,15 +77,14 @@ class Options:
     """Lidar frame in a bag; needed if ambiguous or named differently in transforms."""
     robot: str | None = None
     """Robot (name or YAML file); odometry faster than 1.5 times its maximum speeds is bridged or reported. Default: 5
-    m/s and
-    10 rad/s."""
+    m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:
     """Run the command.
 
     Raises:
-        ValueError: invalid input, SLAM that cannot be replayed, or insufficient memory.
+        ValueError: invalid input, or insufficient memory.
         FileNotFoundError: an input file is missing.
     """
     if options.seeds < 1 or options.first_seed < 0:
@@ -182,7 +181,6 @@ def _line(run: Run) -> str:
 
 
 def _complaint(run: Run) -> str | None:
-    """Return the reasons not to trust a result, or None."""
     causes = []
     if run.lost_share > 0.0:
         causes.append(f"it was lost at {100 * run.lost_share:.1f} % of the scans")

@@ -107,7 +107,7 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
         return scan, f"lidar at {scan.position} m in the base frame; at most {MAX_LENGTH:g} m is allowed"
     ranges, first, step = scan.ranges, scan.first, scan.step
     if FULL_TURN < abs(step) * (count - 1) < MAX_TURN:
-        count = math.ceil(FULL_TURN / abs(step))  # further beams repeat
+        count = math.ceil(FULL_TURN / abs(step))
         ranges = ranges[:count]
     if not 2 <= count <= MAX_BEAMS:
         return scan, f"{count} beams; from 2 to {MAX_BEAMS:,} are allowed"
@@ -123,8 +123,7 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
     """Return scans on common beams, shape (m, num_beams), float32 [m], first angle, increment [rad], position [m].
 
     Scans with equal beams stay unchanged. Common beams cover all fields of view at the 10 % quantile of increments.
-    Ranges
-    are interpolated between adjacent beams on one surface, else nearest, and NaN outside of the field of view.
+    Ranges are interpolated between adjacent beams on one surface, else nearest, and NaN outside of the field of view.
     Scans of a moving lidar refer to its median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
@@ -160,7 +159,7 @@ def _resampled(scan: Scan, position: tuple[float, float], low: float, step: floa
     angles = (angles - low) % (2.0 * math.pi)
     order = np.argsort(angles, kind="stable")
     angles, ranges = angles[order], ranges[order]
-    # Pad one beam per end, a turn away: every beam needs two neighbors.
+    # Every beam needs two neighbors.
     angles = np.concatenate([angles[-1:] - 2.0 * math.pi, angles, angles[:1] + 2.0 * math.pi])
     ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
     wanted = step * np.arange(num_beams)
@@ -173,7 +172,7 @@ def _resampled(scan: Scan, position: tuple[float, float], low: float, step: floa
     with np.errstate(invalid="ignore"):
         one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
         between = (1.0 - share) * ranges[left] + share * ranges[right]
-    reach = min(max(scan.step, step), 2.0 * step)  # beams of coarse scans are not widened
+    reach = min(max(scan.step, step), 2.0 * step)  # no widening of coarse beams
     result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
     result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
     return result.astype(np.float32)

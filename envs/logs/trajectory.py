@@ -73,8 +73,7 @@ def bridge_glitches(
     """Replace odometry excursions by interpolation.
 
     An excursion starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close
-    to
-    its start. Other jumps remain.
+    to its start.
 
     Args:
         times: shape (n,), ascending except for jitter [s].
@@ -102,7 +101,7 @@ def bridge_glitches(
     for k, jump in enumerate(jumps if not is_wrong else ()):
         if jump < done:
             continue
-        longest = max(MAX_GLITCH, 3.0 * usual[jump])  # two poses of slow odometry
+        longest = max(MAX_GLITCH, 3.0 * usual[jump])
         for end in jumps[k + 1 :]:
             after, duration = end + 1, times[end + 1] - times[jump]
             length, turn = (each.item() for each in trajectory_errors(poses[[after]], poses[[jump]]))

@@ -24,8 +24,7 @@ class FrameTree:
     """Tree of frames with time-dependent transforms.
 
     The last static transform of a frame holds at all times; dynamic ones are interpolated. As in tf2, transforms that
-    are
-    not finite, not normalized, or from a frame to itself are ignored.
+    are not finite, not normalized, or from a frame to itself are ignored.
     """
 
     def __init__(self) -> None:
@@ -42,7 +41,6 @@ class FrameTree:
                     self._add(one, static)
 
     def _add(self, one: Any, static: bool) -> None:
-        """Add a `TransformStamped`, or the pose of an `Odometry`."""
         child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
         if hasattr(one, "transform"):
             t, q, tolerance = one.transform.translation, one.transform.rotation, UNIT_TOLERANCE
@@ -111,7 +109,6 @@ class FrameTree:
         return pose
 
     def _valid(self, frame: str, parent: str) -> np.ndarray:
-        """Return valid transforms sorted by time, shape (n, 8): stamp, position, quaternion."""
         rows = np.array(self._rows[frame][parent]).reshape(-1, 8)
         is_valid = np.isfinite(rows).all(axis=1)
         if not is_valid.all():

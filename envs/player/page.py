@@ -21,7 +21,7 @@ SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
 
 
 def build_page(recordings: Sequence[Recording]) -> str:
-    """Return an HTML page, without external files, that replays one or two episodes; ValueError for other numbers."""
+    """Return a self-contained HTML page that replays one or two episodes; ValueError for other numbers."""
     if not 1 <= len(recordings) <= MAX_EPISODES:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
     names = ("page.html", "page.css", *SCRIPTS)

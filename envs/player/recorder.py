@@ -25,18 +25,16 @@ PLAN_TOLERANCE = 0.03
 
 
 class EpisodeRecorder:
-    """Recorder of one episode, as a context manager; records the first robot of a team.
+    """Recorder of one episode, as a context manager; for teams, of the first robot.
 
-    Recording uses the environment's `on_period` hook and does not affect the episode. Other robots are recorded as
-    people.
+    Other robots are recorded as people. Recording does not affect the episode.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
         """Attach to an environment; the next call must be its `reset`.
 
-        Candidates are recorded if the explorer has a `FrontierNavigator` as `navigator`, with their scores if it has
-        `scores`,
-        see `lidarnaut.baselines.frontier.explorer.RuleExplorer`.
+        Candidates of an explorer are recorded if its `navigator` is a `FrontierNavigator`, with `scores` if it has
+        them.
 
         Raises:
             TypeError: not an environment of this package.
@@ -74,7 +72,6 @@ class EpisodeRecorder:
         self._tracks: list[np.ndarray] = []
         self._map = MapHistory(self._env.belief.grid)
         self._decisions: list[tuple[float, int, np.ndarray]] = []
-        # Candidates of the previous episode are not new.
         self._candidates = self._offered()
 
     def _offered(self) -> Candidates | None:
@@ -82,7 +79,6 @@ class EpisodeRecorder:
         return getattr(navigator, "candidates", None) if isinstance(navigator, FrontierNavigator) else None
 
     def _note_decision(self) -> None:
-        """Record new frontier candidates and the chosen one, at the start of the control period."""
         candidates = self._offered()
         if candidates is self._candidates or candidates is None:
             return
@@ -90,8 +86,7 @@ class EpisodeRecorder:
         target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
         rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
         rows[:, :5] = np.column_stack([candidates[name] for name in ("frontier", "cost", "visible", "failures")])
-        if scores is not None and len(scores) <= len(rows):  # policies may score only some candidates
-            # Failed or unrated candidates have no score.
+        if scores is not None and len(scores) <= len(rows):  # some may lack scores
             rows[: len(scores), 5] = np.where(scores > -1e5, scores, np.nan)
         gaps = np.abs(candidates["frontier"] - (target or (math.inf, math.inf))).sum(axis=1)
         chosen = int(gaps.argmin()) if len(gaps) and gaps.min() < 1e-9 else -1
@@ -178,16 +173,14 @@ class MapHistory:
     """History of changes of a map that may grow or be redrawn."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
-        """Start with an unknown map of the frame and resolution of `grid`."""
         self._resolution, self._first = grid.resolution, grid.origin
-        # Cell kinds over the union of all maps, and its corner (row, column) relative to the first map's.
+        # Cell kinds over the union of all maps, and its corner relative to the first map's.
         self._kinds = np.zeros((0, 0), dtype=np.uint8)
         self._corner = np.zeros(2, dtype=np.int64)
         self._cells: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
 
     def append(self, grid: OccupancyGrid) -> None:
-        """Add the current map."""
         corner = np.rint(np.subtract(grid.origin, self._first)[::-1] / self._resolution).astype(np.int64)
         if not self._kinds.size:
             self._corner = corner
@@ -205,10 +198,7 @@ class MapHistory:
         self._kinds = now
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
-        """Return shape and origin of the map, changed cells, changes, and sample ends, as in `Recording`.
-
-        The map is cropped to cells that were ever known.
-        """
+        """Return shape, origin, changed cells, changes and sample ends, as in `Recording`, cropped to known cells."""
         cells = np.concatenate(self._cells)
         low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
         rows, columns = (high - low).tolist()

@@ -21,8 +21,7 @@ NO_RETURN, NO_MEASUREMENT = 255, 0
 """Scan values for beams without return, and for lost beams."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
-and
-score (NaN if unknown)."""
+and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
 """Arrays of end indices, and the arrays that they index."""
 
@@ -39,15 +38,14 @@ def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
 class Recording:
     """Recorded episode: n samples of one robot, and m decisions.
 
-    Annotations give type and shape of arrays; equal names mean equal sizes.
+    Annotations give dtype and shape of arrays.
     """
 
     about: dict[str, Any]
     """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, its name; `radius` [m]; `lidar`
-    with
-    `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, world pose of the map frame; `map`
-    with `shape` (rows, columns), `resolution` [m] and `origin` (map frame [m]); `floor` with `resolution` and `origin`
-    (world frame); `figures`, final metrics as text."""
+    with `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, world pose of the map
+    frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` (map frame [m]); `floor` with
+    `resolution` and `origin` (world frame); `figures`, final metrics as text."""
     time: Annotated[np.ndarray, np.float32, "n"]
     """Time since the reset [s]."""
     true_poses: Annotated[np.ndarray, np.float32, "n", 3]

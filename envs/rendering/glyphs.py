@@ -18,7 +18,6 @@ MIN_ROBOT_RADIUS = 25.0
 
 def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int) -> None:
     """Draw a line through points, shape (n, 2) [px]."""
-    # Long paths have many points per pixel.
     moved = np.any(np.diff(np.round(pixels / 2), axis=0), axis=1)
     pixels = pixels[np.concatenate([[True], moved])] if len(pixels) else pixels
     if len(pixels) > 1:

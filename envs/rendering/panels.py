@@ -34,7 +34,6 @@ def new_surface(size: tuple[int, int]) -> pygame.Surface:
 
 
 def _palette() -> np.ndarray:
-    """Return the pixel value per occupancy value, shape (102,), uint32; see `View.paint_grid`."""
     shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # full contrast below certainty
     known = np.array(style.FREE) * (1 - shares) + np.array(style.OCCUPIED) * shares
     return (np.vstack([style.UNKNOWN, known.round()]).astype(np.uint32) << (16, 8, 0)).sum(axis=1, dtype=np.uint32)
@@ -58,14 +57,12 @@ def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def _draw_person(surface: pygame.Surface, view: View, person: np.ndarray, width: int) -> None:
-    """Draw a person (x, y, vx, vy, radius), filled for width 0 [px], with a velocity line (1 s)."""
     centre, ahead = view.pixels(np.array([person[:2], person[:2] + person[2:4]]))
     pygame.draw.circle(surface, style.PERSON, centre, max(float(person[4]) * view.scale, 6.0), width)
     pygame.draw.line(surface, style.PERSON, centre, ahead, 3)
 
 
 def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
-    """Draw the area covered by the last scan, and its hits."""
     sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
     sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
     outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
@@ -91,7 +88,6 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
 
 @lru_cache(maxsize=8)
 def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
-    """Draw the static world: floor reachable from the spawns, outside, solid and unused free cells."""
     view, lines = View(shown_bounds(world), size), new_surface(size)
     for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
         pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
@@ -162,7 +158,6 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
-    """Draw a goal pose, world frame, as a ring with a heading line."""
     tip = goal.transform(np.array([[30.0 / view.scale, 0.0]]))
     (centre, end) = view.pixels(np.vstack([goal[:2], tip])).tolist()
     pygame.draw.circle(surface, style.FRONTIER, centre, 16, 5)
@@ -170,5 +165,5 @@ def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
 
 
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
-    """Return the centers of the cells in `mask`, shape (n, 2) [m]; faster than `argwhere` for few cells."""
+    """Faster than `argwhere` for few cells."""
     return grid.centers(np.column_stack(np.divmod(np.flatnonzero(mask), mask.shape[1])))

@@ -127,7 +127,6 @@ class Picture:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
-        """Draw a scale bar of round length below the left panel."""
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
         length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
         x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2

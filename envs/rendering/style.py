@@ -1,7 +1,6 @@
-"""Colors and fonts of pictures.
+"""Colors and fonts of pictures: ground truth is blue, estimates are vermilion.
 
-Ground truth is blue, estimates are vermilion. Lines and robots use the palette of Okabe and Ito, "Color Universal
-Design" (2008), for color blindness; worlds and maps use distinct greys.
+Palette of Okabe and Ito, "Color Universal Design" (2008); worlds and maps have distinct greys.
 """
 
 Colour = tuple[int, int, int]

@@ -43,10 +43,6 @@ class View:
 
 @njit(cache=True, error_model="numpy")
 def _paint(data, palette, corner, per_col, per_row, image):
-    """Color each pixel by the cell under its center.
-
-    The first pixel's center is at `corner` (column, row); `per_col` and `per_row` are steps per pixel [cells].
-    """
     rows, columns = data.shape
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):

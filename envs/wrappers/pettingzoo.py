@@ -44,7 +44,6 @@ class _Team:
         return self.env.render()
 
     def close(self) -> None:
-        """Close physics engine and window."""
         self.env.close()
 
     def _check_begun(self) -> None:
@@ -56,8 +55,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     """`ExploreTeam-v0` with one agent per robot: "robot_0", "robot_1", ...
 
     Each agent has its own row of actions, observations and per-robot `info`. Reward (see `info["rewards"]`) and episode
-    end
-    are common.
+    end are common.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
@@ -65,7 +63,6 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def __init__(self, **arguments: Any) -> None:
         """Create the team with arguments of `ExploreTeam-v0`."""
         self.env = LidarEnv(ExploreTeam, **arguments)
-        """The wrapped environment."""
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(self.env.task.num_robots)]
         self.agents: list[str] = []
@@ -123,8 +120,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     """`ExploreTeamFrontiers-v0` with one agent per robot, selected when its decision is due.
 
-    Observations are from an agent's last decision. All agents receive the team's reward at each decision and end
-    together.
+    Agents observe their last decision. Reward and episode end are common.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -137,7 +133,6 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         """Create the team with arguments of `ExploreTeamFrontiers-v0`."""
         super().__init__()
         self.env = ExploreTeamFrontiersEnv(**arguments)
-        """The wrapped environment."""
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(len(self.env.explore.robots))]
         self.observation_spaces = dict.fromkeys(self.possible_agents, self.env.observation_space)
@@ -159,7 +154,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
 
         Raises:
             ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.
-            gymnasium.error.ResetNeeded: before `reset`, after the episode, or after a failed step.
+            gymnasium.error.ResetNeeded: as for `TeamParallelEnv.step`.
         """
         self._check_begun()
         agent = self.agent_selection
@@ -173,7 +168,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=terminated, truncated=truncated)
 
     def observe(self, agent: str) -> Observation:
-        """Return the observation of an agent at its last decision; zeros before the first."""
+        """Return an agent's observation at its last decision; zeros before the first."""
         return self._seen[agent]
 
     def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:

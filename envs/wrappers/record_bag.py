@@ -25,15 +25,11 @@ _NO_PATH = np.empty((0, 2))
 
 
 class BagRecorder:
-    """Recorder of one single-robot episode as a ROS 2 bag.
+    """Recorder of one single-robot episode as a ROS 2 bag; as a context manager, removes the bag after an exception.
 
-    Per control period: `/clock`, `/scan`, `/odom`, `/tf`, `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined) and
-    `/tracks`
-    (people). Per second: `/map`. Once: `/tf_static`. Times are since the reset. The only ground truth is
-    `/ground_truth/people`; `/odom` is always wheel odometry. Frames: `map`, `odom`, `base_footprint`, `base_link`,
-    `laser`.
-
-    As a context manager, finishes the bag on exit, or removes the bag after an exception.
+    Per control period: `/clock`, `/scan`, `/odom`, `/tf`, `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined),
+    `/tracks` (people) and `/ground_truth/people`. Per second: `/map`. Once: `/tf_static`. Times are since the reset.
+    `/odom` is always wheel odometry. Frames: `map`, `odom`, `base_footprint`, `base_link`, `laser`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
@@ -87,7 +83,6 @@ class BagRecorder:
         self._is_open, self._env.on_period = False, None
 
     def _record(self, commands: Sequence[Twist] | None) -> None:
-        """Record a reset (None) or a control period with its commands."""
         reading, write = self._robot.reading, self._writer.write
         if commands is None:
             if self._is_started:
@@ -144,7 +139,6 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
         self._recorder: BagRecorder | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Finish the last bag, and start an episode with a new bag."""
         self._finish()
         self._recorder = BagRecorder(self.env, self._folder / f"episode_{self._count}.mcap")
         try:
@@ -156,14 +150,12 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
         return result
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step; finish the bag at the end of the episode."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         if terminated or truncated:
             self._finish()
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Finish the bag and close the environment."""
         try:
             self._finish()
         finally:
