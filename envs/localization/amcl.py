@@ -35,8 +35,6 @@ _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 
 
 class _MapTables:
-    """Lookup tables of one map, shared by equal localizers."""
-
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
     def __init__(self, key: tuple, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
@@ -55,8 +53,8 @@ class _MapTables:
 class Amcl:
     """Adaptive Monte Carlo localization with KLD-sampling.
 
-    Between used scans the pose follows odometry. Fox, "Adapting the sample size in particle filters through
-    KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
+    Between updates the pose follows odometry. Fox, "Adapting the sample size in particle filters through KLD-sampling"
+    (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
     """
 
     uses_first_scan = False
@@ -190,7 +188,6 @@ class Amcl:
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
     def _start(self, pose: Pose2D | None, covariance: np.ndarray | None = None) -> None:
-        """Initialize the particles around a pose, or globally for None."""
         if pose is None:
             self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
         else:
@@ -245,7 +242,6 @@ class Amcl:
         return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
 
     def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
-        """Confirm an unambiguous estimate, or restart around a pose with a better score."""
         tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
         if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
             return

@@ -26,8 +26,8 @@ _CELL_DIAGONAL = np.float32(1.42)
 def march(distances, x, y, dx, dy, longest):
     """Return the range from (x, y) to the first obstacle along a unit direction (dx, dy), by sphere tracing.
 
-    Float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width). `longest`: maximum
-    range, returned without a hit.
+    Lengths are float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width).
+    `longest`: maximum range, returned without a hit.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)

@@ -89,19 +89,16 @@ class Estimate:
 
 @dataclass(slots=True, eq=False)
 class _Moment:
-    """Filter state after one measurement or reset."""
-
     time: float
     measurement: Measurement | None
     verdict: Verdict = "accepted"
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
     gated_since: dict[str, float] = field(default_factory=dict)
-    """Start of the current run of gated measurements, by sensor [s]."""
+    """Start time of the current run of gated measurements, by sensor [s]."""
 
     @property
     def order(self) -> tuple[float, int]:
-        """Sort key: time, then sensor; a reset sorts first."""
         return self.time, -1 if self.measurement is None else KINDS.index(self.measurement.kind)
 
 
@@ -129,8 +126,8 @@ class Ekf:
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
             horizon: maximum delay of a measurement [s]; later ones are `too_old`.
             gate: probability that a valid measurement passes the chi-square gate; others are `gated`.
-            patience: divergence timeout [s]. A sensor that was only gated for this time is `recovered` with an inflated
-                covariance.
+            patience: divergence timeout [s]. After only gated measurements of a sensor for this time, its next
+                measurement is `recovered` with an inflated covariance.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
                 that are only `too_new` or only `too_old` for `patience` seconds reset the clock. Raise the limit, or

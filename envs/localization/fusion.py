@@ -23,7 +23,7 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum initial standard deviation of position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviation of x, y, heading added to the localizer's for correlated errors [m, m, rad]; tuned by NEES."""
+"""Standard deviation of x, y, heading [m, m, rad] added to AMCL's for its correlated errors; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of a compass [rad]."""
 

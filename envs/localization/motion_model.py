@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from .params import AmclParams
 
 MIN_TRANSLATION = 0.01
-"""Minimum translation with a defined direction [m]."""
+"""Minimum translation with a defined direction of motion [m]."""
 _MEAN = np.int32(2 * 65535)
 _SCALE = np.float32(1.0 / math.sqrt((2.0**32 - 1.0) / 3.0))
 _PI = np.float32(math.pi)
@@ -49,7 +49,7 @@ def sine(theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wrap(theta):
-    """Wrap an angle of few turns to [-pi, pi], float32."""
+    """Wrap an angle, float32, at most a few turns, to [-pi, pi]."""
     return theta - _TURN * np.floor(theta / _TURN + _HALF)
 
 

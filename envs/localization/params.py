@@ -35,11 +35,11 @@ class AmclParams:
     alpha1: NotNegative = 0.2
     """Rotation variance per squared rotation (odometry noise)."""
     alpha2: NotNegative = 0.2
-    """Rotation variance per squared translation [rad2/m2]."""
+    """Rotation variance per squared translation (odometry noise) [rad2/m2]."""
     alpha3: NotNegative = 0.2
     """Translation variance per squared translation (odometry noise)."""
     alpha4: NotNegative = 0.2
-    """Translation variance per squared rotation [m2/rad2]."""
+    """Translation variance per squared rotation (odometry noise) [m2/rad2]."""
     sensor: SensorModel = "likelihood_field"
     """Sensor model; see `docs/localization.md`."""
     max_beams: Count = 60
@@ -63,11 +63,11 @@ class AmclParams:
     squash: Positive = 1.0
     """Divisor of a scan's log-likelihood (`likelihood_field_prob`): beams are not independent; 1 in Nav2."""
     update_min_d: NotNegative = 0.25
-    """Minimum travel between used scans [m]; alternatively `update_min_a`."""
+    """Minimum travel between updates by scans [m]; alternatively `update_min_a`."""
     update_min_a: NotNegative = 0.2
-    """Minimum rotation between used scans [rad]; alternatively `update_min_d`."""
+    """Minimum rotation between updates by scans [rad]; alternatively `update_min_d`."""
     resample_interval: Count = 1
-    """Number of used scans per resampling."""
+    """Number of updates per resampling."""
     alpha_slow: Share = 0.0
     """Decay rate of the long-term average likelihood; 0 disables random particle injection."""
     alpha_fast: Share = 0.0
@@ -79,13 +79,13 @@ class AmclParams:
     lost_distance: NotNegative = 0.2
     """Maximum distance from mapped obstacles for a hit that fits the map [m]."""
     lost_fit: Share = 0.5
-    """Minimum share of fitting hits in recent scans; below it, the filter is lost."""
+    """Minimum share of hits of recent scans that fit the map; below it, the filter is lost."""
     lost_updates: Count = 5
-    """Number of recent scans in the fit; also required to confirm a pose after global localization."""
+    """Number of recent updates in the fit; also required to confirm a pose after global localization."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest cluster [m]; above it, the filter is lost."""
     relocalize: bool = False
-    """Whether to restart global localization after `lost_updates` scans without fit, not only after leaving free space."""
+    """Whether to restart global localization after `lost_updates` bad fits; always done outside of free space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

@@ -24,7 +24,7 @@ MAX_PENETRATION = 0.2
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
 """Initial random poses of a search: density in free space [1/m2], and maximum number."""
 NUM_SEARCHES = 3
-"""Consecutive searches without alternative that confirm the estimate."""
+"""Number of consecutive searches without alternative pose that confirms the estimate."""
 MAX_PER_BIN = 4
 """Maximum number of poses per bin kept by a search stage."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))

@@ -1,4 +1,4 @@
-"""ROS 1 and ROS 2 bags as logs, without ROS."""
+"""Reading ROS 1 and ROS 2 bags as logs, without a ROS installation."""
 
 from pathlib import Path
 

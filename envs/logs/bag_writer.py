@@ -75,6 +75,5 @@ class BagWriter:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove the unfinished bag."""
         self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -12,7 +12,7 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from .log import Log
 
 END_MARGIN = 0.3
-"""Beam length before the hit that may cross occupied cells [m], for walls and grazing beams."""
+"""Distance before a hit within which beams may cross occupied cells [m] (thick walls, grazing beams)."""
 MAX_CONFLICTS = 0.2
 """Maximum share of conflicting beams in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds, else 0.24
 to 0.53."""

@@ -29,7 +29,7 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""SLAM that cannot replay logs: it requires ground truth."""
+"""Name of the SLAM that requires ground truth, which logs lack."""
 SPARSE = 0.5
 """Minimum median distance between scans of a sparse log [m]."""
 
@@ -81,7 +81,7 @@ class Options:
 
 
 def main(options: Options) -> list[Run]:
-    """Run the command.
+    """Run a SLAM on a log and print the results.
 
     Raises:
         ValueError: invalid input, or insufficient memory.

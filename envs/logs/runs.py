@@ -61,8 +61,8 @@ class Run:
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
     """Reset an estimator and run it on a log.
 
-    Final poses come from `Belief.path`, set at redrawn maps or by an optional method `finish()`. For paths of key scans
-    only, an attribute `anchor` holds a path row and the relative pose after each scan.
+    Final poses come from `Belief.path`, set at redrawn maps or by an optional method `finish()`. If the path has only
+    key scans, an attribute `anchor` holds a path row and the relative pose after each scan.
 
     Raises:
         ValueError: invalid belief or corrected path.

@@ -57,7 +57,7 @@ class Recording(NamedTuple):
 
 
 class Limits(NamedTuple):
-    """User-defined range limits [m]; None for those of the headers."""
+    """User-defined range limits [m]; None for the limits in scan headers."""
 
     min_range: float | None = None
     max_range: float | None = None
@@ -120,7 +120,7 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
-    """Return scans on common beams, shape (m, num_beams), float32 [m], first angle, increment [rad], position [m].
+    """Return scans on common beams, shape (m, num_beams), float32 [m], first angle, step [rad] and lidar position [m].
 
     Scans with equal beams stay unchanged. Common beams cover all fields of view at the 10 % quantile of increments.
     Ranges are interpolated between adjacent beams on one surface, else nearest, and NaN outside of the field of view.

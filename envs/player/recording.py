@@ -23,7 +23,7 @@ CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
-"""Arrays of end indices, and the arrays that they index."""
+"""Arrays of end indices, and the arrays that they divide into samples or decisions."""
 
 _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
 """Required keys of `about`."""
@@ -67,11 +67,11 @@ class Recording:
     map_changes: Annotated[np.ndarray, np.uint8, "changes"]
     """Exclusive or of the cell kinds before and after each change; reversible."""
     map_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End of each sample's map changes in `map_cells`."""
+    """End index of each sample's changes in `map_cells`."""
     plans: Annotated[np.ndarray, np.float32, "corners", 2]
     """Corners of planned paths, map frame [m]."""
     plan_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End of each sample's path in `plans`."""
+    """End index of each sample's rows in `plans`."""
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
@@ -79,7 +79,7 @@ class Recording:
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
     """Frontier candidates of all decisions, with `CANDIDATE_COLUMNS`."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
-    """End of each decision's candidates in `candidates`."""
+    """End index of each decision's rows in `candidates`."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
     """True walls as (x0, y0, x1, y1), world frame [m]."""
     circles: Annotated[np.ndarray, np.float32, "circles", 3]
@@ -93,7 +93,7 @@ class Recording:
     tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
     """Tracked people: x, y, vx, vy, radius, map frame [m, m/s]."""
     track_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End of each sample's tracks in `tracks`."""
+    """End index of each sample's rows in `tracks`."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
     """Mask of explorable cells; a single 0 if the task defines none."""
 
@@ -111,7 +111,7 @@ class Recording:
         return {name: getattr(self, name) for name in _LAYOUT}
 
     def to_bytes(self) -> bytes:
-        """Return the file's content; deterministic."""
+        """Return the file's content, equal for equal episodes."""
         archive = io.BytesIO()
         about = json.dumps(self.about | {"format": FORMAT}, allow_nan=False)
         np.savez_compressed(archive, about=np.frombuffer(about.encode(), dtype=np.uint8), **self.arrays)  # type: ignore[arg-type]

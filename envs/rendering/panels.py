@@ -165,5 +165,4 @@ def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
 
 
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
-    """Faster than `argwhere` for few cells."""
     return grid.centers(np.column_stack(np.divmod(np.flatnonzero(mask), mask.shape[1])))

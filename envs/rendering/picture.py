@@ -56,12 +56,10 @@ class Typesetter:
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
-    def legend(
-        self, surface: pygame.Surface, box: pygame.Rect, entries: Iterable[tuple[str, style.Colour, str]]
-    ) -> None:
+    def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
         """Draw a legend (text, color, kind of mark) below a box."""
         x, y = box.left, box.bottom + FOOTER // 2
-        for text, colour, mark in entries:
+        for text, colour, mark in items:
             draw_mark(surface, x, y, colour, mark)
             x = self.write(surface, text, midleft=(x + 22, y)).right + 14
 

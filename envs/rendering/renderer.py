@@ -80,7 +80,6 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Close the window if it is open."""
         if self._window is not None:
             self._window.destroy()
         self._window = self._clock = self._picture = None

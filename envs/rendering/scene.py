@@ -58,7 +58,6 @@ class Scene:
 
     @property
     def estimated_pose(self) -> Pose2D:
-        """Estimated pose of the base, world frame."""
         return self.start.compose(self.belief.pose)
 
     @property

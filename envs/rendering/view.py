@@ -7,7 +7,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
-MARGIN = 0.03
+BORDER = 0.03
 """Width of the border around the world's bounds, as a share of the surface's size."""
 
 
@@ -19,7 +19,7 @@ class View:
         x_min, y_min, x_max, y_max = bounds
         width, height = size
         self.size = size
-        self.scale = min(width * (1 - 2 * MARGIN) / (x_max - x_min), height * (1 - 2 * MARGIN) / (y_max - y_min))
+        self.scale = min(width * (1 - 2 * BORDER) / (x_max - x_min), height * (1 - 2 * BORDER) / (y_max - y_min))
         """Pixels per metre."""
         self._left = (x_min + x_max) / 2 - width / 2 / self.scale
         self._top = (y_min + y_max) / 2 + height / 2 / self.scale

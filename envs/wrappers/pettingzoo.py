@@ -26,7 +26,7 @@ OPTIONS = ("world", "start")
 
 
 class _Team:
-    """Common methods of both interfaces."""
+    """Common methods of the PettingZoo interfaces."""
 
     env: Any
     agents: list[str]
@@ -120,7 +120,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     """`ExploreTeamFrontiers-v0` with one agent per robot, selected when its decision is due.
 
-    Agents observe their last decision. Reward and episode end are common.
+    An agent's observation is from its last decision. Reward and episode end are common.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
