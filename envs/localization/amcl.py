@@ -40,7 +40,7 @@ class _MapTables:
     def __init__(self, key: tuple, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():
-            raise ValueError("the map has no free cell, so the robot can be nowhere")
+            raise ValueError("the map has no free cell")
         self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
         self.is_free, self.free_cells = free, np.argwhere(free)
         self.area = len(self.free_cells) * occupancy.resolution**2

@@ -253,7 +253,7 @@ class Ekf:
         time = self.time if time is None else time
         index = bisect.bisect_right(self._moments, time, key=lambda moment: moment.time)
         if index == 0 or not math.isfinite(time):
-            raise ValueError(f"the filter remembers from {self._moments[0].time:.3f} s on, got {time!r} s")
+            raise ValueError(f"the filter's history starts at {self._moments[0].time:.3f} s, got {time!r} s")
         self._clock = max(self._clock, time)
         state, covariance = self._predict(self._moments[index - 1], time)
         x, y, theta, v, w = state.tolist()

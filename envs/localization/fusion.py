@@ -142,7 +142,7 @@ class FusedPose:
             return self.belief
         period = reading.time - last.time
         if not period > 0.0:
-            raise ValueError(f"time must go on between two readings, got {reading.time!r} s after {last.time!r} s")
+            raise ValueError(f"time must increase between readings, got {reading.time!r} s after {last.time!r} s")
         localized = self.localizer.update(reading, motion)
         counts = reading.ticks[0] - last.ticks[0], reading.ticks[1] - last.ticks[1]
         wheels = measure_wheels(self._robot, reading.time, period, counts)

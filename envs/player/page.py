@@ -26,7 +26,7 @@ def build_page(recordings: Sequence[Recording]) -> str:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
     names = ("page.html", "page.css", *SCRIPTS)
     texts = {name: Path(__file__).with_name(name).read_text(encoding="utf-8") for name in names}
-    explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
+    explorers = " and ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
     worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
     return Template(texts["page.html"]).substitute(
         title=html.escape(printable(f"{explorers} in {', '.join(worlds)}")),

@@ -151,10 +151,10 @@ class Recording:
         for name, counted in _ENDS.items():
             ends = np.concatenate([[0], getattr(self, name)])
             if (np.diff(ends) < 0).any() or ends[-1] != len(getattr(self, counted)):
-                raise ValueError(f"{name} do not count {counted}")
+                raise ValueError(f"{name} do not match {counted}")
         rows, columns = self.about["map"]["shape"]
         if len(self.map_cells) and not 0 <= self.map_cells.min() <= self.map_cells.max() < rows * columns:
-            raise ValueError("map_cells lie beside the map")
+            raise ValueError("map_cells lie outside of the map")
 
 
 _LAYOUT: dict[str, tuple[Any, ...]] = {

@@ -26,7 +26,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     try:
         pygame.display.init()
         if pygame.display.get_driver() in _INVISIBLE_DRIVERS and not os.environ.get("SDL_VIDEODRIVER"):
-            raise pygame.error("neither an X11 nor a Wayland display was found")
+            raise pygame.error("no X11 or Wayland display was found")
     except pygame.error as error:
         if not was_on:
             pygame.display.quit()

@@ -46,7 +46,7 @@ class BagRecorder:
         """
         inner = lidar_env_of(env)
         if len(inner.robots) > 1:
-            raise ValueError(f"a bag holds one robot, the environment has {len(inner.robots)}")
+            raise ValueError(f"bags support one robot, the environment has {len(inner.robots)}")
         if inner.on_period is not None:
             raise ValueError("the environment is being recorded already")
         self._env = inner
