@@ -101,7 +101,7 @@ class Rivals:
         """Estimate and alternative poses by descending score, shape (k, 3), float64, x, y, heading in the field's frame
         [m, m, rad]."""
         self.num_empty = 0
-        """Number of consecutive searches without alternative."""
+        """Number of consecutive searches without alternative pose."""
         self.leads = np.empty(0)
         """Scores of `poses` relative to the estimate, shape (k,), float64, at least -`TOLERANCE`."""
 

@@ -1,7 +1,6 @@
-"""Relation error of a trajectory.
+"""Error of a trajectory with respect to relations, that is, hand-verified relative poses.
 
-Comparison with hand-verified relative poses (Kümmerle et al., "On measuring the accuracy of SLAM algorithms",
-Autonomous Robots 27, 2009).
+Kümmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009.
 """
 
 import io

@@ -17,7 +17,7 @@ CLOCK_JITTER = 0.02
 BURST = 5
 """Number of poses before and after for the mean period, as odometry may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
-"""Maximum share of impossible motions that are bridged."""
+"""Maximum share of impossible motions; above it, none is bridged."""
 MAX_GLITCH = 2.0
 """Maximum duration of a bridged odometry excursion [s]."""
 
