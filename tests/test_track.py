@@ -146,7 +146,7 @@ def test_encoders_tell_the_mean_of_a_period_for_its_middle():
 def test_two_readings_of_one_time_are_refused():
     env = LidarEnv(FollowRoute, **QUICK)
     env.reset(seed=0)
-    with pytest.raises(ValueError, match="time must go on"):
+    with pytest.raises(ValueError, match="time must increase"):
         env.robots[0].estimator.update(env.reading, Pose2D(0.0, 0.0, 0.0))
 
 

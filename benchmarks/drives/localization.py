@@ -30,7 +30,7 @@ from lidarnaut.envs.arguments import choose_robot
 from lidarnaut.envs.command_line import Count
 from lidarnaut.envs.geometry import FREE, OCCUPIED, OccupancyGrid, Pose2D
 from lidarnaut.envs.localization import PRESETS, Amcl, AmclParams, load_preset
-from lidarnaut.envs.logs import Log, load_log, pose_errors, rms
+from lidarnaut.envs.logs import Log, load_log, rms, trajectory_errors
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam import KnownPoses, TinySlamParams
@@ -183,7 +183,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     elsewhere = record_from_anywhere(setup, second, RECOVERY_TIME)
 
     tracked = localize(amcl, grid, drive, seed, START_STD)
-    distance, angle = pose_errors(tracked["poses"], drive.truth)
+    distance, angle = trajectory_errors(tracked["poses"], drive.truth)
 
     found = localize(amcl, grid, drive, seed, None)
     is_right = _is_right(found["poses"], drive.truth)
@@ -208,7 +208,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
 
 
 def _is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    distance, angle = pose_errors(poses, truth)
+    distance, angle = trajectory_errors(poses, truth)
     return (distance <= NEAR) & (angle <= NEAR_ANGLE)
 
 
@@ -258,7 +258,7 @@ def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params
     Returns errors over all scans against the reference, time of an update and number of particles.
     """
     done = localize(Amcl(lidar, params), grid, drive, seed, LOG_START_STD)
-    distance, angle = pose_errors(done["poses"], drive.truth)
+    distance, angle = trajectory_errors(done["poses"], drive.truth)
     return {
         "position_rmse_m": rms(distance),
         "position_median_m": float(np.median(distance)),

@@ -17,7 +17,7 @@ from lidarnaut.benchmarks.drives.localization import (
 from lidarnaut.benchmarks.drives.recording import PERIOD, Row, Setup
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.localization import PRESETS, Amcl
-from lidarnaut.envs.logs import pose_errors
+from lidarnaut.envs.logs import trajectory_errors
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.tasks.goals import known_map
 
@@ -92,7 +92,9 @@ def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray
     drive = drive.then(record_from_anywhere(setup, second, 40.0), kidnapped_at)
     done, ax = localize(amcl, grid, drive, seed, START_STD), axes["e"]
     times = PERIOD * np.arange(len(done["poses"]))
-    ax.semilogy(times, pose_errors(done["poses"], drive.truth)[0], color="tab:blue", label="error of the position [m]")
+    ax.semilogy(
+        times, trajectory_errors(done["poses"], drive.truth)[0], color="tab:blue", label="error of the position [m]"
+    )
     ax.semilogy(times, done["fit"], color="tab:green", linewidth=1, label="fit: share of hits that the map explains")
     low, high = ax.get_ylim()
     ax.fill_between(times, low, high, where=done["is_lost"], color="tab:orange", alpha=0.3, linewidth=0, label="lost")

@@ -30,7 +30,7 @@ from lidarnaut.benchmarks.drives.recording import (
 )
 from lidarnaut.envs.command_line import Count
 from lidarnaut.envs.estimation import Estimator
-from lidarnaut.envs.logs import compose_poses, load_log, pose_errors, rms
+from lidarnaut.envs.logs import compose_poses, load_log, rms, trajectory_errors
 from lidarnaut.envs.logs.relations import load_labelled
 from lidarnaut.envs.logs.runs import measure, replay
 from lidarnaut.envs.navigation import crop_to_known
@@ -155,7 +155,7 @@ def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tup
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     tracked, start = track(slam, drive), setup.world.spawns[0]
     poses = compose_poses(np.array([start]), tracked["poses"])
-    distance, angle = pose_errors(poses[1:], drive.truth[1:])
+    distance, angle = trajectory_errors(poses[1:], drive.truth[1:])
     row = {
         "translation_m": rms(distance),
         "rotation_deg": math.degrees(rms(angle)),
@@ -222,6 +222,6 @@ def kidnap(
     slam.reset(rngs[5])
     after = {name: values[len(first.ranges) :] for name, values in track(slam, drive).items()}
     poses, is_lost = compose_poses(np.array([start]), after["poses"]), after["is_lost"]
-    errors = pose_errors(poses, drive.truth[len(first.ranges) :])[0]
+    errors = trajectory_errors(poses, drive.truth[len(first.ranges) :])[0]
     found_after = right_since(~is_lost & (errors <= FOUND), PERIOD)
     return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > FOUND)

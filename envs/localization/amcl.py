@@ -27,25 +27,20 @@ from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
-"""Least number of hits for which the fit of a scan to the map is computed."""
-_WIDE = 4.0
-"""A cloud wider than `lost_spread` by this factor may converge to a wrong pose, as in global localization."""
+"""Minimum number of hits in a scan to compute the scan-to-map fit."""
+_WIDE_FACTOR = 4.0
+"""Ratio of position spread to `lost_spread` at which convergence to a wrong pose is possible."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
-"""Covariance of the particles that are drawn around a rival [m, m, rad]."""
+"""Covariance of particles around an alternative pose [m, m, rad]."""
 
 
 class _MapTables:
-    """Large tables of a map that never change. Equal localizers on equal maps share them.
-
-    Its frame begins at the corner of cell (0, 0), so that single precision suffices wherever the map lies.
-    """
-
     in_use: ClassVar[weakref.WeakValueDictionary[tuple, "_MapTables"]] = weakref.WeakValueDictionary()
 
     def __init__(self, key: tuple, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
         free = (occupancy.data >= 0) & (occupancy.data < 100 * FREE_THRESH)
         if not free.any():
-            raise ValueError("the map has no free cell, so the robot can be nowhere")
+            raise ValueError("the map has no free cell")
         self.key, self.map = key, replace(occupancy, data=occupancy.data.copy(), origin=(0.0, 0.0))
         self.is_free, self.free_cells = free, np.argwhere(free)
         self.area = len(self.free_cells) * occupancy.resolution**2
@@ -56,47 +51,42 @@ class _MapTables:
 
 
 class Amcl:
-    """An augmented particle filter whose size follows the spread of its particles; an `Estimator` on a known map.
+    """Adaptive Monte Carlo localization with KLD-sampling.
 
-    Each scan that is used goes through four steps: propagate, reweight, normalize, resample; in between, the pose
-    follows odometry. Fox, "Adapting the sample size in particle filters through KLD-sampling" (2003); Thrun, Burgard,
-    Fox, "Probabilistic Robotics" (2005), table 8.3.
+    Between updates the pose follows odometry. Fox, "Adapting the sample size in particle filters through KLD-sampling"
+    (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
     """
 
     uses_first_scan = False
 
     def __init__(self, lidar: LidarParams, params: AmclParams) -> None:
-        """Build a localizer for one lidar."""
         self.params = params
         self._lidar = lidar
         self._tables: _MapTables
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
-        """The map as it was given, and mean and covariance of the heaviest cluster. It is lost where the filter has not
-        converged, too few scans have confirmed a pose found by global localization, other poses explain them as well
-        (`Belief.rivals`), or the map does not explain the scans."""
+        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, if other
+        poses explain the scans equally well (`Belief.rivals`), or if no pose explains them."""
         self.cluster_weight: float
-        """Share of the heaviest cluster in the weight of all particles, from 0 to 1."""
+        """Weight of the heaviest particle cluster, from 0 to 1."""
         self.fit: float
-        """Share of the hits of recent scans that lie near an obstacle of the map as seen from the pose; NaN until the
-        filter has converged, and before the first scan with enough hits."""
+        """Share of hits in recent scans near mapped obstacles; NaN before convergence."""
         self.is_corrected = False
-        """Whether the last scan was used; else the estimate followed odometry alone."""
+        """Whether the last scan updated the particles."""
 
     @property
     def particles(self) -> np.ndarray:
-        """Shape (n, 3), float64: x, y, heading of the particles in the map frame [m, rad]; a copy."""
+        """Particles x, y, heading: shape (n, 3), float64, map frame [m, m, rad]; a copy."""
         return self._particles.T + self._origin
 
     @property
     def num_particles(self) -> int:
-        """Number of particles."""
         return len(self._weights)
 
     @property
     def weights(self) -> np.ndarray:
-        """Shape (n,), float64: weights of the particles, with the sum 1; a copy."""
+        """Normalized particle weights: shape (n,), float64; a copy."""
         return self._weights.copy()
 
     def reset(
@@ -108,10 +98,14 @@ class Amcl:
     ) -> Belief:
         """Start on a map; see `Estimator`.
 
-        `pose`: initial pose of the base (map frame), None for global localization, anywhere in the free space;
-        `covariance`: shape (3, 3), of `pose` [m, m, rad], None for one that follows from the params' `initial_std`.
-        ValueError if there is no map, it has no free cell, `pose` lies outside of it, or `covariance` is not a
-        covariance matrix. The logger warns of a pose on a cell that is not free.
+        Args:
+            rng: random generator.
+            pose: initial pose (map frame); None for global localization.
+            map: occupancy grid.
+            covariance: of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
+
+        Raises:
+            ValueError: no map, no free cell, `pose` outside of the map, or invalid covariance.
         """
         if map is None:
             raise ValueError("localization needs a map")
@@ -129,8 +123,8 @@ class Amcl:
         """Update by a scan; see `Estimator`.
 
         Raises:
-            ValueError: if the scan has another number of beams, or the motion is not finite.
-            RuntimeError: before the first `reset`.
+            ValueError: wrong number of beams, or motion not finite.
+            RuntimeError: `reset` was not called.
         """
         if not hasattr(self, "_tables"):
             raise RuntimeError("AMCL has no map yet; call reset first")
@@ -155,7 +149,6 @@ class Amcl:
         return self.belief
 
     def _prepare(self, occupancy: OccupancyGrid) -> None:
-        """Compute what depends on the map alone, unless it is the same as before."""
         data, params, lidar = occupancy.data, self.params, self._lidar
         self._origin = np.array([*occupancy.origin, 0.0])
         key = (params, lidar, occupancy.resolution, data.shape, data.tobytes())
@@ -169,19 +162,17 @@ class Amcl:
         cell = occupancy.cells(np.array(pose[:2]))
         if not occupancy.contains(cell):
             raise ValueError(f"the initial pose {tuple(pose)} lies outside the map, which covers {occupancy.bounds}")
-        if not self._tables.is_free[tuple(cell)]:  # furniture was moved, or the map is a little off
+        if not self._tables.is_free[tuple(cell)]:  # moved furniture or map errors
             text = "the initial pose (%.2f, %.2f) lies on a cell of the map that is not free"
             logging.getLogger(__name__).warning(text, pose.x, pose.y)
 
     def _draw_anywhere(self, count: int) -> np.ndarray:
-        """Draw particles uniformly over the map's free space and all headings: shape (3, count), float32."""
         free_cells = self._tables.free_cells
         cells = free_cells[self.rng.integers(len(free_cells), size=count)]
         positions = self._tables.map.centers(cells + self.rng.uniform(-0.5, 0.5, (count, 2)))
         return np.stack([*positions.T, self.rng.uniform(-math.pi, math.pi, count)]).astype(np.float32)
 
     def _draw_around(self, pose: Pose2D, covariance: np.ndarray | None) -> np.ndarray:
-        """Draw particles around a pose: shape (3, max_particles), float32."""
         params = self.params
         if covariance is None:
             covariance = np.diag(np.square([params.initial_std, params.initial_std, params.initial_std_theta]))
@@ -192,18 +183,17 @@ class Amcl:
         if not np.allclose(covariance, covariance.T) or values[0] < -1e-9:
             raise ValueError(f"covariance must be symmetric and positive semidefinite, got {covariance.tolist()}")
         noise = vectors * np.sqrt(np.maximum(values, 0.0)) @ self.rng.standard_normal((3, params.max_particles))
-        # Rounded to 1e-6 m, so that rounding errors of large coordinates do not change the draws.
+        # Rounding errors of large coordinates must not change the samples.
         x, y, theta = noise + np.round(pose - self._origin, 6)[:, None]
         return np.stack([x, y, (theta + math.pi) % (2.0 * math.pi) - math.pi]).astype(np.float32)
 
-    def _start(self, around: Pose2D | None, covariance: np.ndarray | None = None) -> None:
-        """Draw equally weighted particles around a pose, or for None anywhere, and forget all scans."""
-        if around is None:
+    def _start(self, pose: Pose2D | None, covariance: np.ndarray | None = None) -> None:
+        if pose is None:
             self._particles = self._draw_anywhere(self.params.global_particles or self.params.max_particles)
         else:
-            self._particles = self._draw_around(around, covariance)
+            self._particles = self._draw_around(pose, covariance)
         # None once the estimate is confirmed.
-        self._rivals = Rivals(self._tables.field, self.params.lost_updates) if around is None else None
+        self._rivals = Rivals(self._tables.field, self.params.lost_updates) if pose is None else None
         count = self._particles.shape[1]
         self._weights = np.full(count, 1.0 / count)
         self._num_updates = 0
@@ -211,14 +201,13 @@ class Amcl:
         self._fits: deque[float] = deque(maxlen=self.params.lost_updates)
 
     def _correct(self, ranges: np.ndarray) -> None:
-        """Reweight by a scan, normalize, summarise, and resample."""
         weigh = self._tables.sensor_model(ranges)
         if weigh is not None:
             likelihood = weigh(self._particles, self._weights)
             self._weights /= self._weights.sum()
             if self._slow == 0.0:
                 self._slow = self._fast = likelihood
-            # Long-term and short-term average of the likelihood (Thrun et al. 2005, table 8.3).
+            # Long-term and short-term average likelihood (Thrun et al. 2005, table 8.3).
             self._slow += self.params.alpha_slow * (likelihood - self._slow)
             self._fast += self.params.alpha_fast * (likelihood - self._fast)
         self._summarise(ranges)
@@ -227,7 +216,6 @@ class Amcl:
             self._resample()
 
     def _resample(self) -> None:
-        """Draw the next particles by weight; some at random where the likelihood has fallen."""
         params, rng = self.params, self.rng
         share, anywhere = 0.0, np.empty((3, 0), dtype=np.float32)
         if params.alpha_slow > 0.0 and self._fast < self._slow:
@@ -242,7 +230,6 @@ class Amcl:
         self._weights = np.full(count, 1.0 / count)
 
     def _recover(self, ranges: np.ndarray) -> None:
-        """Start global localization, or check the next estimate for rivals: the map does not explain the scans."""
         if self.params.relocalize or self._has_left():
             self._start(None)
             self._correct(ranges)
@@ -250,13 +237,11 @@ class Amcl:
             self._rivals = Rivals(self._tables.field, self.params.lost_updates)
 
     def _has_left(self) -> bool:
-        """Return whether all particles are off the map, in unknown space or in walls."""
         tables = self._tables
         cells = tables.map.cells(self._particles[:2].T)
         return not tables.is_free[tuple(cells[tables.map.contains(cells)].T)].any()
 
     def _compare(self, rivals: Rivals, ranges: np.ndarray) -> None:
-        """Confirm the estimate unless other poses explain recent scans as well; start around a better one."""
         tables, is_full, fits = self._tables, len(self._fits) == self._fits.maxlen, self.fit >= self.params.lost_fit
         if len(rivals.poses) <= 1 and not (is_full and (fits or self.params.relocalize)):
             return
@@ -269,17 +254,16 @@ class Amcl:
             self._rivals, self.belief.is_lost = None, not self._has_converged
 
     def _summarise(self, ranges: np.ndarray | None = None) -> None:
-        """Compute the estimate from the weighted particles, and judge it by a scan if there is one."""
         tables, particles, weights = self._tables, self._particles, self._weights
         bins = self._bins[: len(weights)]
         extent = find_bins(particles, tables.raster, bins)
-        # In a cloud of at most two bins along each axis, all bins touch.
+        # At most two bins per axis are always connected.
         weight, members = (1.0, weights) if extent <= 2 else heaviest_cluster(bins, weights, tables.raster)
         covariance = np.empty((3, 3))
         local = Pose2D(*mean_and_covariance(particles, members, weight, covariance))
         variance, limit = covariance[0, 0] + covariance[1, 1], self.params.lost_spread**2
         has_converged = weight >= 0.5 and variance <= limit
-        if self._rivals is None and variance > _WIDE**2 * limit:
+        if self._rivals is None and variance > _WIDE_FACTOR**2 * limit:
             self._rivals = Rivals(tables.field, self.params.lost_updates)
         share, hits = (0.0, 0) if ranges is None or not has_converged else tables.field.fit(ranges, local)
         if hits >= _MIN_HITS:
@@ -289,7 +273,7 @@ class Amcl:
         elif not has_converged:
             self._fits.clear()
         self.cluster_weight = weight
-        # Since Python 3.12 `sum` rounds otherwise.
+        # `sum` rounds differently since Python 3.12.
         self.fit = functools.reduce(operator.add, self._fits) / len(self._fits) if self._fits else math.nan
         belief, (x, y, _) = self.belief, self._origin.tolist()
         belief.pose = self._corrected_pose = Pose2D(local.x + x, local.y + y, local.theta)

@@ -1,4 +1,4 @@
-"""Beam sensor model: particles are weighted by casting the beams through the map."""
+"""Beam sensor model: weights particles by ray casting."""
 
 import math
 from collections.abc import Callable
@@ -16,19 +16,18 @@ from .likelihood_field import Beams, Field, obstacle_distances
 from .motion_model import cosine, sine
 from .params import AmclParams
 
-_STEP = np.float32(0.5)
-"""Shortest step of a ray [cells]; obstacles cut by less than this may be missed."""
-_MARGIN = np.float32(1.42)
-"""By how much the distance of two cells' centres may exceed that of two points in them [cells]."""
+_MIN_STEP = np.float32(0.5)
+"""Minimum step of ray casting [cells]."""
+_CELL_DIAGONAL = np.float32(1.42)
+"""Maximum error of a distance between points measured between their cell centers [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
-    """Follow a ray from (x, y) to the first obstacle, in steps as long as it is certainly clear (sphere tracing).
+    """Return the range from (x, y) to the first obstacle along a unit direction (dx, dy), by sphere tracing.
 
-    All numbers are float32 [cells]. `distances`, shape (height, width), are those from each cell to the nearest
-    obstacle, 0 in it; the direction (dx, dy) has length 1. Returns the distance to the obstacle; `longest` if there is
-    none, or the ray leaves the map.
+    Lengths are float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width).
+    `longest`: maximum range, returned without a hit.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)
@@ -39,12 +38,12 @@ def march(distances, x, y, dx, dy, longest):
         distance = distances[np.int32(row), np.int32(col)]
         if distance <= np.float32(0.0):
             return travelled
-        travelled += max(distance - _MARGIN, _STEP)
+        travelled += max(distance - _CELL_DIAGONAL, _MIN_STEP)
     return longest
 
 
 class BeamMixture(NamedTuple):
-    """Weights and shapes of the components of a reading's likelihood, as in `AmclParams`."""
+    """Weights and shape parameters of the beam model, as in `AmclParams`."""
 
     z_hit: float
     z_short: float
@@ -56,7 +55,7 @@ class BeamMixture(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def beam_likelihood(measured, expected, range_max, mixture):
-    """Return the likelihood of a reading [m]: the mixture of Thrun et al. 2005, table 6.1, as ROS computes it."""
+    """Return the likelihood of a range reading [m] (Thrun et al. 2005, table 6.1)."""
     error = measured - expected
     p = mixture.z_hit * math.exp(-error * error / (2.0 * mixture.sigma_hit * mixture.sigma_hit))
     if error < 0.0:
@@ -70,10 +69,10 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
-    """Multiply weights by `1 + sum p^3` over the beams of a scan; return the weighted mean of these factors.
+    """Multiply particle weights by `1 + sum p^3` over a scan's beams; return the weighted mean factor.
 
-    `field` holds the distances that `march` takes [cells]; `ranges`, shape (k,), float32 [m], are inf for no return,
-    NaN for a beam to ignore, of the `ScanGeometry` `geometry`; `particles`, shape (3, n), are float32 [m, rad].
+    `field`: `Field` of obstacle distances [cells]. `ranges`: shape (k,), float32 [m], NaN for ignored beams.
+    `particles`: shape (3, n), float32 [m, m, rad].
     """
     resolution, (corner_x, corner_y) = field.resolution, field.origin
     mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max
@@ -98,10 +97,9 @@ def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
 
 
 class BeamModel:
-    """The sensor model `beam`. Rays end at obstacles and at unknown cells, as in ROS."""
+    """The `beam` sensor model. Rays also end at unknown cells, as in ROS."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Precompute the distances of a map."""
         resolution = occupancy.resolution
         self._beams = Beams(params, lidar, resolution)
         self._mixture = BeamMixture(*(getattr(params, field) for field in BeamMixture._fields))
@@ -110,7 +108,7 @@ class BeamModel:
         self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan; see `LikelihoodField`. None if all beams are to be ignored."""
+        """Return the weighting function of a scan, or None without valid beams; see `LikelihoodField`."""
         picked = self._beams.pick(ranges)
         if np.isnan(picked).all():
             return None

@@ -1,7 +1,7 @@
-"""Statistics of a particle cloud: its histogram bins, its clusters, mean and covariance.
+"""Particle cloud statistics: histogram bins, clusters, mean and covariance.
 
-`particles` have shape (3, n), float32, x, y, heading [m, rad]; `weights` shape (n,), float64; `bins` shape (n,), int32,
-flat indices into an array of the shape of a `BinRaster`.
+`particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: shape (n,), float64. `bins`: flat bin indices,
+shape (n,), int32.
 """
 
 import math
@@ -14,22 +14,22 @@ from scipy import ndimage
 from .motion_model import cosine, sine
 
 _TOUCHING = np.ones((3, 3, 3))
-"""Bins that share a side, an edge or a corner belong together."""
+"""Connectivity of bins: by faces, edges and corners."""
 
 
 class BinRaster(NamedTuple):
     """Histogram bins over x, y and heading."""
 
     origin: tuple[float, float]
-    """Corner of the raster in the map frame [m]."""
+    """Origin (x, y) of the raster, map frame [m]."""
     size: float
-    """Side of a bin [m]."""
+    """Side length of a bin [m]."""
     shape: tuple[int, int, int]
-    """Number of bins along y, along x and in a turn."""
+    """Number of bins along y, x and heading."""
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover a map, (x_min, y_min, x_max, y_max) [m], with bins of `size` [m] and `angle` [rad]."""
+        """Return bins of `size` [m] and `angle` [rad] over `bounds` (x_min, y_min, x_max, y_max) [m]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -37,10 +37,7 @@ class BinRaster(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Write the bins of the particles to `bins`; particles off the map belong to bins at its edge.
-
-    Returns over how many bins the cloud stretches along the axis where it is longest.
-    """
+    """Write the bin index of each particle to `bins`; return the largest extent along any axis [bins]."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
     per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
@@ -51,7 +48,7 @@ def find_bins(particles, raster, bins):
     low_row, low_col, low_angle = num_y, num_x, num_angles
     high_row, high_col, high_angle = zero, zero, zero
     for i in range(xs.shape[0]):
-        # Clamped before the conversion: integers hold at most 2e9.
+        # Clamp first: int32 overflows above 2e9.
         col = np.int32(min(max((xs[i] - offset_x) * per_metre, first), last_col))
         row = np.int32(min(max((ys[i] - offset_y) * per_metre, first), last_row))
         angle = min(np.int32((thetas[i] + np.float32(math.pi)) * per_radian), num_angles - one)
@@ -63,15 +60,12 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Find the particles of the heaviest cluster: those in bins that touch, be it by a corner or across half a turn.
-
-    Returns its weight, of 1 in all, and the weights of its particles, 0 for the others: shape (n,), float64.
-    """
+    """Return the weight of the heaviest cluster of connected bins, and its particles' weights, else 0, shape (n,)."""
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)
     occupied[rows, cols, angles] = True
-    # Headings are periodic: the first bin is repeated after the last one, and clusters that meet there are joined.
+    # Heading is periodic: merge clusters that meet at +-pi.
     again = occupied[:, :, -1] = occupied[:, :, 0]
     labels, count = ndimage.label(occupied, _TOUCHING)
     if count == 1:
@@ -89,12 +83,12 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 
 @njit(cache=True, error_model="numpy", fastmath={"reassoc", "contract"})
 def mean_and_covariance(particles, weights, total, covariance):
-    """Return mean x, y [m] and heading [rad], that of the sum of unit vectors, by weights whose sum is `total`.
+    """Return the weighted mean x [m], y [m] and (circular) heading [rad] of particles with weight sum `total`.
 
-    Writes to `covariance`, shape (3, 3), float64 [m, m, rad]; headings differ by less than half a turn from the mean.
+    `covariance`: shape (3, 3), float64 [m, m, rad], is written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
-    # Seen from the first particle, so that nothing is lost far from the origin.
+    # Relative to the first particle, for precision.
     x0, y0 = xs[0], ys[0]
     x = y = c = s = 0.0
     for i in range(xs.shape[0]):

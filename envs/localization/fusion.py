@@ -1,4 +1,4 @@
-"""Sensor fusion: readings of wheel encoders and compass as measurements, and one pose estimate from these and a map."""
+"""Sensor fusion of wheel encoders, compass and map localization."""
 
 import math
 from collections import deque
@@ -19,40 +19,31 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Kinds of measurement that the filter uses, by the name of the fusion. `amcl` is the localizer's own pose, unfiltered,
-which follows odometry between two corrections."""
+"""Sensors used by the EKF, by name of the fusion. `amcl` is AMCL alone."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
-"""Least standard deviations of position, heading, speed and yaw rate at the start [m, rad, m/s, rad/s]."""
+"""Minimum initial standard deviation of position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviations of x, y and heading [m, m, rad], added to those of the localizer's estimates, whose errors are
-correlated: where the map is 6 mm off, all of them are. With this much the filter is consistent (NEES)."""
+"""Standard deviation of x, y, heading [m, m, rad] added to AMCL's for its correlated errors; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
-"""Standard deviation of a perfect compass [rad]."""
+"""Minimum standard deviation of a compass [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return a Kalman filter whose process noise is the greatest acceleration of a robot.
-
-    All measurements have the clock of the readings, so that none is too new.
-    """
+    """Return an EKF with process noise from the robot's acceleration limits."""
     return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
-    """Return the initial covariance of the filter for a robot at rest, shape (5, 5).
+    """Return the initial EKF covariance of a robot at rest, shape (5, 5).
 
-    `spread` is the standard deviation of the position along either axis [m], `turn` that of the heading [rad].
+    `spread`, `turn`: standard deviation of position per axis [m] and heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
-    """Return speed and yaw rate from encoder counts (left, right) during a period [s] that ends at a time [s].
-
-    They are means, so the measurement's time is the middle of the period. Wheel radius and track are the controller's;
-    the covariance is that of two wheels with slip, whose counts are quantised at either end of the period.
-    """
+    """Return mean speed and yaw rate from encoder counts (left, right) over a period [s] that ends at `time` [s]."""
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
     left_variance, right_variance = (per_tick**2 / 6.0 + slip**2 * abs(rolled) for rolled in (left, right))
@@ -66,12 +57,12 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 
 
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
-    """Return heading and yaw rate from the compass's headings at a time and a period [s] before, map frame [rad].
+    """Return heading and yaw rate from compass headings at `time` and one `period` [s] earlier, map frame [rad].
 
-    NaN gives NaN; but if only the heading before is NaN, the rate is unknown.
+    Without the earlier heading (NaN), the yaw rate gets a large variance.
     """
     imu = robot.imu
-    # Rounding errors are uniform, with a standard deviation of step / sqrt(12).
+    # Standard deviation of uniform rounding errors: step / sqrt(12).
     variance = imu.compass_std**2 + imu.compass_resolution**2 / 12.0 + MIN_HEADING_STD**2
     rate, lag = wrap_angle(heading - before) / period, 0.5 * robot.max_acc_w * period
     rate_variance, common = 2.0 * variance / period**2 + lag**2 / 3.0, variance / period
@@ -83,13 +74,19 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
 
 class FusedPose:
-    """Estimates a robot's pose from its sensors."""
+    """EKF fusion of AMCL, wheel encoders and compass."""
 
     def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Fuse, by one of `FUSIONS`, a robot's sensors and a localizer whose estimates come `latency` [s] late.
+        """Create the estimator.
+
+        Args:
+            robot: robot parameters.
+            localizer: AMCL.
+            fusion: one of `FUSIONS`.
+            latency: delay of AMCL estimates [s].
 
         Raises:
-            ValueError: the fusion is unknown, or the robot lacks the compass that it needs.
+            ValueError: unknown fusion, or no compass.
         """
         if fusion not in FUSIONS:
             raise ValueError(f"unknown fusion {fusion!r}; choose one of {', '.join(FUSIONS)}")
@@ -98,15 +95,14 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements that arrived with the last reading, of all kinds, be they used by the fusion or not."""
+        """Measurements received with the last reading, used or not."""
         self.localized: Estimate
-        """The localizer's own estimate at the last reading, with speeds from the encoders."""
+        """AMCL pose at the last reading, with encoder velocities."""
         self.estimate: Estimate
-        """The fused pose and velocity."""
+        """Fused pose and velocity."""
         self.belief: Belief
-        """The fused pose on the map."""
         self.north = math.nan
-        """What the compass reads in the direction of the map's x axis [rad]; set it before a reset."""
+        """Compass reading along the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
@@ -117,7 +113,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a map; see `Estimator` and `Amcl`. The first reading that follows is that of the start."""
+        """Start at rest on a map; see `Amcl`. The next reading is the start reading."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -129,14 +125,13 @@ class FusedPose:
 
     @property
     def particles(self) -> np.ndarray:
-        """Particles of the localizer; see `Amcl`."""
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
         """Update by a reading; see `Estimator`.
 
         Raises:
-            ValueError: no time has passed since the last reading.
+            ValueError: time stamps do not increase.
         """
         last, self._last = self._last, reading
         if last is None:
@@ -147,7 +142,7 @@ class FusedPose:
             return self.belief
         period = reading.time - last.time
         if not period > 0.0:
-            raise ValueError(f"time must go on between two readings, got {reading.time!r} s after {last.time!r} s")
+            raise ValueError(f"time must increase between readings, got {reading.time!r} s after {last.time!r} s")
         localized = self.localizer.update(reading, motion)
         counts = reading.ticks[0] - last.ticks[0], reading.ticks[1] - last.ticks[1]
         wheels = measure_wheels(self._robot, reading.time, period, counts)

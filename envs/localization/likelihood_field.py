@@ -1,4 +1,4 @@
-"""Likelihood field sensor models: particles are weighted by how near to the map's obstacles the scan ends."""
+"""Likelihood field sensor models: weight particles by distances of hits to mapped obstacles."""
 
 import math
 from collections.abc import Callable
@@ -18,12 +18,12 @@ from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 from .motion_model import cosine, sine
 from .params import AmclParams
 
-ONE = 65535
-"""Greatest entry of a field, which are 16-bit so that more of it stays in the cache, and sums are exact."""
+MAX_ENTRY = 65535
+"""Maximum entry of a likelihood field (uint16, for caching and exact sums)."""
 
 
 class Beams:
-    """The beams of a scan that a sensor model uses."""
+    """Beams of a lidar that the sensor model uses."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, resolution: float) -> None:
         step = max(1, (lidar.num_beams - 1) // max(params.max_beams - 1, 1))
@@ -34,19 +34,19 @@ class Beams:
         )
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
-        """Return the readings of these beams, shape (k,), float32 [m]."""
+        """Return ranges of the selected beams, shape (k,), float32 [m]."""
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return where beams end, shape (2, >= count), float32, base frame [cells], and the count of those that do."""
+        """Return hits, shape (2, >= count), float32, base frame [cells], and their number `count`."""
         points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
         return points, project_hits(self.pick(ranges), self.geometry, points)
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Measure how far cells lie from the nearest of `obstacles`, shape (height, width), bool, centre to centre.
+    """Return distances of cells to the nearest obstacle, shape (height, width), float64 [m].
 
-    Returns shape (height, width), float64, at most `max_distance` [m].
+    `obstacles`: shape (height, width), bool. Distances are at most `max_distance` [m].
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -58,24 +58,23 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
 
 
 class Field(NamedTuple):
-    """A table of likelihoods over a map, with a border around it."""
+    """Likelihood or distance grid over a map and a border."""
 
     data: np.ndarray
-    """Shape (height, width): uint16 likelihoods, or the float32 distances that rays are cast by."""
+    """Cell values, shape (height, width): uint16 likelihoods, or float32 obstacle distances [cells]."""
     border: int
-    """Width of the border, which no beam can leave from within the map [cells]; its entries are all the same."""
+    """Width of the constant border [cells], at least the maximum range."""
     origin: tuple[float, float]
-    """Corner of the field in the map frame [m]."""
+    """Origin (x, y) of the field, map frame [m]."""
     resolution: float
-    """Side of a cell [m]."""
+    """Cell size [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def sum_fields(field, points, num_points, particles, sums):
-    """Sum a `Field` over points, shape (2, >= num_points), base frame [cells], as seen from particles, into `sums`.
+    """Sum field values over hits, shape (2, >= num_points), base frame [cells], for each particle.
 
-    `particles`, shape (3, n), are float32, `sums`, shape (n,), int32. A particle outside the map sees no obstacle.
-    Finding the cells first and reading them afterwards lets the first half vectorise; see `load` for the second.
+    `particles`: shape (3, n), float32 [m, m, rad]. `sums`: shape (n,), int32, written.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]
@@ -109,10 +108,7 @@ def sum_fields(field, points, num_points, particles, sums):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_sum(weights, sums, unit):
-    """Multiply weights, shape (n,), float64, by `1 + unit * sums`; return the weighted mean of these factors.
-
-    ROS weights particles so: `1 + sum pz^3`.
-    """
+    """Multiply weights, shape (n,), float64, by `1 + unit * sums`, as in ROS; return the weighted mean factor."""
     mean = 0.0
     for i in range(weights.shape[0]):
         factor = 1.0 + unit * sums[i]
@@ -123,10 +119,9 @@ def multiply_by_sum(weights, sums, unit):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
-    """Multiply weights, shape (n,), float64, by the likelihoods whose logarithms are the sums, up to a factor.
+    """Multiply weights, shape (n,), float64, by likelihoods from log-likelihood `sums`, up to a constant.
 
-    Returns, if it is needed, the weighted mean of the likelihoods' geometric means over the beams: the likelihoods
-    themselves would jump by powers of ten from one scan to the next.
+    Returns the weighted mean of per-beam geometric mean likelihoods.
     """
     best = sums.max()
     mean = 0.0
@@ -139,7 +134,7 @@ def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_me
 
 @njit(cache=True, error_model="numpy")
 def count_near(field, near, points, num_points, pose):
-    """Count the points, as in `sum_fields`, whose entry is at least `near` as seen from a pose (x, y, heading)."""
+    """Count hits with a field value of at least `near`, for a pose (x, y, heading); see `sum_fields`."""
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -153,15 +148,13 @@ def count_near(field, near, points, num_points, pose):
 
 
 class LikelihoodField:
-    """Both likelihood fields: `likelihood_field` sums over beams, `likelihood_field_prob` multiplies.
+    """Likelihood field models: `likelihood_field` sums over beams, `likelihood_field_prob` multiplies.
 
-    The likelihood of a hit at the distance d from the nearest obstacle is
-    `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand / range_max` (Thrun et al. 2005, table 6.3). A field holds `pz^3`
-    or `log pz` for every cell, so that per beam and particle only the cell has to be computed.
+    Likelihood of a hit at distance d from the nearest obstacle: `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand /
+    range_max` (Thrun et al. 2005, table 6.3). Cells store `pz^3` or `log pz`.
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
-        """Precompute the field of a map."""
         self._is_product = params.sensor == "likelihood_field_prob"
         self._squash = params.squash
         self._needs_mean = params.alpha_slow > 0.0
@@ -177,26 +170,26 @@ class LikelihoodField:
             return np.log(pz) if self._is_product else pz**3
 
         self._least = float(likelihood(params.max_distance)) if self._is_product else 0.0
-        self._unit = max((float(likelihood(0.0)) - self._least) / ONE, 1e-12)
+        self._unit = max((float(likelihood(0.0)) - self._least) / MAX_ENTRY, 1e-12)
 
         def entry(distance: np.ndarray | float) -> np.ndarray:
             return np.rint((likelihood(distance) - self._least) / self._unit).astype(np.uint16)
 
         obstacles = np.pad(occupancy.data >= 100 * OCCUPIED_THRESH, far)
         distances = obstacle_distances(obstacles, resolution, params.max_distance)
-        # By rows: memory for whole fields would take most of the time on a large map.
-        entries = np.array([entry(row) for row in distances])
+        # By rows, as temporary arrays of large maps are slow.
+        values = np.array([entry(row) for row in distances])
         border = max(reach, far)
-        entries = np.pad(entries, border - far, constant_values=entry(params.max_distance))
+        values = np.pad(values, border - far, constant_values=entry(params.max_distance))
         x, y = occupancy.origin
-        self.table = Field(entries, border, (x - border * resolution, y - border * resolution), resolution)
+        self.table = Field(values, border, (x - border * resolution, y - border * resolution), resolution)
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan, shape (num_beams,), float32 [m]; None if no beam has hit anything.
+        """Return the weighting function of a scan, shape (num_beams,), float32 [m]; None without hits.
 
-        It multiplies the weights, shape (n,), float64, of particles, shape (3, n), float32, by likelihoods up to a
-        common factor, and returns their mean.
+        The function scales weights, shape (n,), float64, of particles, shape (3, n), float32, and returns the mean
+        likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:
@@ -214,7 +207,7 @@ class LikelihoodField:
         return weigh
 
     def fit(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, int]:
-        """Return the share of a scan's hits that lie near an obstacle as seen from a pose, and the number of hits."""
+        """Return the share of hits near mapped obstacles for a pose, and the number of hits."""
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0

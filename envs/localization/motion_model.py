@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from .params import AmclParams
 
 MIN_TRANSLATION = 0.01
-"""A motion shorter than this has no direction [m]."""
+"""Minimum translation with a defined direction of motion [m]."""
 _MEAN = np.int32(2 * 65535)
 _SCALE = np.float32(1.0 / math.sqrt((2.0**32 - 1.0) / 3.0))
 _PI = np.float32(math.pi)
@@ -20,11 +20,9 @@ _HALF = np.float32(0.5)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def normal(seed, index):
-    """Return number `index` of an approximately standard normal sequence, by a seed, both uint64.
+    """Return sample `index` of an approximately normal random sequence with a uint64 seed.
 
-    The sum of four uniforms (Irwin and Hall): mean and variance are exact, no number exceeds 3.46. The uniforms are a
-    word of SplitMix64 (Steele et al. 2014), in which each word follows from its index alone, so that loops vectorise:
-    twenty times as fast as NumPy's generator, which would take as long as the rest of a particle's update.
+    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014); vectorizes, unlike NumPy's generator.
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -37,10 +35,7 @@ def normal(seed, index):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def sine(theta):
-    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6, without branches so that loops vectorise.
-
-    Folds the angle into a quarter turn, and takes the Taylor polynomial of eleventh degree.
-    """
+    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6; vectorizes."""
     t = _PI - theta if theta > _HALF * _PI else theta
     t = -_PI - theta if theta < -_HALF * _PI else t
     t2 = t * t
@@ -54,7 +49,7 @@ def sine(theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wrap(theta):
-    """Return the angle equal to `theta`, float32 and a few turns off at most, in [-pi, pi]."""
+    """Wrap an angle, float32, at most a few turns, to [-pi, pi]."""
     return theta - _TURN * np.floor(theta / _TURN + _HALF)
 
 
@@ -67,7 +62,6 @@ def cosine(theta):
 
 @njit(cache=True, error_model="numpy")
 def _move(particles, motion, stds, seed):
-    """Move particles by noisy copies of a rotation [rad], translation [m] and rotation [rad]; see `move_particles`."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
     rot1, trans, rot2 = np.float32(motion[0]), np.float32(motion[1]), np.float32(motion[2])
     std1, std_trans, std2 = np.float32(stds[0]), np.float32(stds[1]), np.float32(stds[2])
@@ -82,17 +76,16 @@ def _move(particles, motion, stds, seed):
 
 
 def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
-    """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as Nav2 does.
+    """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as in Nav2.
 
-    `particles`, shape (3, n), float32, x, y, heading [m, rad], are changed in place; `motion` is the pose of the base
-    now, as odometry sees it from the base before.
+    `particles`: shape (3, n), float32 [m, m, rad], changed in place. `motion`: new pose in the previous base frame.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0
     rot2 = wrap_angle(motion.theta - rot1)
-    # Driving backwards is two rotations by half a turn, and as precise as driving forwards.
+    # Driving backwards is as precise as forwards.
     noise1, noise2 = (min(abs(rot), math.pi - abs(rot)) for rot in (rot1, rot2))
-    # With a deviation of one turn the heading is unknown; single precision cannot wrap many turns.
+    # One turn means unknown heading; `wrap` handles few turns.
     stds = (
         min(math.sqrt(params.alpha1 * noise1**2 + params.alpha2 * trans**2), math.tau),
         math.sqrt(params.alpha3 * trans**2 + params.alpha4 * (noise1**2 + noise2**2)),

@@ -1,4 +1,4 @@
-"""Parameters of AMCL, and their presets."""
+"""Parameters and presets of AMCL."""
 
 import math
 from typing import Annotated, Literal
@@ -16,81 +16,76 @@ SensorModel = Literal["likelihood_field", "likelihood_field_prob", "beam"]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class AmclParams:
-    """Parameters of AMCL. Defaults are Nav2's, with its names where they do not mislead."""
+    """Parameters of AMCL. Defaults are Nav2's."""
 
     min_particles: Count = 500
-    """Least number of particles."""
+    """Minimum number of particles."""
     max_particles: int = 2000
-    """Greatest number of particles, and the number to start with around an initial pose."""
+    """Maximum number of particles; also the initial number around a known pose."""
     global_particles: int | None = None
-    """Particles to start global localization with; None for `max_particles`. From the first used scan on there are at
-    most `max_particles`."""
+    """Initial number of particles for global localization; None for `max_particles`."""
     kld_err: Positive = 0.05
-    """Bound of the Kullback-Leibler divergence between the particles and the true distribution; Nav2's `pf_err`."""
+    """Maximum Kullback-Leibler divergence in KLD-sampling; Nav2's `pf_err`."""
     kld_z: Positive = 0.99
-    """Upper quantile of the standard normal with which the bound holds; Nav2's `pf_z`, a quantile there too."""
+    """Quantile of the standard normal in KLD-sampling; Nav2's `pf_z`."""
     bin_size: Positive = 0.5
-    """Side of the histogram bins of KLD-sampling and clustering [m]."""
+    """Side length of histogram bins in KLD-sampling and clustering [m]."""
     bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
-    """Size of the bins in heading [rad]; rounded so that a whole number fills the turn."""
+    """Heading size of histogram bins [rad], rounded to divide one turn."""
     alpha1: NotNegative = 0.2
-    """Variance of a rotation per squared rotation."""
+    """Rotation variance per squared rotation (odometry noise)."""
     alpha2: NotNegative = 0.2
-    """Variance of a rotation per squared translation [rad2/m2]."""
+    """Rotation variance per squared translation (odometry noise) [rad2/m2]."""
     alpha3: NotNegative = 0.2
-    """Variance of a translation per squared translation."""
+    """Translation variance per squared translation (odometry noise)."""
     alpha4: NotNegative = 0.2
-    """Variance of a translation per squared rotation [m2/rad2]."""
+    """Translation variance per squared rotation (odometry noise) [m2/rad2]."""
     sensor: SensorModel = "likelihood_field"
     """Sensor model; see `docs/localization.md`."""
     max_beams: Count = 60
-    """Beams of a scan that are used, evenly spread."""
+    """Maximum number of beams used per scan, evenly spaced."""
     max_range: Positive | None = None
-    """Readings from this on count as no return [m]; None takes the lidar's range."""
+    """Ranges from this value on count as no return [m]; None for the lidar's range."""
     z_hit: NotNegative = 0.5
-    """Weight of readings at an obstacle of the map."""
+    """Mixture weight of hits on mapped obstacles."""
     z_short: NotNegative = 0.05
-    """Weight of readings in front of it (`beam`)."""
+    """Mixture weight of short readings (`beam`)."""
     z_max: NotNegative = 0.05
-    """Weight of readings without a return (`beam`)."""
+    """Mixture weight of maximum-range readings (`beam`)."""
     z_rand: Positive = 0.5
-    """Weight of random readings."""
+    """Mixture weight of random readings."""
     sigma_hit: Positive = 0.2
-    """Standard deviation of readings around the obstacle [m]."""
+    """Standard deviation of hits around mapped obstacles [m]."""
     lambda_short: NotNegative = 0.1
-    """Rate at which readings before the obstacle become rarer with their range [1/m] (`beam`)."""
+    """Exponential decay rate of short readings [1/m] (`beam`)."""
     max_distance: Positive = 2.0
-    """Upper limit of the distance to the nearest obstacle [m]; Nav2's `laser_likelihood_max_dist`."""
+    """Maximum obstacle distance in the likelihood field [m]; Nav2's `laser_likelihood_max_dist`."""
     squash: Positive = 1.0
-    """Divisor of a scan's log likelihood, because beams are not as independent as `likelihood_field_prob`, which alone
-    uses it, assumes; 1 in Nav2, 2.2 in MIT's filter for race cars."""
+    """Divisor of a scan's log-likelihood (`likelihood_field_prob`): beams are not independent; 1 in Nav2."""
     update_min_d: NotNegative = 0.25
-    """A scan is used once the robot is this far from where the last one was used [m]..."""
+    """Minimum travel between updates by scans [m]; alternatively `update_min_a`."""
     update_min_a: NotNegative = 0.2
-    """... or has turned by this much since [rad]."""
+    """Minimum rotation between updates by scans [rad]; alternatively `update_min_d`."""
     resample_interval: Count = 1
-    """Number of used scans per resampling."""
+    """Number of updates per resampling."""
     alpha_slow: Share = 0.0
-    """Rate of the long-term average of the likelihood; 0 for no injection of random particles."""
+    """Decay rate of the long-term average likelihood; 0 disables random particle injection."""
     alpha_fast: Share = 0.0
-    """Rate of the short-term average of the likelihood."""
+    """Decay rate of the short-term average likelihood."""
     initial_std: NotNegative = 0.5
-    """Standard deviation of the initial position, per axis [m]."""
+    """Standard deviation of the initial position per axis [m]."""
     initial_std_theta: NotNegative = math.radians(15.0)
     """Standard deviation of the initial heading [rad]."""
     lost_distance: NotNegative = 0.2
-    """The map explains hits within this distance of an obstacle [m]."""
+    """Maximum distance from mapped obstacles for a hit that fits the map [m]."""
     lost_fit: Share = 0.5
-    """The filter is lost where the map explains less than this share of the hits of recent scans."""
+    """Minimum share of hits of recent scans that fit the map; below it, the filter is lost."""
     lost_updates: Count = 5
-    """Number of used scans that count as recent. After global localization so many must fit before the pose counts, and
-    no other pose may fit them as well."""
+    """Number of recent updates in the fit; also required to confirm a pose after global localization."""
     lost_spread: Positive = 0.5
-    """The filter is lost while the heaviest cluster's positions deviate by more than this from their mean (root mean
-    square) [m], or while that cluster holds less than half of the weight."""
+    """Maximum position spread (RMS) of the heaviest cluster [m]; above it, the filter is lost."""
     relocalize: bool = False
-    """Whether global localization starts anew once the map has not explained `lost_updates` used scans. It always does
-    once all particles have left the free space."""
+    """Whether to restart global localization after `lost_updates` bad fits; always done outside of free space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):
@@ -102,7 +97,7 @@ class AmclParams:
 
     @property
     def most_particles(self) -> int:
-        """Greatest number of particles at any time, with those of global localization."""
+        """Maximum number of particles, including global localization."""
         return max(self.max_particles, self.global_particles or 0)
 
 
@@ -136,14 +131,10 @@ PRESETS: dict[str, AmclParams] = {
         update_min_d=0.2,
     ),
 }
-"""Parameters by name: `nav2` are Nav2's defaults, `turtlebot3` those of TurtleBot3's launch file for AMCL, which Nguyen
-et al., "SLAM for mobile robots" (2022), drive their robot with, and `default` those of the environments."""
+"""AMCL presets: `nav2` (Nav2's defaults), `turtlebot3` (launch file, as in Nguyen et al., "SLAM for mobile robots",
+2022), `default` (of the environments)."""
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:
-    """Return parameters by the name of a preset, by `module:attribute`, or as they are.
-
-    Raises:
-        ValueError: for an unknown name.
-    """
+    """Return parameters by preset name or `module:attribute`; ValueError for unknown names."""
     return resolve(preset, PRESETS, "AMCL preset")

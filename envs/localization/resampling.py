@@ -1,4 +1,4 @@
-"""KLD-sampling: resampling by weight, with as many particles as the spread of the cloud needs."""
+"""KLD-sampling: resampling with an adaptive number of particles."""
 
 import math
 
@@ -6,14 +6,14 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Step between two draws, modulo 1, in the cumulated weights."""
+"""Golden-ratio step between draws in the cumulative weights, modulo 1."""
 
 
 @njit(cache=True, error_model="numpy")
 def particles_needed(num_bins, error, quantile):
-    """Return how many particles describe a distribution over `num_bins` bins (Fox 2003, equation 7); 0 for one bin.
+    """Return the number of particles for `num_bins` occupied bins (Fox 2003, equation 7); 0 for one bin.
 
-    For `error` and `quantile` see `AmclParams.kld_err` and `kld_z`.
+    `error` and `quantile` are `AmclParams.kld_err` and `kld_z`.
     """
     if num_bins < 2:
         return 0.0
@@ -24,9 +24,9 @@ def particles_needed(num_bins, error, quantile):
 
 @njit(cache=True, error_model="numpy")
 def cumulate(weights, cumulated, guide):
-    """Cumulate weights, shape (n,), and tabulate where the search for each n-th part of their sum, 1, begins.
+    """Compute cumulative weights, shape (n,), and a guide table, shape (n,), int32, for inverse transform sampling.
 
-    Entry k of `guide`, shape (n,), int32, is the first particle that a draw of at least k / n can hit.
+    Entry k of `guide` is the first particle for draws of at least k / n.
     """
     n = weights.shape[0]
     total = 0.0
@@ -43,16 +43,20 @@ def cumulate(weights, cumulated, guide):
 
 @njit(cache=True, error_model="numpy")
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
-    """Draw particles by weight until there are as many as the bins that they fall into need; return their number.
+    """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Systematic resampling takes every n-th part of the sum of weights in order, so n must be known and one cannot stop
-    early. Steps of the golden ratio spread about as evenly, however many there are.
+    Golden-ratio steps work without a number known in advance, unlike systematic resampling.
 
-    `particles`: shape (3, n), float32 [m, rad]; `weights`: shape (n,), float64, with the sum 1; `bins`: shape (n,),
-    int32, the particles'; `start`: position of the first draw in the cumulated weights, 0 to 1; `kld`: those of
-    `AmclParams`; `injected`: shape (3, f), float32, random particles to mix in, each of which counts as a bin, f >=
-    `share` * m + 1; `share`: of these among the drawn, 0 to 1; `seen`: shape (num_bins,), bool, all False, scratch;
-    `drawn`: shape (3, m), float32, written, room for at most m.
+    Args:
+        particles: shape (3, n), float32 [m, m, rad].
+        weights: normalized, shape (n,), float64.
+        bins: histogram bins, shape (n,), int32.
+        start: first draw, from 0 to 1.
+        kld: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
+        injected: random particles, shape (3, f), float32, f > `share` * m.
+        share: share of injected particles.
+        seen: scratch, shape (num_bins,), bool, all False.
+        drawn: output, shape (3, m), float32.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

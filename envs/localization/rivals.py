@@ -1,4 +1,4 @@
-"""Rivals of an estimated pose: other poses on the map that explain recent scans as well."""
+"""Alternative poses that explain recent scans as well as the estimate."""
 
 import math
 from collections import deque
@@ -9,30 +9,30 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D
 
-from .likelihood_field import ONE, LikelihoodField, sum_fields
+from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Greatest deficit of a rival's score. Walls that are one cell off in the map account for 0.02."""
-APART, APART_ANGLE = 0.5, math.radians(20.0)
-"""Poses nearer to each other than this count as one [m, rad]."""
+"""Maximum score deficit of an alternative pose; walls off by one cell cost 0.02."""
+MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
+"""Minimum distance [m] or heading difference [rad] between distinct poses."""
 MAX_RIVALS = 20
-"""Greatest number of rivals."""
+"""Maximum number of alternative poses."""
 MAX_HITS = 1000
-"""Greatest number of hits of recent scans that are used."""
-MARGIN = 0.2
-"""Beams may end this far behind an obstacle [m]."""
+"""Maximum number of hits used for scoring."""
+MAX_PENETRATION = 0.2
+"""Maximum distance behind a mapped obstacle for a valid beam end point [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Random poses that a search begins with, per area of free space [1/m2], and their greatest number."""
+"""Initial random poses of a search: density in free space [1/m2], and maximum number."""
 NUM_SEARCHES = 3
-"""Searches in succession that have to find no rival before a pose is confirmed."""
-PER_BIN = 4
-"""Poses that a stage of a search keeps in each bin of its results."""
+"""Number of consecutive searches without alternative pose that confirms the estimate."""
+MAX_PER_BIN = 4
+"""Maximum number of poses per bin kept by a search stage."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Stages of a search: number of hits, of poses that are kept, and standard deviations of their random steps [m]."""
-COPIES, FOLLOW = 16, (0.03, 0.02, 0.01)
-"""Copies of a pose that is followed from scan to scan, and standard deviations of their random steps [m]."""
+"""Search stages: number of hits, number of poses kept, standard deviations of random steps [m]."""
+NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
+"""Tracking between scans: number of perturbed copies per pose, standard deviations of random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
-"""Standard deviations of a step in x, y and heading over its own [1, 1, rad/m]."""
+"""Ratio of x, y and heading steps to the step size [1, 1, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
 """`Belief.rivals` of an unambiguous estimate."""
@@ -40,10 +40,10 @@ NO_RIVALS = np.empty((0, 4))
 
 @njit(cache=True, error_model="numpy")
 def count_crossed(field, hits, lidars, margin, pose):
-    """Count the beams that pass through an obstacle of the map more than `margin` cells before they end.
+    """Count beams that pass through mapped obstacles more than `margin` cells before their end points.
 
-    Parallels a cell to either side have to cross one as well, so that beams may graze obstacles. `field`: a `Field` of
-    likelihoods; `hits`, `lidars`: shape (2, n), float32, ends and starts of the beams, base frame [cells].
+    Grazing beams do not count. `field`: `Field` of likelihoods. `hits`, `lidars`: end and start points, shape (2, n),
+    float32, base frame [cells].
     """
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
@@ -58,7 +58,7 @@ def count_crossed(field, hits, lidars, margin, pose):
         for side in (0.0, 1.0, -1.0):
             for j in range(1, int(length - margin)):
                 row, col = math.floor(y0 + side * dx + j * dy), math.floor(x0 - side * dy + j * dx)
-                if row >= 0 and col >= 0 and row < height and col < width and field.data[row, col] == ONE:
+                if row >= 0 and col >= 0 and row < height and col < width and field.data[row, col] == MAX_ENTRY:
                     num_blocked += 1
                     break
         count += num_blocked == 3
@@ -66,23 +66,19 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return whether poses, shape (3, n), are distinct from a pose, shape (3, 1): shape (n,), bool."""
+    """Return whether poses, shape (3, n), are distinct from `pose`, shape (3, 1): shape (n,), bool."""
     x, y, turn = poses - pose
-    return (np.hypot(x, y) > APART) | (np.cos(turn) < math.cos(APART_ANGLE))
+    return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 
 
 def _thinned(poses: np.ndarray) -> np.ndarray:
-    """Return the first `PER_BIN` of the poses, shape (3, n), in each bin of `APART` and `APART_ANGLE`, in their order.
-
-    Many good poses near each other would crowd out others.
-    """
-    bins = np.floor(poses / np.array([[APART], [APART], [APART_ANGLE]])).astype(np.int64)
+    bins = np.floor(poses / np.array([[MIN_SEPARATION], [MIN_SEPARATION], [MIN_SEPARATION_ANGLE]])).astype(np.int64)
     bins -= bins.min(axis=1, keepdims=True)
     flat = np.ravel_multi_index(tuple(bins), tuple(bins.max(axis=1) + 1))
     order = np.argsort(flat, kind="stable")
     _, starts, counts = np.unique(flat[order], return_index=True, return_counts=True)
     ranks = np.arange(len(order)) - np.repeat(starts, counts)
-    return poses[:, np.sort(order[ranks < PER_BIN])]
+    return poses[:, np.sort(order[ranks < MAX_PER_BIN])]
 
 
 def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
@@ -90,27 +86,27 @@ def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
 
 
 class Rivals:
-    """Finds the rivals of an estimate, and follows them from scan to scan.
+    """Search and tracking of alternative poses.
 
-    A pose is scored by the mean entry of the likelihood field at the hits of recent scans, of 1 at most, less the share
-    of beams that pass through obstacles, which the field does not see.
+    Score of a pose: mean likelihood field value at hits of recent scans, at most 1, minus the share of beams through
+    obstacles.
     """
 
     def __init__(self, field: LikelihoodField, num_scans: int) -> None:
-        """Score poses by the field of a map, and by the last `num_scans` scans."""
+        """Initialize with a map's likelihood field and the number of recent scans."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
-        """Shape (k, 3), float64: x, y, heading of the estimate, once there was one, and of its rivals, the best one
-        first, in the frame of the field [m, m, rad]."""
+        """Estimate and alternative poses by descending score, shape (k, 3), float64, x, y, heading in the field's frame
+        [m, m, rad]."""
         self.num_empty = 0
-        """Number of searches in succession that found no rival; one alone may miss some."""
+        """Number of consecutive searches without alternative pose."""
         self.leads = np.empty(0)
-        """Shape (k,), float64: scores of these poses less that of the estimate, at least -`TOLERANCE`."""
+        """Scores of `poses` relative to the estimate, shape (k,), float64, at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
-        """Add a scan, shape (num_beams,), float32 [m], and the motion of the base since the one before."""
+        """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous one."""
         back, geometry = motion.inverse(), self._beams.geometry
         self._scans.extend([back.transform(scan) for scan in self._scans])
         points, count = self._beams.hits(ranges)
@@ -119,27 +115,27 @@ class Rivals:
         self.poses = _move(self.poses, motion)
 
     def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return `Belief.rivals` after a motion of the base; `origin`, (x, y, 0), is that of the field."""
+        """Return `Belief.rivals` after a base motion; `origin` is the field's (x, y, 0)."""
         if len(self.poses) <= 1:
             return NO_RIVALS
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Follow the rivals of an estimate; search the map if there are none, and once per `num_scans` updates.
+        """Track alternative poses; search the map if there are none, and every `num_scans` updates.
 
-        `draw(n)` returns n random poses in the free space, which covers `area` [m2]: shape (3, n), float32.
+        `draw(n)` returns random poses in free space of `area` [m2], shape (3, n), float32.
         """
         if not self._scans:
             return
         hits = np.vstack([scan[:-1] for scan in self._scans]) / self._table.resolution
         lidars = np.vstack([np.tile(scan[-1], (len(scan) - 1, 1)) for scan in self._scans]) / self._table.resolution
-        # Kernels check no index: seen from a pose on the map, no hit may lie beyond the border of the table.
+        # Kernels do not check bounds: drop hits beyond the table.
         used = np.flatnonzero(np.hypot(*hits.T) < self._table.border - 2)
         used = used[:: math.ceil(len(used) / MAX_HITS) or 1]
         self._hits, self._lidars = (rows[used].T.astype(np.float32, order="C") for rows in (hits, lidars))
-        copies = np.repeat(np.vstack([pose, self.poses]).astype(np.float32).T, COPIES, axis=1)
-        poses, scores = self._climb(copies, self._hits, FOLLOW, rng)
-        own, poses = poses[:, [scores[:COPIES].argmax()]], poses[:, COPIES:]
+        copies = np.repeat(np.vstack([pose, self.poses]).astype(np.float32).T, NUM_COPIES, axis=1)
+        poses, scores = self._climb(copies, self._hits, TRACKING_STEPS, rng)
+        own, poses = poses[:, [scores[:NUM_COPIES].argmax()]], poses[:, NUM_COPIES:]
         self._choose(own, poses)
         if len(self.poses) == 1 or self._num_updates % self._num_scans == 0:
             found = draw(math.ceil(min(DENSITY * area, MAX_DRAWN)))
@@ -155,12 +151,11 @@ class Rivals:
     def _score(self, poses: np.ndarray, hits: np.ndarray) -> np.ndarray:
         sums = np.empty(poses.shape[1], dtype=np.int32)
         sum_fields(self._table, hits, hits.shape[1], np.ascontiguousarray(poses), sums)
-        return sums / (ONE * max(hits.shape[1], 1))
+        return sums / (MAX_ENTRY * max(hits.shape[1], 1))
 
     def _climb(
         self, poses: np.ndarray, hits: np.ndarray, steps: Sequence[float], rng: np.random.Generator
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Improve poses, shape (3, n), by random steps; return them and their scores."""
         scores = self._score(poses, hits)
         for step in steps:
             tried = poses + (step * STEP_SHAPE).astype(np.float32) * rng.standard_normal(poses.shape, dtype=np.float32)
@@ -171,11 +166,11 @@ class Rivals:
         return poses, scores
 
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
-        """Take as rivals of `own`, shape (3, 1), those of `poses`, shape (3, n), that are as good, and apart."""
+        """Select distinct poses with scores similar to `own`, shape (3, 1), from `poses`, shape (3, n)."""
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
         poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]
-        scored = self._table, self._hits, self._lidars, MARGIN / self._table.resolution
+        scored = self._table, self._hits, self._lidars, MAX_PENETRATION / self._table.resolution
         crossed = np.array([count_crossed(*scored, pose) for pose in poses.T])
         leads = self._score(poses, self._hits) - crossed / max(self._hits.shape[1], 1)
         leads -= leads[0]

@@ -1,8 +1,8 @@
-"""Logs of real robots: reading them, and judging trajectories along them."""
+"""Logs of real robots, and evaluation of trajectories."""
 
 from .log import Log, load_log
 from .relations import RelationError, load_relations, relation_error
-from .trajectory import compose_poses, follow_odometry, pose_errors, rms, save_trajectory
+from .trajectory import compose_poses, follow_odometry, rms, save_trajectory, trajectory_errors
 
 __all__ = [
     "Log",
@@ -11,8 +11,8 @@ __all__ = [
     "follow_odometry",
     "load_log",
     "load_relations",
-    "pose_errors",
     "relation_error",
     "rms",
     "save_trajectory",
+    "trajectory_errors",
 ]

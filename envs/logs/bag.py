@@ -1,4 +1,4 @@
-"""Logs as ROS 1 and ROS 2 bags, read without ROS by the library rosbags."""
+"""Reading ROS 1 and ROS 2 bags as logs, without a ROS installation."""
 
 from pathlib import Path
 
@@ -15,13 +15,13 @@ SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOM_FRAME = "odom"
-"""Frame of odometry by REP 105."""
+"""Odometry frame of REP 105."""
 BASE_FRAMES = ("base_footprint", "base_link")
-"""Frames of the base, for odometry that does not say which."""
+"""Default base frames, for odometry without a child frame."""
 
 
 def is_bag(path: Path) -> bool:
-    """Return True for the path of a bag, by its name or by the content of the folder."""
+    """Return True if the path is a bag."""
     return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
 
 
@@ -33,16 +33,14 @@ def read_bag(
     odom_frame: str | None = None,
     laser_frame: str | None = None,
 ) -> Recording:
-    """Read the scans and the odometry of a bag.
+    """Read the scans and odometry of a bag. Times are header stamps.
 
-    Stamps are those of the messages' headers. Without a topic the only one is taken: of LaserScan messages, and of
-    Odometry messages or else of transforms from `odom_frame` to the base. Transforms follow the rules of tf2, see
-    `FrameTree`: those of the topics `tf` and `tf_static` in the innermost namespace of the scans that has any. The
-    lidar's mount is looked up at the time of each scan. By REP 117, ranges above `range_max` of their scan are no
-    return, and those below `range_min` or NaN are ignored.
+    Default odometry: the only Odometry topic, or else transforms from `odom_frame` to the base. Transforms are read
+    from `tf` and `tf_static` in the innermost namespace of the scans; see `FrameTree`. As in REP 117, ranges above
+    `range_max` are no return; ranges below `range_min` and NaN are ignored.
 
     Raises:
-        BagError: the bag is damaged, a topic or frame is missing or ambiguous, or messages make no sense.
+        BagError: damaged bag, missing or ambiguous topic or frame, or invalid messages.
     """
     base_frame, odom_frame, laser_frame = (name and frame_name(name) for name in (base_frame, odom_frame, laser_frame))
     notes: list[str] = []
@@ -64,7 +62,7 @@ def read_bag(
             odometry.read(bag, [odom_topic or ""])
         times, poses, base = _read_odometry(bag, odometry, base_frame or laser_frame or frame, odom_frame, is_tf)
         scan_times, start = np.array([scan.time for scan in scans]), base_frame or base
-        # Static transforms alone lead to the lidar in most bags, and those of /tf are many.
+        # Static transforms usually suffice, and /tf is large.
         if (mounts := _find_mounts(tree, start, laser_frame or frame, scan_times)) is None or base_frame:
             tree.read(bag, moving)
             mounts = _find_mounts(tree, start, laser_frame or frame, scan_times)
@@ -76,15 +74,14 @@ def read_bag(
             times, poses = times[known], compose_poses(poses[known], planar(shift[known]))
         if mounts is None:
             names = f"no transforms from {start!r} to {laser_frame or frame!r} (--base-frame, --laser-frame)"
-            notes.append(f"{names}; the lidar is taken to sit on the base, facing ahead")
+            notes.append(f"{names}; assuming a lidar at the base origin, facing forward")
             mounts = np.tile(np.eye(4), (len(scans), 1, 1))
         for name, number in sorted((tree.ignored | odometry.ignored).items()):
-            notes.append(f"{number} transforms or poses of {name!r} are left out: not finite, or no rotation")
+            notes.append(f"{number} transforms or poses of {name!r} are ignored: not finite, or invalid rotation")
         return Recording(times, poses, _place(bag, scan_topic, scans, mounts, notes), notes, reaches_limit=True)
 
 
 def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[list[Scan], str]:
-    """Return the scans of one frame by time, beams in the frame of the lidar, and the name of the frame."""
     scans: dict[str, list[Scan]] = {}
     size = 0
     for message in bag.messages(topic):
@@ -107,15 +104,11 @@ def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[li
 
 
 def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
-    """Return the topics of static or of moving transforms in the innermost namespace around a topic that has any.
-
-    Topics named `tf` and `tf_static` come before others.
-    """
-    name, around = "tf_static" if static else "tf", f"{topic.strip('/')}/"
+    name, prefix = "tf_static" if static else "tf", f"{topic.strip('/')}/"
     found: dict[str, list[str]] = {"": []}
     for each in bag.topics(TRANSFORMS):
         space = each.rpartition("/")[0].strip("/")
-        if each.endswith("static") == static and (not space or around.startswith(f"{space}/")):
+        if each.endswith("static") == static and (not space or prefix.startswith(f"{space}/")):
             found.setdefault(space, []).append(each)
     inner = found[max((space for space in found if found[space]), key=len, default="")]
     return [each for each in inner if each.rpartition("/")[2] == name] or inner
@@ -124,10 +117,7 @@ def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
 def _read_odometry(
     bag: BagReader, tree: FrameTree, start: str, odom_frame: str | None, is_tf: bool
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return times, ascending, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base's frame, perhaps empty.
-
-    The base is the frame right below that of odometry, on the way down to `start`, or the only one.
-    """
+    """Return odometry times, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base frame's name."""
 
     def is_odom(name: str) -> bool:
         if odom_frame:
@@ -142,41 +132,37 @@ def _read_odometry(
         choice = "choose one by base_frame (--base-frame) and odom_frame (--odom-frame)"
         raise bag.error(f"odometry is of several frames: {names}; {choice}")
     if not edges:
-        advice = "odom_frame (--odom-frame) names another"
+        advice = "set odom_frame (--odom-frame)"
         raise bag.error(f"no odometry from {odom_frame or ODOM_FRAME}; frames are {', '.join(tree.frames)}; {advice}")
     if (jump := find_jump_back(stamps := tree.stamps(*edges[0]))) is not None:
         clock = f"from {stamps[:jump].max():.3f} to {stamps[jump]:.3f} s"
         raise bag.error(f"odometry of {edges[0][0]}: the clock runs back {clock} at message {jump}")
     times, poses = tree.poses(*edges[0])
     if not len(times):
-        raise bag.error(f"odometry of {edges[0][0]}: no pose is finite, with a rotation")
+        raise bag.error(f"odometry of {edges[0][0]}: no valid pose")
     return times, poses, edges[0][0]
 
 
 def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
-    """Return the poses of the lidar in the base frame at times, shape (n, 4, 4), NaN where unknown; None for never."""
     found = (tree.find(start, frame, times) for start in ((base,) if base else BASE_FRAMES))
     return next((mounts for mounts in found if mounts is not None), None)
 
 
 def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, notes: list[str]) -> list[Scan]:
-    """Return scans with beams in the base frame; scans without a level lidar at a known place are left out, and noted.
-
-    A lidar, at `mounts` in the base frame, shape (n, 4, 4), may hang upside down.
-    """
+    """Return scans in the base frame; drop scans with unknown or tilted mount."""
     upright = mounts[:, 2, 2]
     unknown, tilted = ~np.isfinite(upright), np.abs(upright) < MIN_UPRIGHT
     tilt = f"the lidar is tilted by {np.degrees(np.arccos(np.abs(upright[tilted]).min(initial=1.0))):.0f} degrees"
     for is_out, why in (
         (unknown, "there is no transform between base and lidar at their time"),
-        (tilted, f"{tilt}, scans are no planes of the map"),
+        (tilted, f"{tilt}, so its scans are not horizontal"),
     ):
         if is_out.all():
             raise bag.error(f"{topic}: {why}")
         if is_out.any():
             notes.append(f"{is_out.sum()} of {len(scans)} scans are left out: {why}")
     if (leaning := np.abs(upright[~(unknown | tilted)]).min(initial=1.0)) < MIN_LEVEL:
-        notes.append(f"the lidar is tilted by up to {np.degrees(np.arccos(leaning)):.0f} degrees, and read as level")
+        notes.append(f"the lidar is tilted by up to {np.degrees(np.arccos(leaning)):.0f} degrees and treated as level")
     signs, turns = np.sign(upright), planar(mounts)[:, 2]
     return [
         scan._replace(first=turn + sign * scan.first, step=sign * scan.step, position=tuple(mount[:3, 3].tolist()))
@@ -188,7 +174,6 @@ def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, no
 
 
 def _time_order(bag: BagReader, topic: str, times: list[float]) -> np.ndarray:
-    """Return the order of stamps that ascend but for small jumps; where the clock runs back there is none."""
     jump = find_jump_back(np.array(times))
     if jump is not None:
         clock = f"from {max(times[:jump]):.3f} to {times[jump]:.3f} s"

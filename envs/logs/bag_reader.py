@@ -1,4 +1,4 @@
-"""Bags of ROS 1 and ROS 2, opened without ROS by the library rosbags."""
+"""Reading of ROS 1 and ROS 2 bags."""
 
 import bz2
 import contextlib
@@ -17,20 +17,19 @@ from rosbags.typesys import Stores, get_typestore
 from lidarnaut.envs.files import check_file, read_mapping
 
 MAX_TEXT = 1000
-"""Longest text of an error beside the path [characters]."""
+"""Maximum length of an error message [characters]."""
 
 MAX_CHUNK = 2**29
-"""Most bytes to which a chunk of a bag, or a message that is compressed by itself, may unpack."""
+"""Maximum decompressed size of a chunk or message [bytes]."""
 
 
 def _bounded(make_decompressor: Callable[[], Any]) -> Callable[..., bytes]:
-    """Return a function that unpacks a chunk to at most `MAX_CHUNK` bytes; those of the library have no limit."""
 
     def unpack(data: bytes, *_: int) -> bytes:
         decompressor = make_decompressor()
         content: bytes = decompressor.decompress(data, max_length=MAX_CHUNK + 1)
         if len(content) > MAX_CHUNK or not decompressor.eof:
-            raise ValueError(f"a chunk ends early, or unpacks to more than the {MAX_CHUNK:,} bytes that are allowed")
+            raise ValueError(f"a chunk is truncated, or unpacks to more than {MAX_CHUNK:,} bytes")
         return content
 
     return unpack
@@ -43,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Path of a bag folder of ROS 2. The library takes every path that ends in `.bag` for a bag of ROS 1."""
+    """Path of a ROS 2 bag folder, even if named `.bag` (ROS 1 for the library)."""
 
     @property
     def suffix(self) -> str:
@@ -52,7 +51,7 @@ class _Folder(type(Path())):  # type: ignore[misc]
 
 
 class BagError(ValueError):
-    """A bag cannot be read as a log; the message names the file and the culprit."""
+    """A bag cannot be read as a log."""
 
 
 class BagReader:
@@ -67,11 +66,11 @@ class BagReader:
             self._counts[connection.topic] = self._counts.get(connection.topic, 0) + connection.msgcount
 
     def topics(self, kinds: Sequence[str]) -> list[str]:
-        """Return the topics that hold messages of one of some types."""
+        """Return non-empty topics with a message type in `kinds`."""
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
-        """Return the topic that is asked for, or else the only one of some types."""
+        """Return the wanted topic, or the only one with a message type in `kinds`."""
         found = self.topics(kinds)
         allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
         if not allowed:
@@ -84,7 +83,7 @@ class BagReader:
         return allowed[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """Yield the messages of a topic; BagError if there are fewer than the bag's index says."""
+        """Yield the messages of a topic; BagError if some are missing."""
         count = 0
         for connection, _, raw in self._reader.messages([c for c in self._reader.connections if c.topic == topic]):
             yield self._reader.deserialize(raw, connection.msgtype)
@@ -93,11 +92,10 @@ class BagReader:
             raise self.error(f"damaged: holds {count} of {self._counts[topic]} messages of {topic}")
 
     def error(self, text: str) -> BagError:
-        """Return an error that names the file; names of frames and topics in it may have any length."""
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
     def checked(self, where: str, function: Any, *arguments: Any) -> Any:
-        """Call a function; what it finds wrong is an error in the bag."""
+        """Call a function; convert its ValueError to a BagError."""
         try:
             return function(*arguments)
         except ValueError as error:
@@ -109,9 +107,9 @@ def open_bag(path: Path) -> Iterator[BagReader]:
     """Open a bag for reading.
 
     Raises:
-        BagError: the reader fails, now or while messages are read: the bag is damaged, or none.
-        ValueError: a file is not regular, or the metadata nest too deeply or hold too much.
-        PermissionError: the file may not be read.
+        BagError: damaged, now or while reading, or not a bag.
+        ValueError: a file is not regular, or the metadata are too large or nested.
+        PermissionError: the file is not readable.
     """
     if path.is_dir():
         read_mapping(path / "metadata.yaml")
@@ -119,12 +117,12 @@ def open_bag(path: Path) -> Iterator[BagReader]:
         if not file.is_dir():
             check_file(file, math.inf)
     try:
-        # Storage in SQLite has no message definitions before ROS 2 Iron; the types that are read have never changed.
+        # SQLite bags before ROS 2 Iron lack message definitions.
         where = _Folder(path) if path.is_dir() else path
         with AnyReader([where], default_typestore=get_typestore(Stores.ROS2_JAZZY)) as reader:
             yield BagReader(path, reader)
     except (BagError, PermissionError):
         raise
-    except Exception as error:  # struct.error, apsw.Error, TypeError, ...: damaged bags raise many kinds
+    except Exception as error:  # many types
         said = " ".join(str(error).split()) or type(error).__name__
-        raise BagError(f"{path}: damaged or no bag: {said}") from error
+        raise BagError(f"{path}: damaged or not a bag: {said}") from error

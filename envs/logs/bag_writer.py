@@ -1,4 +1,4 @@
-"""ROS 2 bags as single MCAP files, written by the library rosbags."""
+"""ROS 2 bags as single MCAP files."""
 
 import os
 import shutil
@@ -22,32 +22,31 @@ TOPICS = {
     "/plan": "nav_msgs/msg/Path",
     "/cmd_vel": "geometry_msgs/msg/TwistStamped",
 }
-"""Types of the messages by topic."""
+"""Message types by topic."""
 _FOREVER = QosTime(9223372036, 854775807)
 _RELIABILITY, _DURABILITY = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
 _TIMES = _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 _LATCHED = Qos(QosHistory.KEEP_LAST, 1, _RELIABILITY, _DURABILITY, *_TIMES, False)
-"""Quality of service of what late subscribers get as well."""
+"""Quality of service of latched topics."""
 _LATCHED_TOPICS = ("/map", "/tf_static")
 
 
 class BagWriter:
-    """Writes a bag under a temporary name, which `close` replaces by its own: there is a whole bag, or none."""
+    """Writer of a bag that appears at its path once complete."""
 
     def __init__(self, path: Path) -> None:
-        """Start a bag `NAME.mcap`, in place of one that is there, with `TOPICS`; further ones begin when written to.
+        """Start a bag `NAME.mcap` with `TOPICS`, replacing any existing file.
 
         Raises:
-            ValueError: for another suffix.
-            OSError: if it cannot be written.
+            ValueError: another suffix.
+            OSError: the bag cannot be written.
         """
         if path.suffix != ".mcap":
             raise ValueError(f"bags are written as .mcap, got {path}")
         self.path = path
         self._folder = temporary_beside(path)
         shutil.rmtree(self._folder, ignore_errors=True)
-        # The bag names its file, which must therefore have its final name from the start. Releases before ROS 2 Jazzy
-        # cannot read metadata from version 9 on.
+        # Metadata hold the final file name. Before ROS 2 Jazzy, only versions below 9 are readable.
         self._writer = Writer(self._folder / path.stem, version=8, storage_plugin=StoragePlugin.MCAP)
         self._writer.set_compression(CompressionMode.STORAGE, CompressionFormat.ZSTD)
         self._writer.open()
@@ -65,7 +64,7 @@ class BagWriter:
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:
-        """Finish the bag and put it in its place; OSError if it cannot be written; nothing is left of it."""
+        """Finish the bag and move it to its path; OSError, leaving no file, if that fails."""
         try:
             self._writer.close()
             written = self._folder / self.path.stem / self.path.name
@@ -76,6 +75,5 @@ class BagWriter:
             shutil.rmtree(self._folder, ignore_errors=True)
 
     def discard(self) -> None:
-        """Remove what was written."""
         self._writer.abort()
         shutil.rmtree(self._folder, ignore_errors=True)

@@ -1,4 +1,4 @@
-"""Whether the scans of a log agree with each other at the poses of a trajectory."""
+"""Consistency of a trajectory with the scans of a log."""
 
 import math
 
@@ -11,24 +11,21 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 
 from .log import Log
 
-MARGIN = 0.3
-"""A beam may pass through occupied cells this near to its end [m]: walls have widths, and grazing beams touch them."""
+END_MARGIN = 0.3
+"""Distance before a hit within which beams may cross occupied cells [m] (thick walls, grazing beams)."""
 MAX_CONFLICTS = 0.2
-"""Share of conflicting beams above which a map does not fit. In the Intel Research Lab it is 0.06 to 0.16 where a SLAM
-succeeds, and 0.24 to 0.53 by odometry alone or where a SLAM fails (docs/notes/slam.md, "Sparse logs")."""
+"""Maximum share of conflicting beams in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds, else 0.24
+to 0.53."""
 CHUNK = 256
-"""Scans that are integrated at once."""
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:
-    """Return the share of beams that pass through what other scans show as occupied, from 0 to 1.
+    """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
-    All scans are integrated at their poses into a map of their own, so that SLAMs with maps of different kinds can be
-    compared. A trajectory whose parts contradict each other, such as rooms that are laid over each other, shows here
-    without ground truth; one that is bent, but meets none of its own walls, does not.
+    All scans are integrated into a new map, which makes SLAMs comparable. The share rises if rooms overlap, but not if
+    the trajectory is bent without overlap.
 
-    `poses` are those of the base at its scans, shape (m, 3), float64 [m, m, rad]. The share is that among beams with a
-    return; NaN if there are none, if a pose is not finite, or if poses are too far apart for a map.
+    `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN without returns or without a finite map.
     """
     if not np.isfinite(poses).all():
         return math.nan
@@ -50,7 +47,6 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _count_conflicts(occupancy, ranges, angles, sensors, resolution, range_max):
-    """Return how many beams pass through occupied cells, and how many have a return; `sensors` [cells, cells, rad]."""
     height, width = occupancy.shape
     conflicts = count = 0
     for i in range(ranges.shape[0]):
@@ -59,7 +55,7 @@ def _count_conflicts(occupancy, ranges, angles, sensors, resolution, range_max):
             if not ranges[i, k] <= range_max:
                 continue
             count += 1
-            length = (ranges[i, k] - MARGIN) / resolution
+            length = (ranges[i, k] - END_MARGIN) / resolution
             if length <= 0.0:
                 continue
             angle = theta + angles[k]

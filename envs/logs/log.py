@@ -16,33 +16,33 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
 from .scans import Limits, Recording, Scan, common_beams, usable_scans
-from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, pose_errors
+from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_errors
 
 MAX_STEP = 100.0
-"""Odometry that moves farther from one scan to the next is damaged [m]."""
+"""Maximum odometry distance between successive scans [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Longest gap of the odometry that is interpolated while the robot moves [s], and least motion that counts [m, rad]."""
+"""Maximum odometry gap that is interpolated in motion [s], and minimum motion [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """What a robot recorded on a drive."""
+    """Recorded drive of a robot."""
 
     times: np.ndarray
-    """Shape (n,), float64: when odometry was read [s]; clocks may jump back a little."""
+    """Odometry times, shape (n,), float64 [s]."""
     odometry: np.ndarray
-    """Shape (n, 3), float64: pose of the base by its wheels, x, y, heading [m, rad]."""
+    """Base pose x, y, heading by wheel odometry, shape (n, 3), float64 [m, m, rad]."""
     scan_rows: np.ndarray
-    """Shape (m,), int64: rows of `times` and `odometry` at which the scans were taken."""
+    """Row in `times` and `odometry` of each scan, shape (m,), int64."""
     ranges: np.ndarray
-    """Shape (m, num_beams), float32 [m]; +inf for no return, NaN for a beam to ignore."""
+    """Scan ranges, shape (m, num_beams), float32 [m]; +inf for no return, NaN for ignored beams."""
     lidar: LidarParams
     """Geometry of the scans."""
     notes: tuple[str, ...] = ()
-    """Scans that the reader left out, motions that it bridged, and its assumptions."""
+    """Reports on dropped scans, bridged motions and assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
-        """Yield for each scan the pose of the base by odometry, seen from the base at the scan before."""
+        """Yield the odometry motion since the previous scan, in the previous base frame."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
         for before, after in itertools.pairwise(poses):
@@ -50,13 +50,13 @@ class Log:
 
     @property
     def step_length(self) -> float:
-        """Median distance from one scan to the next by odometry [m], of a robot that moves; 0 for one that does not."""
+        """Median odometry distance between successive scans while moving [m]; 0 without motion."""
         steps = np.hypot(*np.diff(self.odometry[self.scan_rows, :2], axis=0).T)
         moving = steps[steps > 0.01]
         return float(np.median(moving)) if len(moving) else 0.0
 
     def thinned(self, distance: float, angle: float) -> "Log":
-        """Return a log with key scans alone: `distance` [m] or `angle` [rad] or more by odometry after the last one."""
+        """Return a log of key scans: at least `distance` [m] or `angle` [rad] apart by odometry."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         kept = [0]
         for k, pose in enumerate(poses):
@@ -84,7 +84,7 @@ class Log:
         if (steps > MAX_STEP).any():
             scan = int((steps > MAX_STEP).argmax())
             raise ValueError(
-                f"odometry moves by {steps[scan]:g} m from scan {scan} to the next, at most {MAX_STEP:g} m"
+                f"odometry moves by {steps[scan]:g} m from scan {scan} to the next; at most {MAX_STEP:g} m is allowed"
             )
         times = self.times[self.scan_rows]
         jump = find_jump_back(times)
@@ -108,29 +108,25 @@ def load_log(
 ) -> Log:
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
-    Each scan is read by its own header. Scans that cannot be used are left out, and motions that the robot cannot make
-    are bridged; `Log.notes` and warnings of the logger report both.
+    Unusable scans are dropped and impossible motions bridged, with warnings and `Log.notes`.
 
     Args:
-        path: the file, or the folder of a ROS 2 bag. Arrays are `t`, `odo`, `idx` and `ranges`, see the fields of
-            `Log`; `ang0` and `dang`, the angle of the first beam in the base frame and from one beam to the next [rad];
-            `maxr`, the range from which there is no return [m]; optionally `mount_x`, the lidar's position in the base
-            frame [m], and `off`, added to `t`. Bags: see `read_bag`.
-        max_range: readings from this on count as no return [m]; None takes the limit of the log.
-        min_range: readings below this are ignored [m]; None takes the limit of the log.
-        field_of_view: angle from the first to the last beam of FLASER lines of CARMEN logs [rad]; None follows CARMEN,
-            see `read_carmen`.
-        scan_topic: topic of the scans in a bag; None for the only one.
-        odom_topic: topic of the odometry in a bag; None for the only one.
-        base_frame: frame of the base in a bag; None takes that of the odometry.
-        odom_frame: frame of odometry in a bag; None takes that of the messages, or `odom` in transforms.
-        laser_frame: frame of the scans in a bag: one of several on the topic, or the name that transforms use.
-        max_speeds: forward speed [m/s] and yaw rate [rad/s] that the robot does not exceed.
+        path: file or ROS 2 bag folder. Arrays: `t`, `odo`, `idx`, `ranges`, see `Log`; `ang0`, `dang`, first angle and
+            increment in the base frame [rad]; `maxr`, maximum range [m]; optional `mount_x`, lidar position [m], and
+            `off`, added to `t`.
+        max_range: ranges from this value on count as no return [m]; None for the log's limit.
+        min_range: ranges below this value are ignored [m]; None for the log's limit.
+        field_of_view: angle of CARMEN's FLASER scans [rad]; None: see `read_carmen`.
+        scan_topic: scan topic of a bag; None for the only one.
+        odom_topic: odometry topic of a bag; None for the only one.
+        base_frame: base frame of a bag; None for the odometry's.
+        odom_frame: odometry frame of a bag; None for the messages' or `odom`.
+        laser_frame: lidar frame of a bag; needed if ambiguous or named differently in transforms.
+        max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
 
     Raises:
-        FileNotFoundError: there is no such file.
-        ValueError: the file is of another kind, damaged, or holds no scan that can be used, or an option makes no sense
-            for it; the message names the file, the place and the remedy in one line.
+        FileNotFoundError: no such file.
+        ValueError: unknown or damaged file, no usable scan, or invalid option.
     """
     path = Path(path)
     if not path.exists():
@@ -144,10 +140,10 @@ def load_log(
     }
     is_carmen = path.name.endswith((".log", ".log.gz", ".clf", ".clf.gz")) and path.is_file()
     if chosen := [name for name, value in of_bags.items() if value is not None and not is_bag(path)]:
-        raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) can be chosen in bags only")
+        raise ValueError(f"{path}: {chosen[0]} (--{chosen[0].replace('_', '-')}) applies to bags only")
     if field_of_view is not None and not (is_carmen and 0.0 < field_of_view <= 2.0 * math.pi):
         raise ValueError(
-            f"{path}: field_of_view (--field-of-view) is for CARMEN logs, in (0, 2 pi] rad, got {field_of_view:g}"
+            f"{path}: field_of_view (--field-of-view) is for CARMEN logs only, in (0, 2 pi] rad, got {field_of_view:g}"
         )
     if is_bag(path):
         recording = read_bag(path, **of_bags)
@@ -157,7 +153,7 @@ def load_log(
         recording = read_carmen(path, field_of_view)
     else:
         known = ".npz, .log, .log.gz, .clf, .clf.gz, .bag, .mcap and folders with metadata.yaml"
-        raise ValueError(f"{path}: unknown kind of log; {known} are known")
+        raise ValueError(f"{path}: unknown type of log; known types are {known}")
     try:
         log = _make_log(recording, Limits(min_range, max_range), max_speeds)
     except ValueError as error:
@@ -168,7 +164,6 @@ def load_log(
 
 
 def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, float]) -> Log:
-    """Make a log of the contents of a file."""
     limits.check()
     scans, faults = usable_scans(recording.scans, limits)
     of_all = f"of {len(recording.scans)} scans are left out"
@@ -182,7 +177,6 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
     ranges, first, step, (x, y, z) = common_beams(readings)
     low, high = min(scan.range_min for scan in scans), max(scan.range_max for scan in scans)
     fov = step * (ranges.shape[1] - 1)
-    # LidarParams centres the field of view on the sensor's x axis.
     lidar = LidarParams(ranges.shape[1], high, low, fov, mount=Mount(x, y, z, yaw=first + fov / 2))
     if not np.isfinite(ranges).any():
         notes.append("no beam of any scan has a return")
@@ -192,12 +186,11 @@ def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, flo
 def _interpolated(
     scans: list[Scan], times: np.ndarray, odometry: np.ndarray, of_all: str, notes: list[str]
 ) -> tuple[list[Scan], np.ndarray, np.ndarray, np.ndarray]:
-    """Return scans with odometry around them, times and odometry with that of the scans, and their rows."""
     scan_times = np.array([scan.time for scan in scans])
     after = np.searchsorted(times, scan_times)
     outside = (scan_times < times[0]) | (scan_times > times[-1])
     before, after = np.maximum(after - 1, 0), np.minimum(after, len(times) - 1)
-    motion = np.maximum(*pose_errors(odometry[after], odometry[before]))
+    motion = np.maximum(*trajectory_errors(odometry[after], odometry[before]))
     in_gap = (
         ~outside & (scan_times < times[after]) & (times[after] - times[before] > MAX_GAP) & (motion > MAX_GAP_MOTION)
     )
@@ -218,7 +211,6 @@ def _interpolated(
 
 
 def _read(scan: Scan, reaches_limit: bool) -> Scan:
-    """Return a scan whose readings are returns, inf for none, or NaN to ignore, by its own limits."""
     ranges = scan.ranges
     is_return = ranges <= scan.range_max if reaches_limit else ranges < scan.range_max
     ranges = np.where(is_return | np.isnan(ranges), ranges, np.float32(np.inf))

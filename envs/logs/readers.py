@@ -1,4 +1,4 @@
-"""Logs as CARMEN text (.log, .clf, also gzipped), and as NumPy archives (.npz)."""
+"""CARMEN text (.log, .clf, also gzipped) and NumPy archives (.npz) as logs."""
 
 import gzip
 import math
@@ -17,30 +17,28 @@ from .scans import FULL_TURN, Recording, Scan
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
 SICK_MAX_RANGE = 80.0
-"""Range of the SICK lasers behind FLASER lines, which do not record it [m]."""
+"""Maximum range of SICK lasers [m]; FLASER lines lack it."""
 SICK_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
-"""Angle between beams of FLASER lines by their number, as CARMEN takes it [deg]."""
+"""Angle increment by number of FLASER beams, as in CARMEN [deg]."""
 FINEST_STEP = 0.25
-"""Least angle between beams of a SICK laser [deg]."""
+"""Minimum angle increment of a SICK laser [deg]."""
 SAME_MOUNT = 0.05
-"""Largest difference between the laser mounts of two lines [m, rad]."""
+"""Maximum difference between laser mounts within a log [m, rad]."""
 MAX_LINE = 1_000_000
-"""Longest line [characters]."""
+"""Maximum length of a line [characters]."""
 MAX_TEXT = 2**30
-"""Longest text [characters]; a small gzipped file can unpack to any size."""
+"""Maximum length of an unpacked log [characters]."""
 
 
 def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
     """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one laser.
 
-    FLASER lines hold no angles. As in CARMEN, 180 or 181 beams are 1 degree apart, 360 or 361 beams 0.5 and 400 or 401
-    beams 0.25 degrees; any other number is spread over 180 degrees. A `field_of_view` [rad] replaces that. The laser
-    lies `robot_frontlaser_offset` ahead of the base. ROBOTLASER1 lines hold angles, limit, and the poses of laser and
-    robot, which give the mount.
+    FLASER lines lack angles. As in CARMEN, 180 or 181 beams have increments of 1 degree, 360 or 361 of 0.5, 400 or 401
+    of 0.25; others cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of the
+    base.
 
     Raises:
-        ValueError: a line is damaged, the file is cut off, there are no scans, or the lines are those of several
-            lasers.
+        ValueError: damaged line, truncated file, no scans, or several lasers.
     """
     times, odometry, notes, num_empty, offset = [], [], list[str](), 0, 0.0
     scans: dict[str, list[Scan]] = {"FLASER": [], "ROBOTLASER1": []}
@@ -68,7 +66,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
                 readings, after = fields[8 : 8 + count], 9 + count + int(fields[8 + count])
                 laser, pose, num_fields = fields[after : after + 3], fields[after + 3 : after + 6], after + 14
             if len(fields) != num_fields:
-                raise ValueError(f"{len(fields)} fields where {num_fields} are needed: cut off, or with a wrong count")
+                raise ValueError(f"{len(fields)} fields instead of {num_fields}: truncated, or wrong count")
             if kind == "ROBOTLASER1":
                 mounts.append((number, Pose2D(*_numbers(pose)).between(Pose2D(*_numbers(laser)))))
             times += _numbers([fields[-3]])
@@ -96,7 +94,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
                 f"{path}: field_of_view (--field-of-view) is for FLASER lines; ROBOTLASER1 lines have angles"
             )
         if scans["FLASER"]:
-            notes.append(f"{len(scans['FLASER'])} FLASER lines beside ROBOTLASER1 lines are left out")
+            notes.append(f"{len(scans['FLASER'])} FLASER lines are left out: there are ROBOTLASER1 lines")
         mount = _find_mount(path, mounts)
         placed = [
             scan._replace(first=scan.first + mount.theta, position=(mount.x, mount.y, 0.0))
@@ -105,13 +103,12 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
     else:
         placed = [scan._replace(position=(offset, 0.0, 0.0)) for scan in scans["FLASER"]]
         if (count := len(placed[0].ranges)) not in SICK_STEPS and field_of_view is None:
-            spread = "spread over 180 degrees, as in CARMEN; field_of_view (--field-of-view) sets another"
+            spread = "assuming 180 degrees, as in CARMEN; set field_of_view (--field-of-view) to change"
             notes.append(f"FLASER lines do not hold the angles of their {count} beams: {spread}")
     return Recording(np.array(times), np.array(odometry), placed, notes)
 
 
 def _find_mount(path: Path, mounts: list[tuple[int, Pose2D]]) -> Pose2D:
-    """Return the median pose of the laser on the robot; ValueError if that of a line, given by its number, differs."""
     poses = np.array([mount for _, mount in mounts])
     turns = wrap_angle(poses[:, 2] - poses[len(poses) // 2, 2])
     x, y, turn = np.median(np.column_stack([poses[:, :2], turns]), axis=0).tolist()
@@ -125,10 +122,9 @@ def _find_mount(path: Path, mounts: list[tuple[int, Pose2D]]) -> Pose2D:
 
 
 def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float]:
-    """Return the angles of the first beam and between two beams of FLASER lines [rad]; see `read_carmen`."""
     gaps = max(count - 1, 1)
     if field_of_view is None and (known := SICK_STEPS.get(count)):
-        # CARMEN's beams begin at the edge of the field of view: 100 degrees for steps of 0.25, else 180.
+        # CARMEN's field of view: 100 degrees for 0.25, else 180.
         return math.radians(-50.0 if known == 0.25 else -90.0), math.radians(known)
     if field_of_view is None and 180.0 / gaps < FINEST_STEP - 1e-9:
         advice = "give field_of_view (--field-of-view), 4.712 rad for the 270 degrees of most lasers with 1081 beams"
@@ -138,9 +134,8 @@ def _flaser_beams(count: int, field_of_view: float | None) -> tuple[float, float
 
 
 def _compare(first: Scan, scan: Scan) -> None:
-    """Raise a ValueError if the beams of two lines differ."""
     if len(scan.ranges) != len(first.ranges):
-        raise ValueError(f"{len(scan.ranges)} beams where earlier scans have {len(first.ranges)}; split the log there")
+        raise ValueError(f"{len(scan.ranges)} beams, earlier scans {len(first.ranges)}; split the log there")
     for name in ("first", "step", "range_max"):
         value, before = getattr(scan, name), getattr(first, name)
         if not abs(value - before) <= 1e-3 * max(abs(before), abs(first.step)):
@@ -159,21 +154,20 @@ def _lines(path: Path) -> Iterator[str]:
                     raise ValueError(f"{path}: too long; at most {allowed}")
                 yield line
     except (EOFError, gzip.BadGzipFile, zlib.error) as error:
-        raise ValueError(f"{path}: damaged or cut off: {error}") from error
+        raise ValueError(f"{path}: damaged or truncated: {error}") from error
 
 
 def _numbers(fields: list[str]) -> list[float]:
     values = [float(field) for field in fields]
     for field, value in zip(fields, values):
         if not math.isfinite(value):
-            raise ValueError(f"{field} where a finite number is needed")
+            raise ValueError(f"expected a finite number, got {field}")
     return values
 
 
 def read_archive(path: Path) -> Recording:
-    """Read the arrays of `load_log`; ValueError if damaged, or one is missing or misshapen."""
+    """Read the arrays of `load_log`; ValueError if any is invalid."""
     arrays: dict[str, Any] = {}
-    # Arrays of objects are scans with unequal numbers of beams.
     with open_archive(path) as archive:
         if missing := _DIMENSIONS.keys() - set(archive.files):
             raise ValueError(f"lacks the arrays {sorted(missing)}")
@@ -188,17 +182,17 @@ def read_archive(path: Path) -> Recording:
         dimensions = (_DIMENSIONS | _OPTIONAL)[name]
         if array.ndim != dimensions or array.dtype.kind not in "iuf":
             raise ValueError(
-                f"{path}, array {name}: numbers in {dimensions} dimensions are needed, got {array.dtype} {array.shape}"
+                f"{path}, array {name}: must have numbers in {dimensions} dimensions, got {array.dtype} {array.shape}"
             )
     if not np.isfinite(arrays["idx"]).all():
         raise ValueError(f"{path}, array idx: must be finite")
     if arrays["odo"].shape[1] != 3:
-        raise ValueError(f"{path}, array odo: rows of x, y, heading are needed, got shape {arrays['odo'].shape}")
+        raise ValueError(f"{path}, array odo: must have rows of x, y, heading, got shape {arrays['odo'].shape}")
     lengths = {name: len(arrays[name]) for name in ("t", "odo", "idx", "ranges")}
     if lengths["t"] != lengths["odo"] or lengths["idx"] != lengths["ranges"]:
         raise ValueError(f"{path}: numbers of times, poses and scans do not agree: {lengths}")
     if (arrays["idx"] != np.rint(arrays["idx"])).any():
-        raise ValueError(f"{path}, array idx: must hold whole numbers")
+        raise ValueError(f"{path}, array idx: must be integers")
     beams = float(arrays["ang0"]), float(arrays["dang"]), 0.0, float(arrays["maxr"])
     position = float(arrays.get("mount_x", 0.0)), 0.0, 0.0
     ranges = arrays["ranges"].astype(np.float32)

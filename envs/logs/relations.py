@@ -1,8 +1,6 @@
-"""The relation error of a trajectory.
+"""Error of a trajectory with respect to relations, that is, hand-verified relative poses.
 
-Kümmerle et al., On measuring the accuracy of SLAM algorithms, Autonomous Robots 27 (2009): relative poses that people
-verified by hand are held against the estimated ones. No common frame is needed, and a bend in the trajectory counts
-once rather than for all that follows.
+Kümmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009.
 """
 
 import io
@@ -18,23 +16,22 @@ from lidarnaut.envs.geometry import wrap_angle
 from .trajectory import between_poses
 
 MAX_TIME_GAP = 0.3
-"""A relation counts where the trajectory has poses this near to both of its times [s]."""
+"""Maximum time between a relation's stamps and the trajectory's nearest poses [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelationError:
-    """How far relative poses are off, over all relations."""
+    """Error of relative poses over all relations."""
 
     translation: float
     translation_std: float
-    """Mean and standard deviation [m]."""
+    """Mean (`translation`) and standard deviation of translation errors [m]."""
     rotation: float
     rotation_std: float
-    """Mean and standard deviation [deg]."""
+    """Mean (`rotation`) and standard deviation of rotation errors [deg]."""
     count: int
 
     def __str__(self) -> str:
-        """Give means and standard deviations with their units."""
         return (
             f"{self.translation:.3f} +- {self.translation_std:.3f} m, "
             f"{self.rotation:.2f} +- {self.rotation_std:.2f} deg over {self.count} relations"
@@ -45,14 +42,14 @@ def load_relations(path: str | Path) -> np.ndarray:
     """Read relations, one per line: `t1 t2 x y z roll pitch yaw`.
 
     Returns:
-        Shape (n, 5), float64: t1, t2 [s], x, y [m], yaw [rad] of the later pose seen from the earlier.
+        t1, t2 [s], and x, y [m], yaw [rad] of the second pose relative to the first: shape (n, 5), float64.
 
     Raises:
-        ValueError: the file does not hold eight finite numbers per line.
+        ValueError: a line lacks eight finite numbers.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", UserWarning)  # of empty files, which are refused below
+            warnings.simplefilter("ignore", UserWarning)
             table = np.loadtxt(io.BytesIO(read_bytes(Path(path))), ndmin=2)
     except ValueError as error:
         raise ValueError(f"{path}: not a list of relations: {error}") from error
@@ -68,46 +65,46 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read relations, all as `relation error`, and as `unambiguous` those that a mask beside them names, if there is.
+    """Read relations by label: `relation error` (all), and `unambiguous` if a mask file exists.
 
-    The mask is `unambiguous_relations.npy`, shape (n,), bool.
+    The mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
 
     Raises:
-        ValueError: a file is damaged, or holds something else.
+        ValueError: a file is damaged.
     """
     relations, mask_path = load_relations(path), path.parent / "unambiguous_relations.npy"
     if not mask_path.is_file():
         return {"relation error": relations}
     try:
         mask = np.lib.format.read_array(io.BytesIO(read_bytes(mask_path)))
-    except Exception as error:  # NumPy and tokenize raise many kinds
-        raise ValueError(f"{mask_path}: damaged or no array: {' '.join(str(error).split())}") from error
+    except Exception as error:  # many types
+        raise ValueError(f"{mask_path}: damaged or not an array: {' '.join(str(error).split())}") from error
     if mask.shape != (len(relations),) or mask.dtype != np.bool_ or not mask.any():
-        raise ValueError(f"{mask_path}: a mask of {len(relations)} relations is needed, got {mask.dtype} {mask.shape}")
+        raise ValueError(f"{mask_path}: must be a mask of {len(relations)} relations, got {mask.dtype} {mask.shape}")
     return {"relation error": relations, "unambiguous": relations[mask]}
 
 
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:
-    """Hold a trajectory, times [s] and poses, against relations as from `load_relations`.
+    """Compare a trajectory, times [s] and poses, with relations from `load_relations`.
 
     Raises:
-        ValueError: not one relation has both its times in the trajectory.
+        ValueError: no relation lies within the trajectory's time.
     """
     rows = np.stack([_nearest(times, relations[:, 0]), _nearest(times, relations[:, 1])], axis=1)
     known = (np.abs(times[rows] - relations[:, :2]) <= MAX_TIME_GAP).all(axis=1)
     if not known.any():
-        raise ValueError("no relation lies within the time of the trajectory; are they of another log?")
-    given = relations[known, 2:]
+        raise ValueError("no relation lies within the trajectory's time; do they belong to another log?")
+    truth = relations[known, 2:]
     estimated = between_poses(poses[rows[known, 0]], poses[rows[known, 1]])
-    translation = np.hypot(*(estimated - given)[:, :2].T)
-    rotation = np.degrees(np.abs(wrap_angle(estimated[:, 2] - given[:, 2])))
+    translation = np.hypot(*(estimated - truth)[:, :2].T)
+    rotation = np.degrees(np.abs(wrap_angle(estimated[:, 2] - truth[:, 2])))
     return RelationError(
-        float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std()), len(given)
+        float(translation.mean()), float(translation.std()), float(rotation.mean()), float(rotation.std()), len(truth)
     )
 
 
 def _nearest(times: np.ndarray, wanted: np.ndarray) -> np.ndarray:
-    order = np.argsort(times, kind="stable")  # the clocks of real logs jump back now and then
+    order = np.argsort(times, kind="stable")  # clocks may jump back
     times = times[order]
     after = np.clip(np.searchsorted(times, wanted), 1, len(times) - 1)
     return order[np.where(wanted - times[after - 1] <= times[after] - wanted, after - 1, after)]

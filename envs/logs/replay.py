@@ -29,65 +29,62 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""The registered SLAM that a log cannot be replayed with."""
+"""Name of the SLAM that requires ground truth, which logs lack."""
 SPARSE = 0.5
-"""Median distance between scans from which on a log is sparse [m]."""
+"""Minimum median distance between scans of a sparse log [m]."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Run a SLAM on the log of a real robot; print its relation error and the time per scan."""
+    """Run a SLAM on the log of a real robot; print relation error and time per scan."""
 
     log: Annotated[Path, tyro.conf.Positional]
-    """Arrays (.npz), CARMEN text (.log, .log.gz, .clf), a ROS 1 bag (.bag), the folder of a ROS 2 bag, or .mcap."""
+    """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
     slam: str = "tinyslam"
-    """Name of a SLAM (`odometry` maps at the poses of the wheel odometry), or `module:attribute` of your own, which is
-    called with the lidar's geometry and the resolution [m]; `all` compares all that have a name."""
+    """SLAM name (`odometry` maps at odometry poses), `all`, or `module:attribute` of your own SLAM."""
     preset: str = "intel"
-    """Preset of the SLAM's parameters, or a YAML file; `sparse` is for logs with a metre or so between scans. A SLAM of
-    your own gets its resolution alone."""
+    """Parameter preset of the SLAM, or YAML file; `sparse` for about one metre between scans."""
     change: dict[str, str] = field(default_factory=dict)
     """Parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
-    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`. If `unambiguous_relations.npy` lies in the same folder, a
-    boolean mask, the error over those is printed as well."""
+    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`; optional mask `unambiguous_relations.npy` in the same
+    folder."""
     out: Path | None = None
-    """Folder for maps (PNG, and PGM with YAML), trajectories (TUM format), pose graphs (g2o) and `summary.json`."""
+    """Output folder: maps (PNG, PGM), trajectories (TUM), pose graphs (g2o) and `summary.json`."""
     seeds: int = 1
     """Number of runs."""
     first_seed: int = 0
     """Seed of the first run."""
     max_range: float | None = None
-    """Readings from this on count as no return [m]; the log's own limit by default."""
+    """Ranges from this value on count as no return [m]; default: the log's limit."""
     min_range: float | None = None
-    """Readings below this are ignored [m]; the log's own limit by default."""
+    """Ranges below this value are ignored [m]; default: the log's limit."""
     field_of_view: float | None = None
-    """Angle from the first to the last beam of CARMEN's FLASER lines [rad]; CARMEN's own rule by default."""
+    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: CARMEN's rule."""
     thin: tuple[float, float] | None = None
-    """Keep only scans that are so far [m], or turned by so much [rad], from the last one kept: makes a log sparse."""
+    """Minimum travel [m] or rotation [rad] between scans."""
     time_offset: float = 0.0
-    """Added to the log's times, for relations with another clock [s]."""
+    """Offset added to the log's times [s]."""
     scan_topic: str | None = None
-    """Topic of the scans in a bag; needed where several hold any."""
+    """Bag topic of the scans; required if there are several."""
     odom_topic: str | None = None
-    """Topic of the odometry in a bag: Odometry messages, or transforms from `odom` to the base such as `/tf`."""
+    """Bag topic of the odometry: Odometry messages, or transforms such as `/tf`."""
     base_frame: str | None = None
-    """Frame of the base in a bag; that of the odometry by default."""
+    """Base frame in a bag; default: that of the odometry."""
     odom_frame: str | None = None
-    """Frame of the odometry in a bag, such as `odom_combined`."""
+    """Odometry frame in a bag, such as `odom_combined`."""
     laser_frame: str | None = None
-    """Frame of the scans in a bag: one of several on a topic, or the name that the transforms use."""
+    """Lidar frame in a bag; needed if ambiguous or named differently in transforms."""
     robot: str | None = None
-    """Robot (library name, or path of a YAML file) whose greatest speeds, and half as much again, odometry must not
-    exceed; 5 m/s and 10 rad/s by default. Faster motions are bridged, or named."""
+    """Robot (name or YAML file); odometry faster than 1.5 times its maximum speeds is bridged or reported. Default: 5
+    m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:
-    """Run the command.
+    """Run a SLAM on a log and print the results.
 
     Raises:
-        ValueError: the SLAM cannot be replayed, its map outgrows the memory, or an input file or parameter is not
-            valid.
+        ValueError: invalid input, or insufficient memory.
         FileNotFoundError: an input file is missing.
     """
     if options.seeds < 1 or options.first_seed < 0:
@@ -95,7 +92,7 @@ def main(options: Options) -> list[Run]:
     if not math.isfinite(options.time_offset):
         raise ValueError(f"time_offset must be finite, got {options.time_offset}")
     if options.thin is not None and not min(options.thin) >= 0.0:
-        raise ValueError(f"thin must be a distance and an angle that are not negative, got {options.thin}")
+        raise ValueError(f"thin must be a non-negative distance and angle, got {options.thin}")
     how = ("min_range", "field_of_view", "scan_topic", "odom_topic", "base_frame", "odom_frame", "laser_frame")
     further: dict[str, Any] = {name: getattr(options, name) for name in how}
     if options.robot is not None:
@@ -115,7 +112,7 @@ def main(options: Options) -> list[Run]:
         try:
             runs += _run(name, options, log, relations, out)
         except MemoryError as error:
-            said = " ".join(str(error).split()) or "there is not enough memory"
+            said = " ".join(str(error).split()) or "insufficient memory"
             raise ValueError(f"{options.log}, {name}: {said}") from error
     if len(names) > 1:
         make_console().print(comparison(runs))
@@ -123,7 +120,7 @@ def main(options: Options) -> list[Run]:
 
 
 def comparison(runs: list[Run]) -> Table:
-    """Return a table with a row per SLAM: medians over its seeds."""
+    """Return a table of medians over seeds, one row per SLAM."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     heads = [f"{label}, m / deg" for label in runs[0].errors]
     further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
@@ -141,10 +138,9 @@ def comparison(runs: list[Run]) -> Table:
 
 
 def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray], out: Path | None) -> list[Run]:
-    """Run one SLAM with all seeds; print and save what it gives."""
     slam = _make_slam(name, options, log)
     slam.reset(np.random.default_rng(options.first_seed))
-    for ranges in log.ranges[:8]:  # compile the kernels, which must not be timed, with motions that make key scans
+    for ranges in log.ranges[:8]:  # compile kernels before timing; large motions make key scans
         slam.update(Reading.of_scan(ranges), Pose2D(1.0, 0.0, 0.5))
     if out is not None:
         own_folder(out)
@@ -175,7 +171,6 @@ def _run(name: str, options: Options, log: Log, relations: dict[str, np.ndarray]
 
 
 def _line(run: Run) -> str:
-    """Say what one run gave."""
     line = (
         f"{run.slam}, seed {run.seed}: {run.milliseconds:.3f} ms per scan "
         f"(99 % below {run.milliseconds_p99:.3f}, worst {run.milliseconds_max:.3f})"
@@ -186,40 +181,36 @@ def _line(run: Run) -> str:
 
 
 def _complaint(run: Run) -> str | None:
-    """Say why a result must not be trusted; None where nothing speaks against it."""
     causes = []
     if run.lost_share > 0.0:
         causes.append(f"it was lost at {100 * run.lost_share:.1f} % of the scans")
     if math.isnan(run.conflict_share):
-        causes.append("there is no map that its scans could be compared with")
+        causes.append("no map to compare its scans with")
     elif run.conflict_share > MAX_CONFLICTS:
-        limit = f"where maps fit, at most {100 * MAX_CONFLICTS:.0f} %"
+        limit = f"consistent maps: at most {100 * MAX_CONFLICTS:.0f} %"
         causes.append(f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map ({limit})")
     return f"do not trust {run.slam}, seed {run.seed}: {'; '.join(causes)}" if causes else None
 
 
 def _median_errors(runs: list[Run]) -> dict[str, np.ndarray]:
-    """Return the medians of translation and rotation by label, shape (2,) [m, deg]."""
     errors = [{label: (e.translation, e.rotation) for label, e in run.errors.items()} for run in runs]
     return {label: np.median([error[label] for error in errors], axis=0) for label in errors[0]}
 
 
 def _make_slam(name: str, options: Options, log: Log) -> Estimator:
     if name == TRUTH:
-        raise ValueError(
-            "slam 'truth' maps at true poses, which a log does not hold; `odometry` maps at the recorded ones"
-        )
+        raise ValueError("slam 'truth' requires ground truth, which logs lack; use `odometry` to map at recorded poses")
     further = options.change.keys() - {"resolution"}
     if name not in SLAMS:
         if further:
-            raise ValueError(f"{name} has no parameters {', '.join(sorted(further))} that could be changed")
+            raise ValueError(f"{name} has no parameters {', '.join(sorted(further))}")
         return make_slam(name, log.lidar, load_params(options.preset, options.change).resolution)
     params = SLAMS[name].load(options.preset, options.change)
     return make_slam(name, log.lidar, params.resolution, params)
 
 
 def cli() -> None:
-    """Run the command with the options of the command line; errors end it with a message."""
+    """Run the command with command-line options."""
     logging.basicConfig(format="warning: %(message)s")
     run_command(main, options=Options, status=1)
 

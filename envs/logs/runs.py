@@ -1,4 +1,4 @@
-"""Running an estimator along a log: poses online and in the end, times per scan, files."""
+"""Running and evaluating an estimator on a log."""
 
 import time
 from collections.abc import Iterable
@@ -24,51 +24,48 @@ from .trajectory import follow_odometry, save_trajectory
 
 
 class Replayed(NamedTuple):
-    """What an estimator made of a log with m scans."""
+    """Result of an estimator on a log with m scans."""
 
     online: np.ndarray
-    """Shape (m, 3), float64: the pose estimated right after each scan, x, y, heading [m, m, rad]."""
+    """Pose x, y, heading estimated after each scan, shape (m, 3), float64 [m, m, rad]."""
     final: np.ndarray
-    """Shape (m, 3), float64: the same poses as corrected by the end; `online` for estimators that correct nothing."""
+    """Poses at the scans after all corrections, shape (m, 3), float64 [m, m, rad]."""
     seconds: np.ndarray
-    """Shape (m,), float64: time that each scan took [s]."""
+    """Computation time per scan, shape (m,), float64 [s]."""
     is_lost: np.ndarray
-    """Shape (m,), bool: `Belief.is_lost` after each scan."""
+    """`Belief.is_lost` after each scan, shape (m,), bool."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Result of one run."""
+    """Evaluation of one run."""
 
     slam: str
     seed: int
     milliseconds: float
-    """Mean time per scan [ms]."""
+    """Mean computation time per scan [ms]."""
     milliseconds_p99: float
-    """99th percentile of the time per scan [ms]."""
+    """99th percentile of the computation time per scan [ms]."""
     milliseconds_max: float
-    """Longest time that a scan took [ms]."""
+    """Maximum computation time per scan [ms]."""
     lost_share: float
-    """Share of the scans at which the SLAM was lost, from 0 to 1."""
+    """Share of scans with `Belief.is_lost`, from 0 to 1."""
     conflict_share: float
-    """Share of beams that contradict other scans at the final poses, from 0 to 1; see `conflict_share`."""
+    """Share of beams that contradict other scans at the final poses, from 0 to 1."""
     loop_closures: int | None = None
-    """Number of loop closures; None for estimators that do not count any."""
+    """Number of loop closures; None if not counted."""
     errors: dict[str, RelationError] = field(default_factory=dict)
-    """By `online` or `final`, of the trajectory, and the label of the relations: see `load_labelled`."""
+    """Relation errors by trajectory (`online` or `final`) and label of `load_labelled`."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
-    """Reset an estimator with a seed, and run it along a log.
+    """Reset an estimator and run it on a log.
 
-    The final poses are those of `Belief.path` where the estimator sets it, at a redrawn map or in an optional method
-    `finish()`, which is called after the last scan. Scans after the last corrected one keep their online poses.
-    An estimator that corrects key scans only has an optional `anchor` after each scan: a row of the path, and the pose
-    as seen from there.
+    Final poses come from `Belief.path`, set at redrawn maps or by an optional method `finish()`. If the path has only
+    key scans, an attribute `anchor` holds a path row and the relative pose after each scan.
 
     Raises:
-        ValueError: the estimator gave a belief that no map can be made of, or a corrected path that does not hold one
-            pose per scan.
+        ValueError: invalid belief or corrected path.
     """
     slam.reset(np.random.default_rng(seed))
     anchors: list[Any] = []
@@ -96,7 +93,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Judge a replay, by relations as from `load_labelled`; ValueError if none of them lies within the log."""
+    """Evaluate a replay with relations from `load_labelled`; ValueError if none lies within the log."""
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
     for when, poses in (("online", replayed.online), ("final", replayed.final)):
@@ -110,10 +107,10 @@ def measure(
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
-    """Write map, picture and trajectories of a replay, and the pose graph of an estimator that has one.
+    """Write map, picture, trajectories and any pose graph.
 
-    The folder gets `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
-    `trajectory_online_SEED.tum` if those differ, and `pose_graph_SEED.g2o`.
+    Files: `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
+    `trajectory_online_SEED.tum` if different, `pose_graph_SEED.g2o`.
     """
     grid = slam.belief.grid
     picture(grid, replayed.final[:, :2]).save(folder / f"map_with_path_{seed}.png", optimize=True)
@@ -129,18 +126,18 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
 
 
 def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.ndarray, np.ndarray]]) -> None:
-    """Write a pose graph of the plane as g2o text, its first node held fixed (Kümmerle et al., ICRA 2011).
+    """Write a 2D pose graph as g2o text with a fixed first node (Kümmerle et al., ICRA 2011).
 
-    `nodes` are poses, shape (n, 3), map frame [m, m, rad]; `edges` are two rows of them, the second pose as seen from
-    the first, shape (3,) [m, m, rad], and the inverse of its covariance, shape (3, 3) [1/m2, 1/(m rad), 1/rad2].
+    `nodes`: poses, shape (n, 3), map frame [m, m, rad]. `edges`: two node indices, relative pose, shape (3,), and
+    information matrix, shape (3, 3).
 
     Raises:
-        ValueError: an edge leads to a node that does not exist, or a number is not finite.
+        ValueError: missing node, or a number that is not finite.
     """
 
     def join(values: np.ndarray) -> str:
         if not np.isfinite(values).all():
-            raise ValueError(f"a pose graph holds finite numbers only, got {np.asarray(values).tolist()}")
+            raise ValueError(f"values of a pose graph must be finite, got {np.asarray(values).tolist()}")
         return " ".join(repr(float(value)) for value in values)
 
     lines = [f"VERTEX_SE2 {k} {join(node)}" for k, node in enumerate(np.reshape(nodes, (-1, 3)))]
@@ -155,9 +152,9 @@ def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.n
 
 
 def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: int = 10) -> Image.Image:
-    """Draw a map, cropped to what is known and a margin [cells]: white free, black occupied, grey unknown.
+    """Draw the known part of a map with a margin [cells]: white free, black occupied, grey unknown.
 
-    The path in blue goes through `positions`, shape (n, 2), in the map frame [m].
+    `positions`: path in blue, shape (n, 2), map frame [m].
     """
     known = grid.data != UNKNOWN
     rows, cols = np.nonzero(known if known.any() else ~known)
@@ -176,13 +173,12 @@ def picture(grid: OccupancyGrid, positions: np.ndarray | None = None, margin: in
 
 
 def _final_poses(path: np.ndarray, anchors: list[Any], num_scans: int) -> np.ndarray:
-    """Return the corrected poses of all scans, by a path of one pose per scan, or by anchors on its poses."""
     if anchors:
         poses = [Pose2D(*path[node].tolist()).compose(relative) for node, relative in anchors]
         return np.array(poses, dtype=np.float64)
     if path.shape != (num_scans, 3):
         raise ValueError(
-            f"the SLAM gave a corrected path of shape {path.shape} after {num_scans} scans; "
+            f"the SLAM returned a corrected path of shape {path.shape} after {num_scans} scans; "
             "Belief.path must hold one pose per scan"
         )
     return path.copy()

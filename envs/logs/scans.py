@@ -1,4 +1,4 @@
-"""Scans of one lidar, each read by its own header, on a common set of beams."""
+"""Conversion of recorded scans to a common set of beams."""
 
 import math
 import re
@@ -10,74 +10,70 @@ import numpy as np
 from lidarnaut.envs.robots.params import MAX_BEAMS, MAX_LENGTH
 
 MAX_RANGE_LIMIT = 1000.0
-"""A range limit above this is no lidar's [m]: drivers that do not know theirs say inf, or the largest number."""
+"""Maximum plausible range limit of a lidar [m]; some drivers report inf."""
 SAME_BEAMS = 0.1
-"""Beams that differ by less than this share of the angle between two are the same."""
+"""Maximum angle difference of equal beams [share of the increment]."""
 SAME_POSITION = 1e-3
-"""Lidars that are no farther apart are at the same position [m]."""
+"""Maximum distance between equal lidar positions [m]."""
 SAME_SURFACE = 0.1
-"""Ranges of neighbouring beams that differ by less than this share are of one surface, and interpolated."""
+"""Maximum relative range difference of adjacent beams on one surface."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
-"""A scan that covers the first angle is a full turn, whose beams from there on repeat others; no scan covers the second
-one [rad]."""
+"""Field of view of a full turn (further beams repeat), and maximum field of view [rad]."""
 
 
 class Scan(NamedTuple):
-    """A scan as it was recorded. Angles are those of the base frame [rad]."""
+    """Recorded scan; angles in the base frame."""
 
     ranges: np.ndarray
-    """Shape (num_beams,), float32 [m]."""
+    """Ranges, shape (num_beams,), float32 [m]."""
     first: float
-    """Angle of the first beam."""
+    """Angle of the first beam [rad]."""
     step: float
-    """Angle from one beam to the next; negative for lasers that turn clockwise."""
+    """Angle increment [rad]; negative for clockwise scans."""
     range_min: float
-    """Nearest return [m]."""
+    """Minimum range [m]."""
     range_max: float
-    """Farthest return [m]."""
+    """Maximum range [m]."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
     """Position of the lidar in the base frame [m]."""
     row: int | None = None
-    """Row of the odometry of the same time; None: the odometry is interpolated at `time`."""
+    """Row of the simultaneous odometry; None to interpolate at `time`."""
     time: float = math.nan
-    """When it was taken [s]."""
+    """Time of the scan [s]."""
 
 
 class Recording(NamedTuple):
-    """Contents of a file."""
+    """Contents of a log file."""
 
     times: np.ndarray
-    """Shape (n,), float64, of the odometry [s]."""
+    """Odometry times, shape (n,), float64 [s]."""
     odometry: np.ndarray
-    """Shape (n, 3), float64, x, y, heading [m, m, rad]."""
+    """Odometry poses x, y, heading, shape (n, 3), float64 [m, m, rad]."""
     scans: list[Scan]
     notes: list[str]
-    """See `Log.notes`."""
+    """Reports for `Log.notes`."""
     reaches_limit: bool = False
-    """Whether a reading of exactly `range_max` is a return, as REP 117 has it."""
+    """Whether a range of exactly `range_max` is a return (REP 117)."""
 
 
 class Limits(NamedTuple):
-    """Limits of readings that a user sets [m]; None leaves them to the headers."""
+    """User-defined range limits [m]; None for the limits in scan headers."""
 
     min_range: float | None = None
     max_range: float | None = None
 
     def check(self) -> None:
-        """Raise a ValueError if one is negative, not finite, or leaves nothing to read."""
+        """Raise a ValueError if a limit is invalid."""
         for name, value in self._asdict().items():
             if value is not None and not (0.0 <= value < math.inf and (value or name == "min_range")):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
 
 
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
-    """Return the usable scans, and the faults of the others by kind.
-
-    Beams of the returned scans turn counter-clockwise, and none repeats another. A limit in a header that makes no
-    sense is replaced by that of the user.
+    """Return usable scans with distinct, counter-clockwise beams, and the faults of unusable scans by kind.
 
     Raises:
-        ValueError: no scan can be used; says why, and what to do.
+        ValueError: no scan is usable.
     """
     kept: list[Scan] = []
     faults: dict[str, list[str]] = {}
@@ -93,7 +89,6 @@ def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dic
 
 
 def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
-    """Return a scan with its beams in order and its limits as they count, and why it cannot be used, "" if it can."""
     low, high, count = float(scan.range_min), float(scan.range_max), len(scan.ranges)
     if low >= high and None not in limits:
         low = high = math.nan  # swapped
@@ -102,17 +97,17 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
     if limits.max_range is not None:
         high = min(high, limits.max_range) if 0.0 < high <= MAX_RANGE_LIMIT else limits.max_range
     if not 0.0 < high <= MAX_RANGE_LIMIT:
-        return scan, f"range limit of {high:g} m; max_range (--max-range) sets one up to {MAX_RANGE_LIMIT:g} m"
+        return scan, f"range limit of {high:g} m; set max_range (--max-range), at most {MAX_RANGE_LIMIT:g} m"
     if not 0.0 <= low < high:
-        options = "min_range (--min-range) and max_range (--max-range) set both"
-        return scan, f"least range of {low:g} m and greatest of {high:g} m; {options}"
+        options = "set min_range (--min-range) and max_range (--max-range)"
+        return scan, f"minimum range {low:g} m, maximum range {high:g} m; {options}"
     if not (math.isfinite(scan.first) and 0.0 < abs(scan.step) < math.inf):
         return scan, f"beams from {scan.first:g} rad in steps of {scan.step:g} rad"
     if not np.abs(scan.position).max() <= MAX_LENGTH:
         return scan, f"lidar at {scan.position} m in the base frame; at most {MAX_LENGTH:g} m is allowed"
     ranges, first, step = scan.ranges, scan.first, scan.step
     if FULL_TURN < abs(step) * (count - 1) < MAX_TURN:
-        count = math.ceil(FULL_TURN / abs(step))  # further beams repeat the first ones
+        count = math.ceil(FULL_TURN / abs(step))
         ranges = ranges[:count]
     if not 2 <= count <= MAX_BEAMS:
         return scan, f"{count} beams; from 2 to {MAX_BEAMS:,} are allowed"
@@ -125,13 +120,11 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
-    """Return the ranges of scans on a common set of beams, shape (m, num_beams), float32 [m].
+    """Return scans on common beams, shape (m, num_beams), float32 [m], first angle, step [rad] and lidar position [m].
 
-    And the first beam's angle, that from beam to beam [rad], and the lidar's position, base frame [m]. Scans with the
-    same beams are returned as they are. Otherwise the beams cover the fields of view of all scans, in steps as fine as
-    those of the finest tenth. Each is interpolated between the two recorded beams beside it if these see one surface,
-    else it takes the nearer one; it is NaN beyond the scan's own field of view. Scans of a lidar that moves on the
-    robot are converted to its median position.
+    Scans with equal beams stay unchanged. Common beams cover all fields of view at the 10 % quantile of increments.
+    Ranges are interpolated between adjacent beams on one surface, else nearest, and NaN outside of the field of view.
+    Scans of a moving lidar refer to its median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])
@@ -150,13 +143,12 @@ def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple
         num_beams = round(2.0 * math.pi / step)
         step = 2.0 * math.pi / num_beams
     if num_beams > MAX_BEAMS:
-        raise ValueError(f"beams of all scans together would be {num_beams:,}, at most {MAX_BEAMS:,} are allowed")
+        raise ValueError(f"scans need {num_beams:,} common beams; at most {MAX_BEAMS:,} are allowed")
     ranges = np.stack([_resampled(scan, (x, y), low, step, num_beams) for scan in scans])
     return ranges, low, step, (x, y, z)
 
 
 def _resampled(scan: Scan, position: tuple[float, float], low: float, step: float, num_beams: int) -> np.ndarray:
-    """Return a scan on other beams, seen from another position; see `common_beams`."""
     ranges = scan.ranges.astype(np.float64)
     angles = scan.first + scan.step * np.arange(len(ranges))
     dx, dy = scan.position[0] - position[0], scan.position[1] - position[1]
@@ -167,7 +159,7 @@ def _resampled(scan: Scan, position: tuple[float, float], low: float, step: floa
     angles = (angles - low) % (2.0 * math.pi)
     order = np.argsort(angles, kind="stable")
     angles, ranges = angles[order], ranges[order]
-    # One beam more at either end, a turn away, so that all have two beside them.
+    # Every beam needs two neighbors.
     angles = np.concatenate([angles[-1:] - 2.0 * math.pi, angles, angles[:1] + 2.0 * math.pi])
     ranges = np.concatenate([ranges[-1:], ranges, ranges[:1]])
     wanted = step * np.arange(num_beams)
@@ -180,7 +172,7 @@ def _resampled(scan: Scan, position: tuple[float, float], low: float, step: floa
     with np.errstate(invalid="ignore"):
         one = np.abs(ranges[right] - ranges[left]) <= SAME_SURFACE * np.minimum(ranges[left], ranges[right])
         between = (1.0 - share) * ranges[left] + share * ranges[right]
-    reach = min(max(scan.step, step), 2.0 * step)  # the beams of a coarse scan do not spread
+    reach = min(max(scan.step, step), 2.0 * step)  # no widening of coarse beams
     result = np.where(one & (gap < 1.5 * reach) & np.isfinite(between), between, result)
     result[np.abs(wanted - angles[nearest]) > 0.51 * reach] = np.nan
     return result.astype(np.float32)

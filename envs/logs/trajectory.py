@@ -1,4 +1,4 @@
-"""Trajectories: arrays of poses, shape (n, 3), x, y, heading [m, rad]."""
+"""Trajectories: arrays of poses x, y, heading, shape (n, 3) [m, m, rad]."""
 
 import math
 from pathlib import Path
@@ -9,32 +9,33 @@ import numpy as np
 from lidarnaut.envs.geometry import wrap_angle
 
 MAX_CLOCK_JUMP = 1.0
-"""Clocks may run back by this much [s]: that of the Intel Research Lab's log does, by 0.9 s."""
+"""Maximum tolerated clock jump back [s]; the Intel Research Lab log has 0.9 s."""
 MAX_SPEEDS = (5.0, 10.0)
-"""Forward speed [m/s] and yaw rate [rad/s] that no robot of an unknown kind exceeds."""
+"""Default maximum forward speed [m/s] and yaw rate [rad/s]."""
 CLOCK_JITTER = 0.02
-"""Error of the time between two poses, beside that of stamps that come in bursts [s]."""
+"""Timing error between successive poses [s]."""
 BURST = 5
-"""Number of poses before and after, whose mean period is the least time between two."""
+"""Number of poses before and after for the mean period, as odometry may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
-"""Largest share of impossible motions; above it, stamps or units are wrong."""
+"""Maximum share of impossible motions; above it, none is bridged."""
 MAX_GLITCH = 2.0
-"""Longest excursion of the odometry that is bridged [s]."""
+"""Maximum duration of a bridged odometry excursion [s]."""
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Fill the gaps between scans: from each scan's estimated pose on, move as odometry does until the next.
+    """Return poses at all odometry rows, shape (n, 3), by odometry relative to the last scan's estimate.
 
-    Poses by odometry are of shape (n, 3), those estimated at the scans of shape (m, 3) [m, rad]; `scan_rows`, shape
-    (m,), ascending, are the rows of odometry at which these were taken. Returns estimated poses, shape (n, 3); those
-    before the first scan lead back from it.
+    Args:
+        odometry: shape (n, 3) [m, m, rad].
+        scan_rows: odometry rows of the scans, shape (m,), ascending.
+        scan_poses: estimated poses at the scans, shape (m, 3) [m, m, rad].
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
 
 
 def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
-    """Write a trajectory, times [s] and poses, in the TUM format: time, position, orientation as a quaternion."""
+    """Write times [s] and poses in TUM format: time, position, quaternion."""
     zero = np.zeros(len(times))
     x, y, theta = poses.T
     rows = np.stack([times, x, y, zero, zero, zero, np.sin(theta / 2), np.cos(theta / 2)], axis=1)
@@ -42,7 +43,7 @@ def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
 
 
 def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    """Return poses given in the frames of others, both of shape (n, 3), in the parent frame of those."""
+    """Return the composition of `parent` and relative `child` poses, shape (n, 3)."""
     c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
     x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
     y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
@@ -50,14 +51,14 @@ def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
 
 
 def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    """Return poses as seen from others in the same frame, both of shape (n, 3)."""
+    """Return `child` poses relative to `parent` poses, shape (n, 3)."""
     c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
     dx, dy = (child - parent)[:, :2].T
     return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)
 
 
-def pose_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances [m] and angles [rad] between poses, both of shape (n, 3): two arrays of shape (n,)."""
+def trajectory_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return position errors [m] and absolute heading errors [rad], shape (n,), of poses, shape (n, 3)."""
     return np.hypot(*(poses - truth)[:, :2].T), np.abs(wrap_angle(poses[:, 2] - truth[:, 2]))
 
 
@@ -69,19 +70,18 @@ def rms(values: np.ndarray) -> float:
 def bridge_glitches(
     times: np.ndarray, poses: np.ndarray, max_speeds: tuple[float, float] = MAX_SPEEDS
 ) -> tuple[np.ndarray, list[str]]:
-    """Replace poses that a robot cannot have had by interpolation between the poses before and after.
+    """Replace odometry excursions by interpolation.
 
-    An excursion begins and ends with an impossible motion, lasts for at most `MAX_GLITCH` or three periods, and leads
-    back within reach of the pose before it. Other jumps stay. Nothing is changed if more than `MAX_IMPOSSIBLE` of all
-    motions are impossible.
+    An excursion starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close
+    to its start.
 
     Args:
         times: shape (n,), ascending except for jitter [s].
-        poses: shape (n, 3), x, y, heading [m, m, rad].
+        poses: shape (n, 3) [m, m, rad].
         max_speeds: forward speed [m/s] and yaw rate [rad/s].
 
     Returns:
-        The poses, and a sentence on each kind of finding.
+        Poses, and one message per kind of fault.
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:
@@ -89,7 +89,7 @@ def bridge_glitches(
     low, high = np.maximum(rows - BURST, 0), np.minimum(rows + 1 + BURST, count - 1)
     clock = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(times)))])
     usual = (clock[high] - clock[low]) / (high - low)
-    lengths, turns = pose_errors(poses[1:], poses[:-1])
+    lengths, turns = trajectory_errors(poses[1:], poses[:-1])
 
     def is_possible(length: Any, turn: Any, duration: Any) -> Any:
         reach = duration + CLOCK_JITTER
@@ -101,10 +101,10 @@ def bridge_glitches(
     for k, jump in enumerate(jumps if not is_wrong else ()):
         if jump < done:
             continue
-        longest = max(MAX_GLITCH, 3.0 * usual[jump])  # two poses of slow odometry
+        longest = max(MAX_GLITCH, 3.0 * usual[jump])
         for end in jumps[k + 1 :]:
             after, duration = end + 1, times[end + 1] - times[jump]
-            length, turn = (each.item() for each in pose_errors(poses[[after]], poses[[jump]]))
+            length, turn = (each.item() for each in trajectory_errors(poses[[after]], poses[[jump]]))
             if duration > longest or is_possible(length, turn, max(duration, usual[jump])):
                 break
         else:
@@ -131,6 +131,6 @@ def bridge_glitches(
 
 
 def find_jump_back(times: np.ndarray) -> int | None:
-    """Return the first row at which a clock, shape (n,) [s], n > 0, has run back by more than `MAX_CLOCK_JUMP`."""
+    """Return the first index at which times, shape (n,) [s], jump back by over `MAX_CLOCK_JUMP`, or None."""
     is_back = np.maximum.accumulate(times) - times > MAX_CLOCK_JUMP
     return int(is_back.argmax()) if is_back.any() else None

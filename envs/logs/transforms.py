@@ -1,4 +1,4 @@
-"""Frames and transforms of ROS, looked up by the rules of tf2 (REP 105)."""
+"""ROS transforms with lookup as in tf2 (REP 105)."""
 
 import math
 from array import array
@@ -11,38 +11,36 @@ from scipy.spatial.transform import Rotation, Slerp
 from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
-"""Least vertical part of the z axis of a lidar that scans a plane of the map: a tilt of 26 degrees."""
+"""Minimum vertical component of the lidar's z axis (26 degrees of tilt)."""
 MIN_LEVEL = 0.996
-"""The same of a lidar that counts as level: a tilt of 5 degrees."""
+"""Minimum vertical component of a level lidar's z axis (5 degrees of tilt)."""
 UNIT_TOLERANCE = 0.01
-"""Largest error of the squared norm of the quaternion of a transform, as in tf2."""
+"""Maximum error of a quaternion's squared norm, as in tf2."""
 SAME_TRANSFORM = 1e-6
-"""A transform whose numbers change by less than this does not move [m, or parts of a quaternion]."""
+"""Maximum change of a constant transform [m, or quaternion component]."""
 
 
 class FrameTree:
-    """Frames by the transforms between them.
+    """Tree of frames with time-dependent transforms.
 
-    The last static transform of a frame holds at all times. Moving ones are interpolated between their stamps, and
-    unknown beyond them. As in tf2, transforms that are not finite, not normalised, or lead from a frame to itself are
-    ignored. Frames that a lookup does not need are not looked at.
+    The last static transform of a frame holds at all times; dynamic ones are interpolated. As in tf2, transforms that
+    are not finite, not normalized, or from a frame to itself are ignored.
     """
 
     def __init__(self) -> None:
         self._rows: dict[str, dict[str, array[float]]] = {}
         self._static: set[tuple[str, str]] = set()
         self.ignored: dict[str, int] = {}
-        """Number of transforms that lookups ignored, by frame."""
+        """Number of ignored transforms by frame."""
 
     def read(self, bag: BagReader, topics: Iterable[str], *, static: bool = False) -> None:
-        """Read the TFMessage or Odometry messages of topics."""
+        """Read TFMessage or Odometry messages."""
         for topic in topics:
             for message in bag.messages(topic):
                 for one in getattr(message, "transforms", (message,)):
                     self._add(one, static)
 
     def _add(self, one: Any, static: bool) -> None:
-        """Add a `TransformStamped`, or the pose of an `Odometry`."""
         child, parent = frame_name(one.child_frame_id), frame_name(one.header.frame_id)
         if hasattr(one, "transform"):
             t, q, tolerance = one.transform.translation, one.transform.rotation, UNIT_TOLERANCE
@@ -60,27 +58,27 @@ class FrameTree:
 
     @property
     def frames(self) -> list[str]:
-        """Names of all frames."""
+        """Sorted names of all frames."""
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parents(self, frame: str) -> list[str]:
-        """Return the parents of a frame: the last static one first, then by the number of transforms."""
+        """Return the parents of a frame: static first, then by number of transforms."""
         rows = self._rows.get(frame, {})
         return sorted(rows, key=lambda parent: ((frame, parent) not in self._static, -len(rows[parent])))
 
     def above(self, frame: str) -> list[str]:
-        """Return a frame and the frames above it, up to the root."""
+        """Return a frame and its ancestors."""
         names = [frame]
-        while (parents := self.parents(names[-1])) and parents[0] not in names:  # circles end
+        while (parents := self.parents(names[-1])) and parents[0] not in names:  # stops at cycles
             names.append(parents[0])
         return names
 
     def stamps(self, frame: str, parent: str) -> np.ndarray:
-        """Return the stamps of the transforms from a frame to a parent, as they came, shape (n,) [s]."""
+        """Return time stamps of transforms between two frames as received, shape (n,) [s]."""
         return np.array(self._rows[frame][parent]).reshape(-1, 8)[:, 0]
 
     def poses(self, frame: str, parent: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return the valid poses of a frame in a parent by time: stamps, shape (n,) [s], and `planar` poses."""
+        """Return time stamps, shape (n,) [s], and valid `planar` poses of a frame in its parent."""
         rows = self._valid(frame, parent)
         matrices = np.tile(np.eye(4), (len(rows), 1, 1))
         if len(rows):
@@ -89,9 +87,9 @@ class FrameTree:
         return rows[:, 0], planar(matrices)
 
     def find(self, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
-        """Return the poses of a frame in the base's frame at times, shape (n,) [s]: shape (n, 4, 4).
+        """Return poses of a frame in the base frame at times, shape (n,) [s]: shape (n, 4, 4).
 
-        NaN at times without a transform; None if the frames are not connected.
+        NaN at times without transform; None for unconnected frames.
         """
         up, down = self.above(base), self.above(frame)
         common = next((name for name in down if name in up), None)
@@ -105,14 +103,12 @@ class FrameTree:
         return result
 
     def _climb(self, chain: list[str], times: np.ndarray) -> np.ndarray:
-        """Return the pose of the first frame of a chain in the parent of the last one, shape (n, 4, 4)."""
         pose = np.tile(np.eye(4), (len(times), 1, 1))
         for frame in chain:
             pose = self._at(frame, times) @ pose
         return pose
 
     def _valid(self, frame: str, parent: str) -> np.ndarray:
-        """Return the valid transforms from a frame to a parent by time, shape (n, 8): stamp, position, quaternion."""
         rows = np.array(self._rows[frame][parent]).reshape(-1, 8)
         is_valid = np.isfinite(rows).all(axis=1)
         if not is_valid.all():
@@ -125,7 +121,6 @@ class FrameTree:
         return rows[first]
 
     def _at(self, frame: str, times: np.ndarray) -> np.ndarray:
-        """Return the transforms from a frame to its parent at times, shape (n, 4, 4)."""
         rows, result = self._valid(frame, self.parents(frame)[0]), np.tile(np.eye(4), (len(times), 1, 1))
         if not len(rows):
             return np.full_like(result, np.nan)
@@ -147,11 +142,11 @@ def frame_name(name: str) -> str:
 
 
 def seconds(stamp: Any) -> float:
-    """Return a `builtin_interfaces/Time` [s]."""
+    """Return a `builtin_interfaces/Time` in seconds."""
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def planar(matrices: np.ndarray) -> np.ndarray:
-    """Return poses, shape (n, 4, 4), as x, y, and the rotation about z after those about y and x, shape (n, 3)."""
+    """Return poses, shape (n, 4, 4), as x, y, yaw, shape (n, 3) [m, m, rad]."""
     yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
     return np.stack([matrices[:, 0, 3], matrices[:, 1, 3], yaw], axis=1)

@@ -1,4 +1,4 @@
-"""Episodes as files, and as pages that show them in a browser: `python -m lidarnaut.envs.player EPISODE`."""
+"""Recording of episodes, and web pages that replay them: `python -m lidarnaut.envs.player EPISODE`."""
 
 from .page import build_page
 from .recorder import EpisodeRecorder

@@ -1,4 +1,4 @@
-"""Show recorded episodes in the browser, one or two in step: `python -m lidarnaut.envs.player EPISODE [EPISODE]`."""
+"""Show one or two recorded episodes in the browser: `python -m lidarnaut.envs.player EPISODE [EPISODE]`."""
 
 import sys
 import tempfile
@@ -21,8 +21,8 @@ def main(
     """Write the page and open it.
 
     Args:
-        episodes: recordings (.npz) that `evaluate.py --record` left, one or two.
-        out: the page; without it, a file in the temporary folder.
+        episodes: one or two recordings (.npz) from `evaluate.py --record`.
+        out: path of the page; default: a temporary file.
         open: whether to open the page in the browser.
     """
     page = build_page([Recording.load(path) for path in episodes])

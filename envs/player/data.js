@@ -1,4 +1,4 @@
-// The recordings: decoded as `pack` of page.py wrote them, and asked for moments.
+// Decoding of recordings written by `pack` in page.py, and lookup by time.
 
 const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
 const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
@@ -15,7 +15,7 @@ async function readEpisodes(base64) {
   return header.episodes.map((one) => new Episode(one, buffer, 4 + length, header));
 }
 
-/** Return the number of values in a rising array that are not greater than a value. */
+/** Return the number of elements of a sorted array that are at most a value. */
 function countUpTo(values, value) {
   let low = 0, high = values.length;
   while (low < high) {
@@ -25,7 +25,7 @@ function countUpTo(values, value) {
   return low;
 }
 
-/** Carry a pose (x, y, heading) of a frame into the frame in which `frame` is given. */
+/** Transform a pose (x, y, heading) from a frame to the parent of `frame`. */
 function compose(frame, x, y, heading = 0) {
   const c = Math.cos(frame[2]), s = Math.sin(frame[2]);
   return [frame[0] + c * x - s * y, frame[1] + s * x + c * y, frame[2] + heading];
@@ -46,7 +46,7 @@ class Episode {
     this.end = this.time[this.count - 1];
     [this.rows, this.cols] = about.map.shape;
     this.kinds = new Uint8Array(this.rows * this.cols);
-    this.mapSample = -1; // the sample that `kinds` shows
+    this.mapSample = -1; // sample of `kinds`
     this.worldPoses = new Float32Array(3 * this.count);
     this.errors = new Float32Array(this.count);
     this.worldRoute = [];
@@ -60,7 +60,7 @@ class Episode {
     }
   }
 
-  /** Return where to go at a sample, in the world frame; null in tasks without a goal. */
+  /** Return the goal at a sample, world frame; null without a goal. */
   goal(i) {
     const [x, y] = this.goals.subarray(2 * i, 2 * i + 2);
     return Number.isNaN(x) ? null : compose(this.about.start, x, y).slice(0, 2);
@@ -76,7 +76,7 @@ class Episode {
     return countUpTo(this.decision_times, time) - 1;
   }
 
-  /** Return a pose between samples: of `true_poses` or `worldPoses`, which are in the world frame. */
+  /** Return an interpolated pose of `true_poses` or `worldPoses` (world frame). */
   poseAt(poses, time) {
     const i = this.sampleAt(time), j = Math.min(i + 1, this.count - 1);
     const share = j > i ? Math.min(1, (time - this.time[i]) / (this.time[j] - this.time[i])) : 0;
@@ -85,7 +85,7 @@ class Episode {
     return [...values, poses[3 * i + 2] + share * Math.atan2(Math.sin(turn), Math.cos(turn))];
   }
 
-  /** Return the planned path at a sample, as points of the world frame. */
+  /** Return the planned path at a sample, world frame. */
   plan(i) {
     const points = [];
     for (let k = i ? this.plan_ends[i - 1] : 0; k < this.plan_ends[i]; k++) {
@@ -94,7 +94,7 @@ class Episode {
     return points;
   }
 
-  /** Return the people that the robot tracks at a sample: where they are and will be in a second, world frame. */
+  /** Return tracked people at a sample: positions now and in 1 s, world frame. */
   tracksAt(i) {
     const found = [];
     for (let k = i ? this.track_ends[i - 1] : 0; k < this.track_ends[i]; k++) {
@@ -105,7 +105,7 @@ class Episode {
     return found;
   }
 
-  /** Return the candidates of a decision, in the world frame, the greatest score first where there are scores. */
+  /** Return the candidates of a decision, world frame, sorted by descending score if scored. */
   candidatesOf(decision) {
     const found = [];
     if (decision < 0) return found;
@@ -119,12 +119,12 @@ class Episode {
     return found.sort((a, b) => (Number.isNaN(a.score) ? a.cost - b.cost : b.score - a.score));
   }
 
-  /** Make `kinds` the map of a sample; return the rows and columns that changed, [top, left, bottom, right], or null. */
+  /** Update `kinds` to a sample; return the changed area [top, left, bottom, right], or null. */
   showMap(i) {
     const ends = this.map_ends, cols = this.cols;
     const from = Math.min(this.mapSample, i), to = Math.max(this.mapSample, i);
     let top = this.rows, left = cols, bottom = -1, right = -1;
-    // Changes are joined by exclusive or: applied once more, they are undone.
+    // Changes are exclusive ors: applying them twice undoes them.
     for (let k = from < 0 ? 0 : ends[from]; k < (to < 0 ? 0 : ends[to]); k++) {
       const cell = this.map_cells[k], row = (cell / cols) | 0, col = cell - row * cols;
       this.kinds[cell] ^= this.map_changes[k];
@@ -137,7 +137,7 @@ class Episode {
     return bottom < 0 ? null : [top, left, bottom, right];
   }
 
-  /** Tell whether a free cell has an unknown one among its eight neighbours. */
+  /** Return true if a free cell has an unknown neighbor (8-connected). */
   isFrontier(row, col) {
     for (let r = row - 1; r <= row + 1; r++) {
       for (let c = col - 1; c <= col + 1; c++) {

@@ -1,4 +1,4 @@
-"""One self-contained page that shows recorded episodes in a browser."""
+"""Self-contained web page that replays recorded episodes."""
 
 import base64
 import gzip
@@ -15,18 +15,18 @@ from lidarnaut.envs.files import printable
 from .recording import NO_RETURN, RANGE_STEPS, Recording
 
 MAX_EPISODES = 2
-"""Episodes that a page shows."""
+"""Maximum number of episodes per page."""
 SCRIPTS = ("data.js", "view.js", "panels.js", "plots.js", "player.js")
-"""Joined in this order."""
+"""JavaScript files of the page, in loading order."""
 
 
 def build_page(recordings: Sequence[Recording]) -> str:
-    """Return a page with one episode, or two in step, as HTML that loads nothing else; ValueError for more or none."""
+    """Return a self-contained HTML page that replays one or two episodes; ValueError for other numbers."""
     if not 1 <= len(recordings) <= MAX_EPISODES:
         raise ValueError(f"a page shows 1 to {MAX_EPISODES} episodes, got {len(recordings)}")
     names = ("page.html", "page.css", *SCRIPTS)
     texts = {name: Path(__file__).with_name(name).read_text(encoding="utf-8") for name in names}
-    explorers = " beside ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
+    explorers = " and ".join(str(recording.about["explorer"]) or "an explorer" for recording in recordings)
     worlds = dict.fromkeys(str(recording.about["world"]) for recording in recordings)
     return Template(texts["page.html"]).substitute(
         title=html.escape(printable(f"{explorers} in {', '.join(worlds)}")),
@@ -37,14 +37,14 @@ def build_page(recordings: Sequence[Recording]) -> str:
 
 
 def pack(recordings: Sequence[Recording]) -> bytes:
-    """Return episodes as `data.js` reads them, compressed: the length of a header, the header as JSON, and arrays.
+    """Return compressed episodes for `data.js`: header length, JSON header, and arrays.
 
-    The header lists for each episode `about` and `arrays`: [name, type, columns, first byte, number of values].
+    The header lists per episode `about` and `arrays`: [name, type, columns, byte offset, number of values].
     """
     episodes, parts, offset = [], [], 0
     for recording in recordings:
         arrays = recording.arrays
-        # Small numbers compress better; the page sums them up.
+        # Differences compress better; `data.js` accumulates them.
         arrays["map_cells"] = np.diff(recording.map_cells, prepend=np.int32(0)).astype(np.int32)
         listed = []
         for name, array in arrays.items():

@@ -1,7 +1,7 @@
-// The two panels of an episode: the ground truth, and the map with the estimates.
+// Panels of an episode: ground truth, and map with estimates.
 
-const TIP_REACH = 16; // how near to a candidate one has to point [px]
-const LABELS = 6; // scores that are written beside candidates at most
+const TIP_REACH = 16; // maximum pointer distance from a candidate [px]
+const LABELS = 6; // maximum number of displayed scores
 
 class Panels {
   constructor(episode, truth, map, tip) {
@@ -14,11 +14,11 @@ class Panels {
     this.world = document.createElement("canvas");
     for (const type of ["pointermove", "pointerdown"]) map.addEventListener(type, (event) => this.point(event));
     map.addEventListener("pointerleave", (event) => {
-      if (event.pointerType === "mouse") tip.hidden = true; // a finger that is lifted has left, too
+      if (event.pointerType === "mouse") tip.hidden = true; // touch: keep the tip after release
     });
   }
 
-  /** Fit to the screen and to the theme. */
+  /** Adapt to screen size and theme. */
   layout() {
     const { bounds, episode } = this, ratio = (bounds[2] - bounds[0]) / (bounds[3] - bounds[1]);
     for (const canvas of [this.truth, this.map]) canvas.style.aspectRatio = ratio;
@@ -43,7 +43,7 @@ class Panels {
     this.tip.hidden = true;
   }
 
-  /** Draw what does not move: the explorable floor and the walls. */
+  /** Draw the static world: explorable floor and walls. */
   drawWorld() {
     const { episode, colors, view } = this, { floor, floorWidth, segments, circles } = episode;
     const raster = document.createElement("canvas");
@@ -80,7 +80,7 @@ class Panels {
     view.robot(context, pose, episode.about.radius, colors.true, colors.paper);
   }
 
-  /** Draw the route and the goal, where the task has them. */
+  /** Draw route and goal, if any. */
   drawTask(context, sample) {
     const { colors, view, episode } = this, goal = episode.goal(sample);
     view.line(context, episode.worldRoute, colors.goal, 2);
@@ -90,7 +90,7 @@ class Panels {
     view.disc(context, ...goal, 0, colors.goal, 2.5);
   }
 
-  /** Draw the area that the last scan saw, from the pose at which it was taken. */
+  /** Draw the area covered by the last scan, from the pose of the scan. */
   drawScan(context, sample) {
     const { episode, colors, view } = this, { lidar } = episode.about;
     const pose = episode.true_poses.subarray(3 * sample, 3 * sample + 3);
@@ -130,7 +130,7 @@ class Panels {
     view.robot(context, truePose, radius, colors.true, colors.paper, true);
   }
 
-  /** Draw candidates: the larger, the better; the chosen one is filled. Scores stand beside the best ones. */
+  /** Draw candidates: size by score, the chosen one filled, scores next to the best ones. */
   drawCandidates(context) {
     const { colors, view, candidates } = this, taken = [];
     context.font = "600 12px system-ui, sans-serif";
@@ -161,7 +161,7 @@ class Panels {
     }
   }
 
-  /** Say what is known of the candidate that is pointed at. */
+  /** Show the tooltip of the candidate under the pointer. */
   point(event) {
     const away = this.candidates.map(({ x, y }) => {
       const [left, top] = this.view.at(x, y);
@@ -176,7 +176,7 @@ class Panels {
     this.tip.style.top = `${top + 14 + this.tip.offsetHeight < this.height ? top + 20 : top - 8 - this.tip.offsetHeight}px`;
   }
 
-  /** Paint the map's cells in rows and columns [top, left, bottom, right] anew, and those around them. */
+  /** Repaint the map cells in [top, left, bottom, right] and their neighbors. */
   paint([top, left, bottom, right]) {
     const { episode, words, colors } = this, { kinds, rows, cols } = episode;
     const [free, occupied, frontier] = [colors.free, colors.occupied, colors.frontier].map(pixelOf);
@@ -184,7 +184,7 @@ class Panels {
     for (let row = Math.max(0, top - 1); row <= Math.min(rows - 1, bottom + 1); row++) {
       for (let col = first; col <= last; col++) {
         const kind = kinds[row * cols + col];
-        let pixel = 0; // what is unknown shows the ground below
+        let pixel = 0; // unknown: transparent
         if (kind === OCCUPIED) pixel = occupied;
         else if (kind === FREE) pixel = episode.isFrontier(row, col) ? frontier : free;
         words[row * cols + col] = pixel;
@@ -195,7 +195,7 @@ class Panels {
   }
 }
 
-/** Return what is known of a candidate, a line each. */
+/** Return the tooltip of a candidate, one fact per line. */
 function describeCandidate({ cost, visible, failures, score, isChosen }) {
   const lines = [`path ${cost.toFixed(1)} m`, `unknown in view ${visible.toFixed(1)} m²`];
   if (!Number.isNaN(score)) lines.unshift(`score ${score.toFixed(3)}`);

@@ -1,7 +1,7 @@
-// The page: episodes in step, the time line, and what the keys do.
+// The page: synchronized episodes, time line, keyboard control.
 
 const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
-const PLAY_TIME = 45; // the first choice of the speed plays the whole in about this time [s]
+const PLAY_TIME = 45; // target duration of playback at the default speed [s]
 const hasCandidates = (episode) => episode.decision_times.length;
 const LEGEND = [
   ["goal", "goal", "dot", (episode) => episode.goal(0)], ["route", "goal", "", (episode) => episode.worldRoute.length],
@@ -9,7 +9,7 @@ const LEGEND = [
   ["candidate", "frontier", "dot", hasCandidates], ["plan", "plan"], ["chosen candidate", "plan", "dot", hasCandidates],
 ];
 
-/** Return a new element with attributes, and texts or elements in it. */
+/** Return a new element with attributes and children. */
 function element(tag, attributes = {}, ...children) {
   const made = Object.assign(document.createElement(tag), attributes);
   made.append(...children);
@@ -19,7 +19,7 @@ function element(tag, attributes = {}, ...children) {
 const capitalised = (text) => text[0].toUpperCase() + text.slice(1);
 const byId = (id) => document.getElementById(id);
 
-/** One episode: heading, figures of the moment, two panels. */
+/** One episode: heading, current values, two panels. */
 class Row {
   constructor(episode, number) {
     const { about } = episode, name = about.explorer || "explorer";
@@ -74,10 +74,10 @@ class Row {
     return `Ended after ${clockText(end)}${reason ? `: ${reason}` : ""}.`;
   }
 
-  /** Say what was decided last. */
+  /** Describe the last decision. */
   decided(time) {
     const { episode } = this, k = episode.decisionAt(time), candidates = episode.candidatesOf(k);
-    if (k < 0) return episode.decision_times.length ? "" : "This policy shows no candidates.";
+    if (k < 0) return episode.decision_times.length ? "" : "This policy has no candidates.";
     const chosen = candidates.findIndex((one) => one.isChosen);
     const when = `Decision ${k + 1} of ${episode.decision_times.length}, ${clockText(episode.decision_times[k])}`;
     if (chosen < 0) return `${when}: none of ${candidates.length} candidates`;
@@ -199,10 +199,10 @@ async function open() {
   const player = new Player(await readEpisodes(byId("data").textContent));
   const state = document.documentElement.dataset;
   state.samples = player.rows.map((row) => row.episode.count).join(" ");
-  state.loadedAfter = Math.round(performance.now()); // since the page was asked for [ms]
+  state.loadedAfter = Math.round(performance.now()); // time since the page request [ms]
 }
 
 open().catch((error) => {
-  byId("status").textContent = `This page cannot be shown: ${error.message}. It needs a browser of 2023 or later.`;
+  byId("status").textContent = `This page cannot be shown: ${error.message}. It requires a browser of 2023 or later.`;
   throw error;
 });

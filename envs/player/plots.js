@@ -1,4 +1,4 @@
-// Quantities over time, with a cursor that follows the time line.
+// Plots over time with a cursor at the current time.
 
 const PLOT = { left: 44, right: 10, top: 22, bottom: 22 }; // borders [px]
 const STEPS = [0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600];
@@ -11,14 +11,14 @@ function clockText(seconds) {
   return minutes < 60 ? `${minutes}:${rest}` : `${Math.floor(minutes / 60)}:${two(minutes % 60)}:${rest}`;
 }
 
-/** Return the least round number that is not below a positive value: 1, 2 or 5 times a power of ten. */
+/** Round a positive value up to 1, 2 or 5 times a power of ten. */
 function roundUp(value) {
   const power = 10 ** Math.floor(Math.log10(value));
   return [1, 2, 5, 10].map((factor) => factor * power).find((round) => round >= value * (1 - 1e-9));
 }
 
 class Plot {
-  /** `valuesOf(episode)` gives a value per sample; `onSeek(time)` is called where one points. */
+  /** `valuesOf(episode)` returns one value per sample; `onSeek(time)` is called on pointer input. */
   constructor(canvas, title, episodes, valuesOf, end, onSeek) {
     Object.assign(this, { canvas, title, episodes, end, series: episodes.map(valuesOf) });
     const greatest = this.series.reduce((most, values) => values.reduce((a, b) => Math.max(a, b), most), 0);
@@ -34,7 +34,7 @@ class Plot {
     });
   }
 
-  /** Draw axes and curves for the size and the theme. */
+  /** Draw axes and curves for the current size and theme. */
   layout() {
     const { canvas } = this, colors = (this.colors = themeColors());
     this.width = canvas.clientWidth - PLOT.left - PLOT.right;
@@ -79,7 +79,7 @@ class Plot {
     }
   }
 
-  /** Show the time now [s]. */
+  /** Move the cursor to a time [s]. */
   draw(time) {
     const context = prepare(this.canvas), { clientWidth: width, clientHeight: height } = this.canvas;
     context.clearRect(0, 0, width, height);

@@ -1,4 +1,4 @@
-"""Records an episode for the player."""
+"""Recording of episodes for the player."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -17,27 +17,27 @@ from lidarnaut.envs.simulation import Twist
 from .recording import CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
 PERIOD = 0.5
-"""Time between two samples [s]."""
+"""Sampling period [s]."""
 MAX_BEAMS = 90
-"""Beams of a scan that are kept at most."""
+"""Maximum number of recorded beams per scan."""
 PLAN_TOLERANCE = 0.03
-"""How far the corners that are kept may lead off a planned path [m]."""
+"""Maximum deviation of recorded plan corners from the planned path [m]."""
 
 
 class EpisodeRecorder:
-    """Records one episode, from its reset on; of a team the first robot, and the others as bodies that move.
+    """Recorder of one episode, as a context manager; for teams, of the first robot.
 
-    A context manager: within it, the environment's `on_period` also records. It watches, and changes nothing.
+    Other robots are recorded as people. Recording does not affect the episode.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
-        """Prepare to record an environment of this package or of a task of your own; the next reset must follow.
+        """Attach to an environment; the next call must be its `reset`.
 
-        Of an explorer whose `navigator` is a `FrontierNavigator`, candidates are recorded, and scores where `scores`
-        has them (`lidarnaut.baselines.frontier.explorer.RuleExplorer`).
+        Candidates of an explorer are recorded if its `navigator` is a `FrontierNavigator`, with `scores` if it has
+        them.
 
         Raises:
-            TypeError: the environment is another one.
+            TypeError: not an environment of this package.
         """
         inner = lidar_env_of(env)
         self._env, self._explorer = inner, explorer
@@ -56,7 +56,6 @@ class EpisodeRecorder:
         self._env.on_period = self._before
 
     def _record(self, commands: Sequence[Twist] | None) -> None:
-        """Take a sample after a reset, and after a control period where one is due."""
         if self._before is not None:
             self._before(commands)
         if commands is None:
@@ -73,7 +72,6 @@ class EpisodeRecorder:
         self._tracks: list[np.ndarray] = []
         self._map = MapHistory(self._env.belief.grid)
         self._decisions: list[tuple[float, int, np.ndarray]] = []
-        # Those of an episode before are not told from new ones otherwise.
         self._candidates = self._offered()
 
     def _offered(self) -> Candidates | None:
@@ -81,7 +79,6 @@ class EpisodeRecorder:
         return getattr(navigator, "candidates", None) if isinstance(navigator, FrontierNavigator) else None
 
     def _note_decision(self) -> None:
-        """Record candidates that a choice was made from at the beginning of this control period."""
         candidates = self._offered()
         if candidates is self._candidates or candidates is None:
             return
@@ -89,8 +86,7 @@ class EpisodeRecorder:
         target, scores = self._chooser.navigator.target, getattr(self._explorer, "scores", None)  # type: ignore[union-attr]
         rows = np.full((len(candidates), len(CANDIDATE_COLUMNS)), np.nan)
         rows[:, :5] = np.column_stack([candidates[name] for name in ("frontier", "cost", "visible", "failures")])
-        if scores is not None and len(scores) <= len(rows):  # a policy may score fewer than are offered
-            # Those that failed, or are not rated, have none.
+        if scores is not None and len(scores) <= len(rows):  # some may lack scores
             rows[: len(scores), 5] = np.where(scores > -1e5, scores, np.nan)
         gaps = np.abs(candidates["frontier"] - (target or (math.inf, math.inf))).sum(axis=1)
         chosen = int(gaps.argmin()) if len(gaps) and gaps.min() < 1e-9 else -1
@@ -121,9 +117,9 @@ class EpisodeRecorder:
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
-        """Return what was recorded since the last reset, with the moment of the call at its end.
+        """Return the recording since the last reset, including the current state.
 
-        `about` are further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
+        `about`: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
         """
         env = self._env
         if env.time > self._samples[-1]["time"]:
@@ -174,19 +170,17 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """Changes of a map that may grow to any side, or be redrawn."""
+    """History of changes of a map that may grow or be redrawn."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
-        """Begin with an unknown map; `grid` has the resolution of all that follow, and the frame."""
         self._resolution, self._first = grid.resolution, grid.origin
-        # Kinds of the cells of all maps so far, and the row and column of the corner, counted from that of the first.
+        # Cell kinds over the union of all maps, and its corner relative to the first map's.
         self._kinds = np.zeros((0, 0), dtype=np.uint8)
         self._corner = np.zeros(2, dtype=np.int64)
         self._cells: list[np.ndarray] = []
         self._changes: list[np.ndarray] = []
 
     def append(self, grid: OccupancyGrid) -> None:
-        """Add the map as it is now."""
         corner = np.rint(np.subtract(grid.origin, self._first)[::-1] / self._resolution).astype(np.int64)
         if not self._kinds.size:
             self._corner = corner
@@ -204,10 +198,7 @@ class MapHistory:
         self._kinds = now
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
-        """Return what `Recording` holds of the map: its shape and origin, cells, changes, and ends of the samples.
-
-        It is cut to cells that were ever known.
-        """
+        """Return shape, origin, changed cells, changes and sample ends, as in `Recording`, cropped to known cells."""
         cells = np.concatenate(self._cells)
         low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
         rows, columns = (high - low).tolist()
@@ -217,7 +208,7 @@ class MapHistory:
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
-    """Return the corners of a polyline, shape (n, 2), from which it strays no farther than a tolerance: shape (m, 2).
+    """Simplify a polyline, shape (n, 2), to corners within a tolerance: shape (m, 2).
 
     Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a digitized line"
     (1973).

@@ -1,24 +1,24 @@
-// Drawing on a canvas in metres of the world.
+// Drawing on a canvas in world coordinates [m].
 
-const MARGIN = 0.3; // around the walls [m]
+const WALL_MARGIN = 0.3; // around the walls [m]
 const COLORS = [
   ..."ink muted line paper true estimated plan goal frontier lidar person floor outside wall free occupied".split(" "),
   ..."unknown contact first second".split(" "),
 ];
 
-/** Return the colours of the page's theme, by the names of the style sheet. */
+/** Return the theme's colors by name. */
 function themeColors() {
   const style = getComputedStyle(document.documentElement);
   return Object.fromEntries(COLORS.map((name) => [name, style.getPropertyValue(`--${name}`).trim()]));
 }
 
-/** Return a colour such as #1d2129 as the pixel of an image. */
+/** Return a color such as #1d2129 as a pixel value. */
 function pixelOf(color) {
   const value = parseInt(color.slice(1), 16);
   return (0xff000000 | ((value & 0xff) << 16) | (value & 0xff00) | (value >> 16)) >>> 0;
 }
 
-/** Fit a canvas to its size on the screen; return its context, which counts in CSS pixels. */
+/** Fit a canvas to its screen size; return its context in CSS pixels. */
 function prepare(canvas, width = canvas.clientWidth, height = canvas.clientHeight) {
   const ratio = window.devicePixelRatio || 1;
   const size = [width, height].map((side) => Math.max(1, Math.round(side * ratio)));
@@ -28,7 +28,7 @@ function prepare(canvas, width = canvas.clientWidth, height = canvas.clientHeigh
   return context;
 }
 
-/** Return the box around walls and cylinders, with a margin: [x_min, y_min, x_max, y_max] [m]. */
+/** Return the bounding box of walls and cylinders with a margin: [x_min, y_min, x_max, y_max] [m]. */
 function boundsOf({ segments, circles }) {
   const bounds = [Infinity, Infinity, -Infinity, -Infinity];
   const add = (x, y, radius) => {
@@ -37,12 +37,12 @@ function boundsOf({ segments, circles }) {
     bounds[2] = Math.max(bounds[2], x + radius);
     bounds[3] = Math.max(bounds[3], y + radius);
   };
-  for (let k = 0; k < segments.length; k += 2) add(segments[k], segments[k + 1], MARGIN);
-  for (let k = 0; k < circles.length; k += 3) add(circles[k], circles[k + 1], circles[k + 2] + MARGIN);
+  for (let k = 0; k < segments.length; k += 2) add(segments[k], segments[k + 1], WALL_MARGIN);
+  for (let k = 0; k < circles.length; k += 3) add(circles[k], circles[k + 1], circles[k + 2] + WALL_MARGIN);
   return bounds;
 }
 
-/** A piece of the world on a canvas: uniform scale, y upwards, centred. */
+/** Part of the world on a canvas: uniform scale, y upwards, centered. */
 class View {
   constructor([x0, y0, x1, y1], width, height) {
     this.scale = Math.min(width / (x1 - x0), height / (y1 - y0)); // pixels per metre
@@ -50,12 +50,12 @@ class View {
     this.top = (y0 + y1) / 2 + height / 2 / this.scale;
   }
 
-  /** Return where a point of the world lies [px]. */
+  /** Return the canvas position of a world point [px]. */
   at(x, y) {
     return [(x - this.left) * this.scale, (this.top - y) * this.scale];
   }
 
-  /** Draw a raster whose first row has the lowest y; `frame` is the pose of its frame in the world. */
+  /** Draw a raster with the lowest y in its first row; `frame` is the world pose of its frame. */
   raster(context, image, frame, { resolution, origin }) {
     const [x, y] = this.at(...compose(frame, ...origin)), side = this.scale * resolution;
     const c = side * Math.cos(frame[2]), s = side * Math.sin(frame[2]);
@@ -93,7 +93,7 @@ class View {
     context.setLineDash([]);
   }
 
-  /** Draw the path up to a sample, and on to the pose now. */
+  /** Draw the path up to a sample and the current pose. */
   path(context, poses, sample, pose, color, width) {
     const points = [];
     for (let k = 0; k <= sample; k++) points.push([poses[3 * k], poses[3 * k + 1]]);

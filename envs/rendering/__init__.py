@@ -1,4 +1,4 @@
-"""Pictures of episodes: the ground truth beside the robot's map and pose estimate."""
+"""Pictures of episodes: ground truth, and the robot's map and pose estimate."""
 
 from .renderer import Renderer
 from .scene import Scene

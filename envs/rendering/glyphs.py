@@ -1,4 +1,4 @@
-"""Robots and paths in pixels. Surfaces here are drawn at twice the size that is shown, which smooths all edges."""
+"""Drawing of robots, paths and legend marks, on supersampled surfaces."""
 
 import math
 
@@ -13,12 +13,11 @@ from .style import PAPER, RULE, Colour
 from .view import View
 
 MIN_ROBOT_RADIUS = 25.0
-"""Robots are enlarged to at least this size, to be found in large worlds [px]."""
+"""Minimum drawn radius of a robot [px]."""
 
 
 def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int) -> None:
     """Draw a line through points, shape (n, 2) [px]."""
-    # Long episodes have many points per pixel.
     moved = np.any(np.diff(np.round(pixels / 2), axis=0), axis=1)
     pixels = pixels[np.concatenate([[True], moved])] if len(pixels) else pixels
     if len(pixels) > 1:
@@ -26,7 +25,7 @@ def draw_path(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width
 
 
 def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, width: int, dash: float = 14.0) -> None:
-    """Draw a dashed line through points, shape (n, 2) [px], with a disc at its end."""
+    """Draw a dashed line through points, shape (n, 2) [px], ending in a disc."""
     if len(pixels) == 0:
         return
     travelled = lengths_along(pixels)
@@ -40,7 +39,7 @@ def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, wid
 def draw_robot(
     surface: pygame.Surface, view: View, robot: RobotParams, pose: Pose2D, colour: Colour, ghost: bool = False
 ) -> None:
-    """Draw a robot at a pose in the world frame from above, with an arrow ahead; a ghost is an outline with a line."""
+    """Draw a robot at a world pose with a heading arrow; a ghost is an outline."""
     if robot.body.size is not None:
         body = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (np.array(robot.body.size[:2]) / 2)
     else:
@@ -65,7 +64,7 @@ def draw_robot(
 
 
 def draw_mark(surface: pygame.Surface, x: int, y: int, colour: Colour, mark: str) -> None:
-    """Draw the mark of a legend entry, 16 px wide from `x`, its middle at height `y`."""
+    """Draw a legend mark, 16 px wide from `x`, vertically centered at `y`."""
     if mark == "line":
         pygame.draw.line(surface, colour, (x, y), (x + 16, y), 3)
     elif mark == "dashes":

@@ -1,4 +1,4 @@
-"""The two halves of the picture: the ground truth, and the robot's map and pose estimate."""
+"""Panels of a picture: ground truth, and the robot's map and pose estimate."""
 
 import math
 from functools import lru_cache
@@ -19,23 +19,22 @@ from .scene import Scene, people_in
 from .view import View
 
 SUPERSAMPLING = 2
-"""Panels are drawn this many times as large as they are shown; scaling down smooths every edge."""
+"""Supersampling factor of panels, for antialiasing."""
 _NO_ALPHA_MASK = (0xFF0000, 0xFF00, 0xFF, 0)
 _VISIBLE_SIDE = 4
-"""Occupied cells are drawn at least this large, so that walls do not fade in large worlds [px]."""
+"""Minimum drawn side of occupied cells [px]."""
 MAX_PARTICLES = 3000
-"""Particles of a localizer that are drawn at most."""
+"""Maximum number of drawn particles."""
 _SOLID_MARK = (255, 255, 255)
 
 
 def new_surface(size: tuple[int, int]) -> pygame.Surface:
-    """Return a surface of 32-bit pixels that needs no display."""
+    """Return a 32-bit surface that needs no display."""
     return pygame.Surface(size, 0, 32, _NO_ALPHA_MASK)
 
 
 def _palette() -> np.ndarray:
-    """Return the pixel of a surface for every occupancy value, shape (102,), uint32; see `View.paint_grid`."""
-    shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # maps are never quite sure of anything
+    shares = np.linspace(-0.06, 1.06, 101).clip(0.0, 1.0)[:, None]  # full contrast below certainty
     known = np.array(style.FREE) * (1 - shares) + np.array(style.OCCUPIED) * shares
     return (np.vstack([style.UNKNOWN, known.round()]).astype(np.uint32) << (16, 8, 0)).sum(axis=1, dtype=np.uint32)
 
@@ -44,7 +43,7 @@ _PALETTE = _palette()
 
 
 def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
-    """Draw the ground truth: walls and bodies, robots at their true poses, their beams, and their true paths."""
+    """Draw the ground truth: world, people, goal, robots with beams and paths."""
     surface.blit(_static(scene.world, view.size), (0, 0))
     for person in scene.people[:, [0, 1, 3, 4, 2]]:
         _draw_person(surface, view, person, width=0)
@@ -58,14 +57,12 @@ def draw_truth(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def _draw_person(surface: pygame.Surface, view: View, person: np.ndarray, width: int) -> None:
-    """Draw a person (x, y, vx, vy, radius), filled for a width of 0 [px], and where it will be in a second."""
     centre, ahead = view.pixels(np.array([person[:2], person[:2] + person[2:4]]))
     pygame.draw.circle(surface, style.PERSON, centre, max(float(person[4]) * view.scale, 6.0), width)
     pygame.draw.line(surface, style.PERSON, centre, ahead, 3)
 
 
 def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
-    """Lay the area that the last scan saw over the picture, with a dot where a beam hit."""
     sensor, ends = beam_ends(scene.robot, scene.pose, scene.ranges)
     sensor_px, ends_px = view.pixels(sensor)[0], view.pixels(ends)
     outline = ends_px if scene.robot.lidar.fov > 2 * math.pi - 1e-6 else np.vstack([sensor_px, ends_px])
@@ -80,10 +77,9 @@ def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the lidar is, shape (2,), and where its beams end, shape (num_beams, 2) [m].
+    """Return the lidar position, shape (2,), and beam end points, shape (num_beams, 2), frame of the pose [m].
 
-    In the frame in which the pose is given. Beams without a return end at the greatest range; beams that were lost end
-    in the lidar.
+    Beams without return end at the maximum range, lost beams at the lidar.
     """
     lidar, mount = robot.lidar, (robot.lidar.mount.x, robot.lidar.mount.y)
     lengths = np.nan_to_num(ranges.astype(np.float64), nan=0.0, posinf=lidar.range_max)
@@ -92,10 +88,6 @@ def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.
 
 @lru_cache(maxsize=8)
 def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
-    """Draw the static parts: the floor that can be reached from the spawns, the outside, and solid between them.
-
-    Of a map also the free cells that are left out, and a ring at the spawn.
-    """
     view, lines = View(shown_bounds(world), size), new_surface(size)
     for a, b in view.pixels(world.segments.reshape(-1, 2)).reshape(-1, 2, 2).tolist():
         pygame.draw.line(lines, _SOLID_MARK, a, b, 4)
@@ -120,17 +112,16 @@ def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
 
 
 def shown_bounds(world: World) -> tuple[float, float, float, float]:
-    """Return what pictures of a world show, (x_min, y_min, x_max, y_max) [m]: its bounds, of a map all known cells."""
+    """Return the bounds of pictures of a world (x_min, y_min, x_max, y_max) [m]."""
     return world.bounds if world.map is None else left_out(world).bounds
 
 
 def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
-    """Draw the map with its frontiers, the estimated poses and paths, plans, and the true poses as outlines."""
+    """Draw map, frontiers, estimated poses and paths, plans, and outlines of true poses."""
     start, grid = scene.start, scene.belief.grid
     view.paint_grid(grid, start, _PALETTE, pygame.surfarray.pixels2d(surface).T)
 
     def draw_dots(points: np.ndarray, diameter: int, colour: style.Colour) -> None:
-        """Draw discs at points, map frame."""
         disc = pygame.Surface((diameter, diameter), pygame.SRCALPHA, 32)
         pygame.draw.circle(disc, colour, (diameter / 2, diameter / 2), diameter / 2)
         corners = np.round(view.pixels(start.transform(points)) - diameter / 2).astype(int)
@@ -144,7 +135,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     if scene.particles is not None:
         step = max(1, len(scene.particles) // MAX_PARTICLES)
         draw_dots(scene.particles[::step, :2], 6, style.ESTIMATED)
-    if not (grid.data >= 0).any():  # no map is kept: show at least what the robot sees
+    if not (grid.data >= 0).any():  # no map: draw the scan
         draw_dots(beam_ends(scene.robot, scene.belief.pose, scene.ranges)[1][np.isfinite(scene.ranges)], 5, style.LIDAR)
     for person in people_in(scene.tracks, start):
         _draw_person(surface, view, person, width=3)
@@ -158,7 +149,7 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
     for one in (scene, *scene.peers):
         if one.plan is not None:
             draw_dashes(surface, view.pixels(start.transform(one.plan)), style.PLAN, 5)
-        if not one.has_known_map:  # on one, the estimate jumps until it has converged
+        if not one.has_known_map:  # on known maps, the estimate jumps before convergence
             trail = np.vstack([one.estimated_trail, one.belief.pose[:2]])
             draw_path(surface, view.pixels(start.transform(trail)), style.ESTIMATED, 4)
         if not (one.has_known_map and one.belief.is_lost):
@@ -167,7 +158,6 @@ def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
-    """Draw a goal, world frame, as a ring with a line along its heading."""
     tip = goal.transform(np.array([[30.0 / view.scale, 0.0]]))
     (centre, end) = view.pixels(np.vstack([goal[:2], tip])).tolist()
     pygame.draw.circle(surface, style.FRONTIER, centre, 16, 5)
@@ -175,5 +165,4 @@ def _draw_goal(surface: pygame.Surface, view: View, goal: Pose2D) -> None:
 
 
 def _centres(grid: OccupancyGrid, mask: np.ndarray) -> np.ndarray:
-    """Return the centres of the cells set in `mask`, shape (n, 2) [m]; `argwhere` is slow where few of many are."""
     return grid.centers(np.column_stack(np.divmod(np.flatnonzero(mask), mask.shape[1])))

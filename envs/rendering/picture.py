@@ -1,4 +1,4 @@
-"""The whole picture: two panels of the same world at the same scale, numbers above, a legend below."""
+"""Picture of a scene: two panels at equal scale, a header and legends."""
 
 import math
 from collections.abc import Iterable
@@ -34,14 +34,13 @@ LEGENDS = (
         ("unknown", style.UNKNOWN, "box"),
     ),
 )
-"""For each panel: what is drawn, its colour, and the kind of mark in the legend."""
+"""Legend per panel: text, color and kind of mark."""
 
 
 class Typesetter:
-    """Writes text in the fonts that come with Matplotlib."""
+    """Writes text in Matplotlib's fonts."""
 
     def __init__(self) -> None:
-        """Load the fonts."""
         pygame.font.init()
         folder = Path(matplotlib.get_data_path()) / "fonts" / "ttf"
         plain, bold = folder / "DejaVuSans.ttf", folder / "DejaVuSans-Bold.ttf"
@@ -52,23 +51,21 @@ class Typesetter:
         }
 
     def write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write a `label`, `title` or `number`; `anchor` as in `pygame.Surface.get_rect`, e.g. `topleft=(0, 0)`."""
+        """Write a `label`, `title` or `number`; `anchor` as in `pygame.Surface.get_rect`."""
         font, colour = self._fonts[kind]
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
-    def legend(
-        self, surface: pygame.Surface, box: pygame.Rect, entries: Iterable[tuple[str, style.Colour, str]]
-    ) -> None:
-        """Explain below a box what is drawn in it: text, colour and kind of mark."""
+    def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
+        """Draw a legend (text, color, kind of mark) below a box."""
         x, y = box.left, box.bottom + FOOTER // 2
-        for text, colour, mark in entries:
+        for text, colour, mark in items:
             draw_mark(surface, x, y, colour, mark)
             x = self.write(surface, text, midleft=(x + 22, y)).right + 14
 
 
 class Picture:
-    """Paints scenes. Everything that stays the same from frame to frame is kept."""
+    """Paints scenes on a cached background."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         """Lay out a picture of `size` (width, height) [px]."""
@@ -84,7 +81,7 @@ class Picture:
             self._text.legend(self._background, box, legend)
 
     def paint(self, scene: Scene) -> pygame.Surface:
-        """Draw a scene; the surface is used again for the next one."""
+        """Draw a scene; the returned surface is reused by the next call."""
         self._frame.blit(self._background, (0, 0))
         view = View(shown_bounds(scene.world), self._panel.get_size())
         for box, draw in zip(self._boxes, (draw_truth, draw_estimate)):
@@ -119,7 +116,7 @@ class Picture:
             text.write(frame, label, topright=(right - 124 * k, 46))
         share = min(max(scene.progress, 0.0), 1.0)
         bar = pygame.Rect(middle - 200, 50, 300, 10)
-        # Rounded down: 100 % is only said when nothing is left.
+        # Round down: 100 % means complete.
         number = text.write(frame, f"{math.floor(1000 * share) / 10:.1f} %", "number", topleft=(bar.left, 14))
         label = f"{scene.progress_label}, not localized" if scene.belief.is_lost else scene.progress_label
         text.write(frame, label, bottomleft=(number.right + 10, number.bottom - 2))
@@ -128,7 +125,6 @@ class Picture:
             pygame.draw.rect(frame, style.TRUE, (*bar.topleft, round(bar.width * share), bar.height), border_radius=5)
 
     def _draw_scale(self, pixels_per_metre: float) -> None:
-        """Draw a bar of a round length below the left panel."""
         lengths = [n * 10.0**k for k in (2, 1, 0, -1, -2) for n in (5, 2, 1)]
         length = next((length for length in lengths if length * pixels_per_metre <= 120), lengths[-1])
         x, y = self._boxes[0].right, self._boxes[0].bottom + FOOTER // 2

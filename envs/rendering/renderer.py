@@ -1,4 +1,4 @@
-"""Pictures into arrays or into a window."""
+"""Rendering to arrays or a window."""
 
 import os
 from typing import Any
@@ -8,19 +8,17 @@ import numpy as np
 from .scene import Scene
 
 MODES = ("human", "rgb_array")
-"""Render modes."""
 SIZE = (1280, 720)
 """Width and height of pictures [px]."""
-os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # a greeting would spoil what programs print for programs
+os.environ.setdefault("PYGAME_HIDE_SUPPORT_PROMPT", "1")  # keeps standard output clean
 _INVISIBLE_DRIVERS = ("dummy", "offscreen")
 
 
 def open_window(title: str, size: tuple[int, int]) -> Any:
-    """Open a `pygame.Window` of a width and height [px].
+    """Open a `pygame.Window` of `size` (width, height) [px].
 
     Raises:
-        RuntimeError: if there is no display to open it on. SDL would fall back to an invisible window, which is only
-            right for those who ask for it by the environment variable `SDL_VIDEODRIVER`.
+        RuntimeError: no display. An invisible window requires the environment variable `SDL_VIDEODRIVER`.
     """
     import pygame
 
@@ -28,7 +26,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     try:
         pygame.display.init()
         if pygame.display.get_driver() in _INVISIBLE_DRIVERS and not os.environ.get("SDL_VIDEODRIVER"):
-            raise pygame.error("neither an X11 nor a Wayland display was found")
+            raise pygame.error("no X11 or Wayland display was found")
     except pygame.error as error:
         if not was_on:
             pygame.display.quit()
@@ -40,13 +38,13 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
 
 
 class Renderer:
-    """Draws scenes, for `human` into a window at a steady pace, for `rgb_array` into arrays without any display."""
+    """Renders scenes: `human` to a window at a fixed rate, `rgb_array` to arrays without display."""
 
     def __init__(self, mode: str, fps: float) -> None:
-        """Prepare to draw in one of `MODES`, `human` at no more than `fps` pictures per second.
+        """Create a renderer for one of `MODES`; `fps` is the maximum frame rate of `human` [Hz].
 
         Raises:
-            ValueError: if an argument is not allowed.
+            ValueError: invalid argument.
         """
         if mode not in MODES:
             raise ValueError(f"render mode must be one of {', '.join(MODES)}, got {mode!r}")
@@ -58,10 +56,10 @@ class Renderer:
         self._clock: Any = None
 
     def draw(self, scene: Scene) -> np.ndarray | None:
-        """Draw a scene; for `rgb_array` return a new array, shape (height, width, 3), uint8, for `human` None.
+        """Draw a scene; return a new array, shape (height, width, 3), uint8, for `rgb_array`, None for `human`.
 
         Raises:
-            RuntimeError: if `human` finds no display.
+            RuntimeError: `human` without display.
         """
         import pygame
 
@@ -82,7 +80,6 @@ class Renderer:
         return None
 
     def close(self) -> None:
-        """Close the window, if there is one. Closing twice does no harm."""
         if self._window is not None:
             self._window.destroy()
         self._window = self._clock = self._picture = None

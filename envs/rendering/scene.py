@@ -1,4 +1,4 @@
-"""Scenes: the content of a picture."""
+"""Scenes: content of a picture."""
 
 import math
 from dataclasses import dataclass
@@ -15,67 +15,66 @@ from lidarnaut.envs.worlds import World
 
 @dataclass(slots=True, kw_only=True)
 class Scene:
-    """One moment of an episode: the ground truth in the world frame, and the robot's map and pose estimate."""
+    """One moment of an episode: ground truth, and the robot's map and pose estimate."""
 
     world: World
     robot: RobotParams
     pose: Pose2D
-    """True pose of the robot's base, world frame."""
+    """True pose of the base, world frame."""
     trail: np.ndarray
-    """True positions so far, shape (n, 2), world frame [m]."""
+    """True path, shape (n, 2), world frame [m]."""
     ranges: np.ndarray
-    """Last scan, shape (num_beams,), float32 [m], as `Reading.ranges`."""
+    """Last scan, shape (num_beams,), float32 [m]."""
     plan: np.ndarray | None
-    """Planned path, shape (n, 2), map frame [m]; None without one."""
+    """Planned path, shape (n, 2), map frame [m]."""
     time: float
     """Time since the reset [s]."""
     collisions: int
-    """Contacts so far, of all robots."""
+    """Number of contacts of all robots."""
     start: Pose2D
-    """World pose of the map frame's origin: `start.compose` carries poses of the map frame into the world frame."""
+    """World pose of the map frame."""
     people: np.ndarray
-    """People, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
+    """True people: x, y, radius [m], vx, vy [m/s], shape (n, 5), float64, world frame."""
     tracks: np.ndarray
-    """People whom the robot tracks, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]."""
+    """Tracked people: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s]."""
     belief: Belief
     """Pose estimate and map, map frame."""
     estimated_trail: np.ndarray
-    """Estimated positions so far, shape (n, 2), map frame [m]."""
+    """Estimated path, shape (n, 2), map frame [m]."""
     progress: float
-    """Share of the task that is done, from 0 to 1."""
+    """Share of the task completed, from 0 to 1."""
     progress_label: str = "explored"
-    """What it is called."""
+    """Name of the progress measure."""
     goal: Pose2D | None = None
-    """Where to go, map frame; None without a goal."""
+    """Goal pose, map frame."""
     particles: np.ndarray | None = None
-    """Particles of the localizer, shape (n, 3): x, y, heading, map frame [m, m, rad]; None without any."""
+    """Particles of the localizer x, y, heading, shape (n, 3), map frame [m, m, rad]."""
     has_known_map: bool = False
-    """Whether the robot was given the map."""
+    """Whether the robot has the map in advance."""
     pose_graph: PoseGraphView | None = None
-    """Nodes and loop closures of a SLAM that has any."""
+    """Pose graph of the SLAM, if any."""
     peers: tuple["Scene", ...] = ()
-    """The other robots of the team, which share world and map."""
+    """Other robots of the team."""
 
     @property
     def estimated_pose(self) -> Pose2D:
-        """Estimated pose of the robot's base, world frame."""
         return self.start.compose(self.belief.pose)
 
     @property
     def pose_error(self) -> tuple[float, float]:
-        """Distance [m] and angle [rad] between estimated and true pose, not negative; the greatest of all robots."""
+        """Maximum absolute position [m] and heading [rad] error of all robots."""
         errors = [scene.estimated_pose.between(scene.pose) for scene in (self, *self.peers)]
         return max(math.hypot(error.x, error.y) for error in errors), max(abs(error.theta) for error in errors)
 
 
 def people_in(tracks: np.ndarray, frame: Pose2D) -> np.ndarray:
-    """Carry people, shape (n, 5), x, y, vx, vy, radius [m, m/s], out of a frame into the one in which it is given."""
+    """Transform people, x, y, vx, vy, radius, shape (n, 5) [m, m/s], from a frame to its parent."""
     velocities = Pose2D(0.0, 0.0, frame.theta).transform(tracks[:, 2:4])
     return np.column_stack([frame.transform(tracks[:, :2]), velocities, tracks[:, 4]])
 
 
 def scene_of(env: Any, k: int) -> Scene:
-    """Return the moment of a `LidarEnv` as one of its robots takes part in it."""
+    """Return the current scene of robot `k` of a `LidarEnv`."""
     robot, truth, task = env.robots[k], env.truths[k], env.task
     estimator = robot.estimator
     pose_graph = getattr(estimator, "pose_graph", None)

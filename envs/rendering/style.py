@@ -1,8 +1,6 @@
-"""Colours and type of the pictures.
+"""Colors and fonts of pictures: ground truth is blue, estimates are vermilion.
 
-Ground truth is blue, estimates are vermilion, wherever they appear. Lines and robots have colours of Okabe and
-Ito, "Color Universal Design" (2008), which people with colour-blindness can tell apart; worlds and maps have greys of
-clearly different lightness.
+Palette of Okabe and Ito, "Color Universal Design" (2008); worlds and maps have distinct greys.
 """
 
 Colour = tuple[int, int, int]
@@ -20,7 +18,7 @@ NODE: Colour = (222, 205, 190)
 LOOP: Colour = (204, 121, 167)
 LIDAR: Colour = (86, 180, 233)
 SEEN_ALPHA, BEAM_ALPHA = 70, 130
-"""Opacity of the area that the lidar sees and of its beams, up to 255."""
+"""Opacity of the scanned area and of beams, up to 255."""
 PERSON: Colour = (230, 159, 0)
 
 FLOOR: Colour = (255, 255, 255)
@@ -28,11 +26,10 @@ SOLID: Colour = (122, 133, 147)
 WALL: Colour = (46, 56, 69)
 OUTSIDE: Colour = (226, 230, 235)
 LEFT_OUT: Colour = (238, 214, 175)
-"""Free cells of a map beside the area that is used as the world."""
+"""Free map cells that are not part of the world."""
 
 FREE: Colour = (255, 255, 255)
 OCCUPIED: Colour = (30, 36, 46)
 UNKNOWN: Colour = (176, 187, 201)
 
 SMALL, BODY, LARGE = 13, 14, 22
-"""Font sizes [px]."""

@@ -1,4 +1,4 @@
-"""From metres to pixels."""
+"""Conversion from metres to pixels."""
 
 import math
 
@@ -7,34 +7,34 @@ from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
-MARGIN = 0.03
-"""Free border around the world's bounds, as a share of the surface's sides."""
+BORDER = 0.03
+"""Width of the border around the world's bounds, as a share of the surface's size."""
 
 
 class View:
-    """A piece of the world on a surface: uniform scale, y upwards, bounds centred."""
+    """Part of the world shown on a surface: uniform scale, y upwards."""
 
     def __init__(self, bounds: tuple[float, float, float, float], size: tuple[int, int]) -> None:
-        """Fit `bounds` (x_min, y_min, x_max, y_max) [m] into a surface of `size` (width, height) [px]."""
+        """Fit `bounds` (x_min, y_min, x_max, y_max) [m] into `size` (width, height) [px]."""
         x_min, y_min, x_max, y_max = bounds
         width, height = size
         self.size = size
-        self.scale = min(width * (1 - 2 * MARGIN) / (x_max - x_min), height * (1 - 2 * MARGIN) / (y_max - y_min))
+        self.scale = min(width * (1 - 2 * BORDER) / (x_max - x_min), height * (1 - 2 * BORDER) / (y_max - y_min))
         """Pixels per metre."""
         self._left = (x_min + x_max) / 2 - width / 2 / self.scale
         self._top = (y_min + y_max) / 2 + height / 2 / self.scale
 
     def pixels(self, points: np.ndarray) -> np.ndarray:
-        """Return where points (shape (n, 2), world frame [m]) lie on the surface: shape (n, 2), float64 [px]."""
+        """Return pixel coordinates, shape (n, 2), float64, of points, shape (n, 2), world frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         return (points - (self._left, self._top)) * (self.scale, -self.scale)
 
     def paint_grid(self, grid: OccupancyGrid, start: Pose2D, palette: np.ndarray, image: np.ndarray) -> None:
-        """Paint a map, whose frame lies at `start`, over an image, shape (height, width), uint32; beyond is unknown.
+        """Paint a map, with its frame at `start`, into an image, shape (height, width), uint32.
 
-        `palette`: shape (102,), uint32, the pixel for each occupancy value from -1 to 100.
+        `palette`: pixel values for occupancy -1 to 100, shape (102,), uint32. Pixels outside of the map are unknown.
         """
-        # Three pixel centres tell the affine map from pixels to cells.
+        # Three pixel centers define the affine transform to cells.
         pixels = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])
         world = pixels / (self.scale, -self.scale) + (self._left, self._top)
         cells = (start.inverse().transform(world) - grid.origin) / grid.resolution
@@ -43,11 +43,6 @@ class View:
 
 @njit(cache=True, error_model="numpy")
 def _paint(data, palette, corner, per_col, per_row, image):
-    """Give every pixel the colour of the cell under its centre.
-
-    The first pixel's centre lies at `corner` (column, row); image columns and rows go on by `per_col` and `per_row`
-    [cells].
-    """
     rows, columns = data.shape
     for i in range(image.shape[0]):
         for j in range(image.shape[1]):

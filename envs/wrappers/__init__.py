@@ -1,4 +1,4 @@
-"""Wrappers of environments."""
+"""Environment wrappers."""
 
 from .record_bag import BagRecorder, RecordBag
 

@@ -1,4 +1,4 @@
-"""Teams as PettingZoo's `ParallelEnv` and `AECEnv`; needs the extra `[pettingzoo]`."""
+"""Teams as PettingZoo `ParallelEnv` and `AECEnv`; requires the extra `[pettingzoo]`."""
 
 import copy
 from collections.abc import Mapping
@@ -20,13 +20,13 @@ from lidarnaut.envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]
 PER_ROBOT = ("pose_error", "path_length", "collisions")
-"""Entries of `info` that have a row per robot."""
+"""Keys of `info` with one row per robot."""
 OPTIONS = ("world", "start")
-"""Options of `reset`."""
+"""Supported options of `reset`."""
 
 
 class _Team:
-    """Methods of both interfaces."""
+    """Common methods of the PettingZoo interfaces."""
 
     env: Any
     agents: list[str]
@@ -34,19 +34,16 @@ class _Team:
     action_spaces: dict[str, spaces.Space]
 
     def observation_space(self, agent: str) -> spaces.Space:
-        """Return the observation space of an agent; always the same object."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> spaces.Space:
-        """Return the action space of an agent; always the same object."""
         return self.action_spaces[agent]
 
     def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
+        """Render; return an array (height, width, 3), uint8, for `rgb_array`."""
         return self.env.render()
 
     def close(self) -> None:
-        """Release the physics engine and the window."""
         self.env.close()
 
     def _check_begun(self) -> None:
@@ -55,18 +52,17 @@ class _Team:
 
 
 class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
-    """`ExploreTeam-v0` with an agent per robot: "robot_0", "robot_1", ...
+    """`ExploreTeam-v0` with one agent per robot: "robot_0", "robot_1", ...
 
-    Each agent gets its own row of actions, observations and of what `info` has per robot. The reward is the team's, the
-    same for each: `info["rewards"]` has its terms. All agents end together.
+    Each agent has its own row of actions, observations and per-robot `info`. Reward (see `info["rewards"]`) and episode
+    end are common.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
 
     def __init__(self, **arguments: Any) -> None:
-        """Make the team with arguments of `ExploreTeam-v0`, which raises what is wrong with them."""
+        """Create the team with arguments of `ExploreTeam-v0`."""
         self.env = LidarEnv(ExploreTeam, **arguments)
-        """The environment of the team."""
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(self.env.task.num_robots)]
         self.agents: list[str] = []
@@ -79,7 +75,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
+        """Start an episode; see `LidarEnv.reset`. Unknown options are ignored, as PettingZoo's API test requires."""
         self.agents = list(self.possible_agents)
         known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
@@ -88,11 +84,11 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def step(
         self, actions: dict[str, np.ndarray]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drive for one control period; actions of the agents have shape (2,).
+        """Drive for one control period; each action has shape (2,).
 
         Raises:
-            ValueError: if `actions` lacks an agent or names another; or as `LidarEnv.step`.
-            gymnasium.error.ResetNeeded: if no episode has begun, the last one has ended, or a step has failed.
+            ValueError: missing or unknown agents, or see `LidarEnv.step`.
+            gymnasium.error.ResetNeeded: before `reset`, after the episode, or after a failed step.
         """
         self._check_begun()
         agents = self.agents
@@ -110,7 +106,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
         return split, dict.fromkeys(agents, float(reward)), *ended, infos
 
     def state(self) -> np.ndarray:
-        """Return the shared map, shape (height, width), int8: -1 unknown, 0 to 100 percent occupied. It grows."""
+        """Return the shared map, shape (height, width), int8: -1 unknown, 0 to 100 % occupied; may grow."""
         return self.env.belief.grid.data.copy()
 
     def _split(self, observation: Observation) -> dict[str, Observation]:
@@ -122,10 +118,9 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 
 
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
-    """`ExploreTeamFrontiers-v0` with an agent per robot: the one is selected whose decision is due.
+    """`ExploreTeamFrontiers-v0` with one agent per robot, selected when its decision is due.
 
-    An agent is observed as it was when it had to decide last. The reward is the team's, and goes to all agents at each
-    decision of any of them. All agents end together.
+    An agent's observation is from its last decision. Reward and episode end are common.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -135,10 +130,9 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     }
 
     def __init__(self, **arguments: Any) -> None:
-        """Make the team with arguments of `ExploreTeamFrontiers-v0`, which raises what is wrong with them."""
+        """Create the team with arguments of `ExploreTeamFrontiers-v0`."""
         super().__init__()
         self.env = ExploreTeamFrontiersEnv(**arguments)
-        """The environment of the team."""
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(len(self.env.explore.robots))]
         self.observation_spaces = dict.fromkeys(self.possible_agents, self.env.observation_space)
@@ -146,7 +140,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self.agents = []
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode; see `LidarEnv.reset`. Options that it does not know are ignored, as the API test asks."""
+        """Start an episode; see `TeamParallelEnv.reset`."""
         known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         self.agents = list(self.possible_agents)
@@ -156,11 +150,11 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Drive until the next decision is due.
+        """Drive until the next decision.
 
         Raises:
-            ValueError: if the action is no integer from 0 to `max_candidates` - 1, or, after the end, is not None.
-            gymnasium.error.ResetNeeded: if no episode has begun, all agents have ended, or a step has failed.
+            ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.
+            gymnasium.error.ResetNeeded: as for `TeamParallelEnv.step`.
         """
         self._check_begun()
         agent = self.agent_selection
@@ -174,11 +168,10 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=terminated, truncated=truncated)
 
     def observe(self, agent: str) -> Observation:
-        """Return what an agent saw when it had to decide last; zeros before."""
+        """Return an agent's observation at its last decision; zeros before the first."""
         return self._seen[agent]
 
     def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:
-        """Select the agent whose decision is due."""
         self.agent_selection = f"robot_{info['robot']}"
         self._seen[self.agent_selection] = observation
         self.infos = {agent: copy.deepcopy(info) for agent in self.agents}
@@ -187,6 +180,5 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
 
 
 def _row(space: spaces.Space) -> spaces.Box:
-    """Return the space of one row of a box."""
     assert isinstance(space, spaces.Box)
     return spaces.Box(space.low[0], space.high[0], dtype=space.dtype)

@@ -1,4 +1,4 @@
-"""Recording episodes as ROS 2 bags."""
+"""Recording of episodes as ROS 2 bags."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,40 +18,35 @@ from lidarnaut.envs.sensor import Sensor
 from lidarnaut.envs.simulation import Twist
 
 MAP_PERIOD = 1.0
-"""Least time between two maps in a bag [s]."""
+"""Minimum time between recorded maps [s]."""
 TRACKS, PEOPLE = "/tracks", "/ground_truth/people"
-"""Topics of people, as `visualization_msgs/MarkerArray`, where there are any."""
+"""Topics of tracked and true people (`visualization_msgs/MarkerArray`)."""
 _NO_PATH = np.empty((0, 2))
 
 
 class BagRecorder:
-    """Records one episode of an environment with one robot into a bag, from its reset on.
+    """Recorder of one single-robot episode as a ROS 2 bag; as a context manager, removes the bag after an exception.
 
-    Each control period, also within a decision, it writes `/clock`, `/scan`, `/odom` and `/tf`, and before them what
-    drove the robot, `/cmd_vel` and `/plan`; once a second and at the end `/map`; once `/tf_static`. Times are since the
-    reset; what sensors of the user's own measured is on `/sensors/NAME`, people whom the robot tracks on `/tracks`. It
-    records what the robot reads, estimates and does, and no ground truth but `/ground_truth/people`: `/odom` is its own
-    odometry, also where the estimator uses true poses. Frames are `map`, `odom`, `base_footprint`, `base_link` and
-    `laser`.
-
-    As a context manager it finishes the bag at the end, and removes it after an exception.
+    Per control period: `/clock`, `/scan`, `/odom`, `/tf`, `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined),
+    `/tracks` (people) and `/ground_truth/people`. Per second: `/map`. Once: `/tf_static`. Times are since the reset.
+    `/odom` is always wheel odometry. Frames: `map`, `odom`, `base_footprint`, `base_link`, `laser`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Start to record; the next reset must follow.
+        """Start recording; the next call must be `reset`.
 
         Args:
-            env: the environment, wrapped or not.
-            path: of the bag, `NAME.mcap`, which is there when it is complete.
+            env: environment, possibly wrapped.
+            path: bag file `NAME.mcap`, created when complete.
 
         Raises:
             TypeError: the environment has no robot with a lidar.
-            ValueError: it has several, or is being recorded; or the path has another suffix.
+            ValueError: several robots, already being recorded, or another suffix.
             OSError: the bag cannot be written.
         """
         inner = lidar_env_of(env)
         if len(inner.robots) > 1:
-            raise ValueError(f"a bag holds one robot, the environment has {len(inner.robots)}")
+            raise ValueError(f"bags support one robot, the environment has {len(inner.robots)}")
         if inner.on_period is not None:
             raise ValueError("the environment is being recorded already")
         self._env = inner
@@ -63,7 +58,7 @@ class BagRecorder:
         inner.on_period = self._record
 
     def close(self) -> None:
-        """Write the last map and finish the bag; where nothing was recorded there is none. Does nothing twice."""
+        """Write the last map and finish the bag; without a reset, no bag is created. Idempotent."""
         if not (self._is_open and self._is_started):
             self.discard()
             return
@@ -73,7 +68,7 @@ class BagRecorder:
         self._writer.close()
 
     def discard(self) -> None:
-        """Stop to record and remove the bag. Does nothing after `close`."""
+        """Stop recording and remove the bag. No effect after `close`."""
         if self._is_open:
             self._stop()
             self._writer.discard()
@@ -88,7 +83,6 @@ class BagRecorder:
         self._is_open, self._env.on_period = False, None
 
     def _record(self, commands: Sequence[Twist] | None) -> None:
-        """Record a reset, or a control period with its commands."""
         reading, write = self._robot.reading, self._writer.write
         if commands is None:
             if self._is_started:
@@ -130,13 +124,13 @@ def _topic(sensor: Sensor) -> str:
 
 
 class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
-    """Records every episode into a bag of its own, `episode_<n>.mcap`, counted from 0; see `BagRecorder`.
+    """Records each episode as a ROS 2 bag `episode_<n>.mcap`, n from 0; see `BagRecorder`.
 
-    A bag is there once its episode has ended, the next one begins, or the environment is closed.
+    A bag is complete after the episode, the next reset, or `close`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Wrap an environment of this package with one robot; `path` is a folder, whose bags of such names go."""
+        """Wrap a single-robot environment; `path` is a folder, where bags of equal names are overwritten."""
         gymnasium.utils.RecordConstructorArgs.__init__(self, path=path)
         super().__init__(env)
         self._folder = Path(path)
@@ -145,7 +139,6 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
         self._recorder: BagRecorder | None = None
 
     def reset(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> tuple[Any, dict[str, Any]]:
-        """Finish the bag of the last episode, and start an episode with a bag of its own."""
         self._finish()
         self._recorder = BagRecorder(self.env, self._folder / f"episode_{self._count}.mcap")
         try:
@@ -157,14 +150,12 @@ class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordCon
         return result
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
-        """Step; the end of the episode finishes its bag."""
         observation, reward, terminated, truncated, info = self.env.step(action)
         if terminated or truncated:
             self._finish()
         return observation, reward, terminated, truncated, info
 
     def close(self) -> None:
-        """Finish the bag and close the environment."""
         try:
             self._finish()
         finally:

@@ -305,7 +305,7 @@ def test_covariance_stays_symmetric_and_positive_definite(sequence, gate, patien
         (lambda: Measurement(math.nan, "encoder", np.zeros(2), np.eye(2)), "time"),
         (lambda: Ekf().reset(ORIGIN, np.eye(4)), "symmetric and positive definite"),
         (lambda: Ekf().reset(Pose2D(math.nan, 0.0, 0.0), np.eye(5)), "finite"),
-        (lambda: started().estimate(-1.0), "remembers from"),
+        (lambda: started().estimate(-1.0), "history starts"),
     ],
 )
 def test_what_makes_no_sense_is_named(say, culprit):

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from lidarnaut.envs.logs import follow_odometry, load_log, load_relations, pose_errors, relation_error
+from lidarnaut.envs.logs import follow_odometry, load_log, load_relations, relation_error, trajectory_errors
 from lidarnaut.envs.logs.consistency import conflict_share
 from lidarnaut.envs.logs.log import Log
 from lidarnaut.envs.logs.relations import load_labelled
@@ -58,7 +58,7 @@ def test_a_mask_has_a_truth_value_per_relation(tmp_path):
     np.testing.assert_array_equal(load_labelled(relations)["unambiguous"][:, 0], [1.0])
     for mask in (np.ones(3, dtype=bool), np.ones((1, 2), dtype=bool), np.array([0, 1]), np.zeros(2, dtype=bool)):
         np.save(file, mask)
-        with pytest.raises(ValueError, match=r"relations.npy: a mask of 2 relations is needed"):
+        with pytest.raises(ValueError, match=r"relations.npy: must be a mask of 2 relations"):
             load_labelled(relations)
     archive = io.BytesIO()
     np.savez(archive, mask=np.ones(2, dtype=bool))
@@ -78,8 +78,8 @@ def test_between_scans_the_trajectory_follows_odometry():
     np.testing.assert_allclose(np.cos(result[:, 2]), np.cos(np.array(expected)[:, 2]), atol=1e-12)
 
 
-def test_pose_errors_wrap_headings():
-    distance, angle = pose_errors(np.array([[3.0, 4.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
+def test_trajectory_errors_wrap_headings():
+    distance, angle = trajectory_errors(np.array([[3.0, 4.0, 3.1]]), np.array([[0.0, 0.0, -3.1]]))
     assert (distance[0], angle[0]) == pytest.approx((5.0, 2 * math.pi - 6.2))
 
 

@@ -243,11 +243,11 @@ def test_the_sparse_preset_holds_where_scans_are_far_apart(slam, capsys):
         (["--max-range", "nan"], r"drive.log: max_range \(--max-range\) must be positive"),
         (["--time-offset", "nan"], "time_offset must be finite"),
         (["--thin", "nan", "1"], "thin must be"),
-        (["--scan-topic", "/scan"], r"drive.log: scan_topic \(--scan-topic\) can be chosen in bags only"),
+        (["--scan-topic", "/scan"], r"drive.log: scan_topic \(--scan-topic\) applies to bags only"),
         (["--preset", "none"], "unknown preset of tinyslam 'none'"),
         (["--change", "speed", "1"], "intel.yaml: unknown key 'speed'"),
         (["--slam", "gmapping2"], "unknown SLAM 'gmapping2'.*tinyslam"),
-        (["--slam", "truth"], "true poses"),
+        (["--slam", "truth"], "requires ground truth"),
     ],
 )
 def test_options_that_make_no_sense_are_named(log, options, complaint):

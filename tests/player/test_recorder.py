@@ -199,9 +199,9 @@ def changed(name, change):
         (synthetic(5.0).to_bytes()[:-300], "zip"),
         (changed("scans", lambda scans: None), "lacks scans"),
         (changed("time", lambda time: time[:-1]), "not (10"),
-        (changed("plan_ends", lambda ends: ends + 1), "plan_ends do not count plans"),
+        (changed("plan_ends", lambda ends: ends + 1), "plan_ends do not match plans"),
         (changed("poses", lambda poses: poses.astype(float)), "poses is float64"),
-        (changed("map_cells", lambda cells: cells + 10**6), "beside the map"),
+        (changed("map_cells", lambda cells: cells + 10**6), "outside of the map"),
         (changed("about", lambda _: np.frombuffer(b'{"format": 7}', np.uint8)), "format 7"),
     ],
 )
