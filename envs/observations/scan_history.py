@@ -20,9 +20,9 @@ NEARNESS = 0.5
 """Gap between footprint and obstacle that is shown as a half [m]."""
 MAX_LAG = 1000
 """Most control periods between the oldest scan that is shown and the last one."""
-SURFACE = 0.5
+SURFACE_STEP = 0.5
 """Neighbouring sectors whose ranges differ by less are taken to show one surface [m]."""
-WIDEST = 8
+MAX_FILL_SECTORS = 8
 """Most sectors over which such a surface is drawn as seen from elsewhere."""
 MOTION = 3
 """Entries of a remembered scan before its sectors: motion of the base by odometry since the scan before."""
@@ -107,10 +107,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     for k in range(count):
         r, along = polar[0, k], polar[1, k]
         steps, change_r, change = 1, np.float32(0.0), np.float32(0.0)
-        if ranges[last] < np.inf and ranges[k] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE:
+        if ranges[last] < np.inf and ranges[k] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE_STEP:
             change = polar[1, last] - along
             change -= whole * np.float32(round(change / whole))
-            if abs(change) < WIDEST:
+            if abs(change) < MAX_FILL_SECTORS:
                 steps = max(1, int(abs(change) + 0.9))
                 change_r, change = (polar[0, last] - r) / steps, change / steps
         for step in range(steps):

@@ -34,20 +34,20 @@ NUMBERS, END, TURN = 8, slice(4, 6), 6
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Time for which a twist is held before the robot drives straight on, between two poses of that time at which contact
 is looked for, and how far ahead is looked [s]."""
-ALONG = 1.0
+LINE_TIME = 1.0
 """Time on the straight line in which nearness to walls counts, half of which leads to the end that is shown [s]."""
-NEAR_WALL, NEAR_PERSON, FADE = 0.4, 0.8, 1.5
+NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
 """Gaps to walls and people from which on these are not near [m]; time in which that to people falls to 1 / e [s]."""
 SMALL_GAP = 0.1
 """Gaps of narrow passages are shown over this [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Most points of a scan that are looked at, each the nearest of neighbouring beams, and how far away [m]."""
-ON_PERSON, WALKING = 0.15, 0.5
+PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
 """Points this near to a person's edge are the person's [m], if the person is this fast [m/s]: what stands may be a
 pillar, of which the points say better where it is."""
-MARGIN = 0.02
+WALL_MARGIN = 0.02
 """Distance from points that is kept [m], but for what is nearer already."""
-BEHIND = 0.35
+REAR_ANGLE = 0.35
 """A lidar of which a beam points backwards within this angle sees what is behind [rad]."""
 STATE, STEPS = 9, 8
 """Size of the state of the tracker, and its last entry: the control period of the last update."""
@@ -58,7 +58,7 @@ def find_walls(ranges, frame, people, points):
     """Write the nearest points of neighbouring beams that lie on nobody who walks, base frame [m]; returns how many.
 
     `frame`: x, y of the lidar, and unit vectors along its beams, shape (2, n), base frame [m]; `people`: see
-    `look_ahead`; `points`: shape (2, MAX_POINTS), written.
+    `predict_outcomes`; `points`: shape (2, MAX_POINTS), written.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -73,8 +73,8 @@ def find_walls(ranges, frame, people, points):
         x, y = mount_x + nearest * directions[0, beam], mount_y + nearest * directions[1, beam]
         is_wall = True
         for i in range(people.shape[0]):
-            reach = people[i, 4] + ON_PERSON
-            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= WALKING * WALKING
+            reach = people[i, 4] + PERSON_MARGIN
+            walks = people[i, 2] ** 2 + people[i, 3] ** 2 >= MIN_WALKING_SPEED * MIN_WALKING_SPEED
             is_wall &= not walks or (x - people[i, 0]) ** 2 + (y - people[i, 1]) ** 2 >= reach * reach
         if is_wall:
             points[0, count], points[1, count] = x, y
@@ -83,7 +83,7 @@ def find_walls(ranges, frame, people, points):
 
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
-def look_ahead(now, limits, points, people, twists, out):
+def predict_outcomes(now, limits, points, people, twists, out):
     """Write what each twist leads to, shape (n, NUMBERS), float32; see `Trajectories`.
 
     `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: greatest ones, greatest accelerations, radius of the
@@ -94,7 +94,7 @@ def look_ahead(now, limits, points, people, twists, out):
     here = np.inf
     for j in range(points.shape[1]):
         here = min(here, points[0, j] ** 2 + points[1, j] ** 2)
-    reach = min(radius + MARGIN, math.sqrt(here) - 0.25 * MARGIN)
+    reach = min(radius + WALL_MARGIN, math.sqrt(here) - 0.25 * WALL_MARGIN)
     for i in range(twists.shape[0]):
         v, w = now
         x = y = theta = near_wall = near_person = 0.0
@@ -117,7 +117,7 @@ def look_ahead(now, limits, points, people, twists, out):
                 dx, dy = people[k, 0] + time * people[k, 2] - x, people[k, 1] + time * people[k, 3] - y
                 gap = math.hypot(dx, dy) - people[k, 4] - radius
                 until_person = min(until_person, time) if gap < 0.0 else until_person
-                near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / FADE))
+                near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-time / DECAY_TIME))
         v = twists[i, 0] * max_v
         if v < 0.0 and not sees_behind:
             until_wall, near_wall = 0.0, 1.0
@@ -131,7 +131,7 @@ def look_ahead(now, limits, points, people, twists, out):
             if along > 0.0:
                 if aside < reach * reach:
                     hit = min(hit, along - math.sqrt(reach * reach - aside))
-                squared = min(squared, aside + max(along - speed * ALONG, 0.0) ** 2)
+                squared = min(squared, aside + max(along - speed * LINE_TIME, 0.0) ** 2)
         if speed > 0.0:
             until_wall = min(until_wall, HOLD + max(hit, 0.0) / speed)
             near_wall = max(near_wall, 1.0 - (math.sqrt(squared) - reach) / NEAR_WALL)
@@ -143,15 +143,15 @@ def look_ahead(now, limits, points, people, twists, out):
                 continue
             time = min(closing / squared, HORIZON - HOLD)
             gap = math.hypot(dx + time * vx, dy + time * vy) - both
-            near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / FADE))
+            near_person = max(near_person, min(1.0, 1.0 - gap / NEAR_PERSON) * math.exp(-(HOLD + time) / DECAY_TIME))
             inside = closing * closing - squared * (dx * dx + dy * dy - both * both)
             if inside > 0.0:
                 time = (closing - math.sqrt(inside)) / squared
                 until_person = min(until_person, HOLD + time) if time >= 0.0 else until_person
         out[i, 0], out[i, 1] = until_wall / HORIZON, until_person / HORIZON
         out[i, 2], out[i, 3] = min(near_wall, 1.0), near_person
-        farthest = max_v * (HOLD + 0.5 * ALONG)
-        out[i, 4], out[i, 5] = (x + 0.5 * ALONG * v * ux) / farthest, (y + 0.5 * ALONG * v * uy) / farthest
+        farthest = max_v * (HOLD + 0.5 * LINE_TIME)
+        out[i, 4], out[i, 5] = (x + 0.5 * LINE_TIME * v * ux) / farthest, (y + 0.5 * LINE_TIME * v * uy) / farthest
         out[i, 6] = theta / math.pi
         out[i, 7] = min(max((math.sqrt(least) - radius) / SMALL_GAP, -1.0), 1.0)
 
@@ -161,7 +161,7 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
     """Track people for active rows, once in a control period, and write what twists lead to: shape (n, ...), float32.
 
     `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`;
-    `limits`: see `look_ahead`.
+    `limits`: see `predict_outcomes`.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -178,7 +178,7 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
         found = people[: write_bodies(state, tracks, tracker, people)]
         count = find_walls(ranges[i], frame, found, points)
         now = row[at.TWIST_V], row[at.TWIST_W]
-        look_ahead(now, limits, points[:, :count], found, twists, out[i])
+        predict_outcomes(now, limits, points[:, :count], found, twists, out[i])
 
 
 class Trajectories(RowPart):
@@ -205,7 +205,7 @@ class Trajectories(RowPart):
     def reset(self, robot: Robot) -> None:
         """Begin an episode: forget all people."""
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
-        sees_behind = bool(lidar.directions[0].min() < -math.cos(BEHIND))
+        sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
         self._fixed = (lidar.mount.x, lidar.mount.y, lidar.directions), limits, tracker_numbers(lidar, EAGER), TWISTS
         num_scans = num_kept_scans(EAGER)

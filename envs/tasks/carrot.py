@@ -22,9 +22,9 @@ from . import reach_kernels as own_at
 
 AHEAD = 0.8
 """How far ahead on the path the carrot is by default [m]."""
-SIGHT = 6.0
+MAX_DESCENT = 6.0
 """How far one looks down the field for the direction of the path [m]."""
-UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
+CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
 """Who only shows the way never gives up."""
 
 
@@ -40,7 +40,7 @@ def find_carrot(own, x, y, lengths, ahead):
     left, low, side = own[own_at.FIELD_X], own[own_at.FIELD_Y], own[own_at.FIELD_SIDE]
     row, col, driven, at_x, at_y = math.floor((y - low) / side), math.floor((x - left) / side), 0.0, x, y
     found_x, found_y = own[own_at.TRUE_X], own[own_at.TRUE_Y]
-    while driven < max(SIGHT, ahead) and driven < own[own_at.LEFT]:
+    while driven < max(MAX_DESCENT, ahead) and driven < own[own_at.LEFT]:
         best, best_row, best_col = np.inf, row, col
         for i in range(max(row - 1, 0), min(row + 2, lengths.shape[0])):
             for j in range(max(col - 1, 0), min(col + 2, lengths.shape[1])):
@@ -101,7 +101,7 @@ class PlannedCarrot:
 
     def reset(self, robot: Robot) -> None:
         """Begin an episode."""
-        self._navigator, self._path, self._index = GoalNavigator(UNENDING), np.empty((0, 2)), 0
+        self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
         # Only drives by itself are drawn, and it never drives.
         self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
         self._reading = None

@@ -139,11 +139,11 @@ class Navigate(GoalTask):
             return Prior(None, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
-        given = Pose2D(*(pose + std * rng.standard_normal(3)))
-        cell = grid.cells(np.array(given[:2]))
+        prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
+        cell = grid.cells(np.array(prior_pose[:2]))
         if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
-            given = pose
-        return Prior(given, grid, np.diag(std**2))
+            prior_pose = pose
+        return Prior(prior_pose, grid, np.diag(std**2))
 
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)

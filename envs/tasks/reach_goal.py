@@ -29,7 +29,7 @@ from .starts import UnknownWorldTask
 
 CELL = 0.1
 """Side of the cells of the geodesic distance, or of those of the traversable area where these are larger [m]."""
-TOLD_RANGE, TOLD_STEP = 2.0, 0.5
+BEARING_RANGE, BEARING_STEP = 2.0, 0.5
 """With `goal_given="bearing"` controllers get a point this far away towards the goal, anew once it moves by a step [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in worlds that belong to a benchmark, BARN's [s]."""
@@ -170,17 +170,21 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ) -> float:
         """Start an episode; see `Task`."""
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
-        self._told = ORIGIN
+        self._bearing_goal = ORIGIN
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal that controllers are given at an estimated pose, map frame; see `TOLD_RANGE`."""
+        """Return the goal that controllers are given at an estimated pose, map frame; see `BEARING_RANGE`."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
-        told = pose._replace(x=pose.x + TOLD_RANGE * math.cos(bearing), y=pose.y + TOLD_RANGE * math.sin(bearing))
-        self._told = told if math.dist(told[:2], self._told[:2]) > TOLD_STEP else self._told
-        return self._told
+        point = pose._replace(
+            x=pose.x + BEARING_RANGE * math.cos(bearing), y=pose.y + BEARING_RANGE * math.sin(bearing)
+        )
+        self._bearing_goal = (
+            point if math.dist(point[:2], self._bearing_goal[:2]) > BEARING_STEP else self._bearing_goal
+        )
+        return self._bearing_goal
 
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]
@@ -203,7 +207,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
         """Measure how far many robots came; see `Task`."""
         owns = batch.memory[GOAL_MEMORY]
-        update_goals(batch.numbers, owns, batch.task_arrays[0], batch.around, batch.active)
+        update_goals(batch.numbers, owns, batch.task_arrays[0], batch.surroundings, batch.active)
         quantities, metrics = ({name: owns[:, k] for name, k in names.items()} for names in (QUANTITIES, METRICS))
         return quantities, metrics, owns[:, own_at.END] > 0.0
 

@@ -30,7 +30,7 @@ END_REASONS = (None, "reached", "wall", "person")
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
 """Gap to a person from which on nearness is free of charge [m]."""
-MARGIN = 0.15
+NEAR_OBSTACLE = 0.15
 """Clearance from which on nearness to obstacles is free of charge [m]."""
 MOVED = 0.1
 """Path after which a robot counts as moving [m]; the clock of BARN's metric starts there."""
@@ -74,9 +74,9 @@ def update_goal(row, own, lengths, segments, circles):
         own[END] = AT_PERSON if row[at.TOUCHED_BY] >= BY_ROBOT else AT_WALL
         own[SUCCESS], own[COLLISION] = 0.0, 1.0
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(x, y, radius + MARGIN, segments, near)
+    num_near = select_near(x, y, radius + NEAR_OBSTACLE, segments, near)
     free = clearance(x, y, segments[near[:num_near]], circles) - radius
-    own[CLEARANCE] = period * min(max((MARGIN - free) / MARGIN, 0.0), 1.0)
+    own[CLEARANCE] = period * min(max((NEAR_OBSTACLE - free) / NEAR_OBSTACLE, 0.0), 1.0)
     own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
     if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
         own[MOVED_AT] = row[at.TIME]
@@ -86,8 +86,8 @@ def update_goal(row, own, lengths, segments, circles):
 
 
 @njit(cache=True, error_model="numpy")
-def update_goals(rows, owns, lengths, around, active):
+def update_goals(rows, owns, lengths, surroundings, active):
     """Bring the rows of tasks of active environments up to date; `around`: see `step_rows`, `lengths`: a list, too."""
     for i in range(active.shape[0]):
         if active[i]:
-            update_goal(rows[i], owns[i], lengths[i], around[i][0], around[i][1])
+            update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

@@ -117,9 +117,9 @@ def _turned(motion: Pose2D, turn: float) -> Pose2D:
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
     """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
     reach = math.ceil(radius / grid.resolution)
-    around = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
-    around = around[np.hypot(*around.T) * grid.resolution <= radius]
-    cells = (grid.cells(poses[:, :2])[:, None] + around).reshape(-1, 2)
+    disc = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
+    disc = disc[np.hypot(*disc.T) * grid.resolution <= radius]
+    cells = (grid.cells(poses[:, :2])[:, None] + disc).reshape(-1, 2)
     rows, columns = cells[grid.contains(cells)].T
     driven = grid.data[rows, columns]
     grid.data[rows, columns] = np.where(driven == UNKNOWN, FREE, driven)

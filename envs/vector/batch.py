@@ -73,20 +73,20 @@ class Batch:
         self._own_info = OWN_INFO | ({"randomized"} if hasattr(env, "randomized") else set())
         self._names: Iterable[str] = ()  # of quantities
         self._levels: dict[float, Any] = {}
-        self.around: Any = None
+        self.surroundings: Any = None
         """Walls, circles and `People.arrays` of each environment, as a list for kernels."""
 
     def bind(self, indices: Sequence[int]) -> None:
         """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
         envs, num_robots = self._envs, self._num_robots
-        if self.around is None:
-            self.around = repeat(_around(envs[0]), len(envs))
+        if self.surroundings is None:
+            self.surroundings = repeat(_surroundings(envs[0]), len(envs))
             self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
-            put(self.around, i, _around(env))
+            put(self.surroundings, i, _surroundings(env))
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
             self._is_new[robots], self._counts[robots] = True, 0
@@ -170,7 +170,7 @@ class Batch:
             monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.around)
+        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.surroundings)
 
     @property
     def _times(self) -> np.ndarray:
@@ -236,9 +236,9 @@ class Batch:
                 terms = tasks[i].rewards.terms(row)
                 self._arrays.rewards[i] = total(terms)
                 records.note(i, {"rewards": terms}, ("rewards",))
-        told = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
-        told |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
-        for name, column in told.items():
+        info_columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
+        info_columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
+        for name, column in info_columns.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
@@ -261,7 +261,7 @@ class Batch:
                     records.note(i, row, (name,))
 
 
-def _around(env: Any) -> tuple[Any, ...]:
+def _surroundings(env: Any) -> tuple[Any, ...]:
     """Return what is around the robots of an environment; own copies of its world, which may be read-only."""
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 

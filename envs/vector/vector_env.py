@@ -289,8 +289,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         unfit = [name for name in names if any(name in extra for extra in extras.values())]
         info = _columns(records, mask, unfit)
         for i in np.flatnonzero(mask).tolist() if unfit else sorted(extras):
-            entries = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
-            self._add_info(info, {name: value for name, value in entries.items() if value is not Absent}, i)
+            env_info = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
+            self._add_info(info, {name: value for name, value in env_info.items() if value is not Absent}, i)
         return info
 
 
