@@ -1,4 +1,4 @@
-"""What driving by each of a table of twists would lead to, among walls and people."""
+"""Observation of the predicted outcomes of candidate twists."""
 
 import math
 from typing import Any
@@ -24,41 +24,40 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
-"""Forward speeds of the table over the robot's limit."""
+"""Forward speeds of candidate twists, over the robot's maximum speed."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
-"""Yaw rates of the table over the robot's limit."""
+"""Yaw rates of candidate twists, over the robot's maximum yaw rate."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
-"""The table, shape (66, 2), as actions are."""
+"""Candidate twists as normalized actions, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
-"""How many numbers are shown of each twist, and which of them say where it ends and how far it turns."""
+"""Number of features per twist, slice of the end position, and index of the heading change."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
-"""Time for which a twist is held before the robot drives straight on, between two poses of that time at which contact
-is looked for, and how far ahead is looked [s]."""
+"""Duration of a twist, time step of its collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Time on the straight line in which nearness to walls counts, half of which leads to the end that is shown [s]."""
+"""Driving time on the final straight line for nearness to walls [s]. The end position is at half of it."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Gaps to walls and people from which on these are not near [m]; time in which that to people falls to 1 / e [s]."""
+"""Gaps at which nearness to walls and to people becomes 0 [m], and decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
-"""Gaps of narrow passages are shown over this [m]."""
+"""Gap to walls that is normalized to 1 [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
-"""Most points of a scan that are looked at, each the nearest of neighbouring beams, and how far away [m]."""
+"""Maximum number of scan points, and their maximum range [m]."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Points this near to a person's edge are the person's [m], if the person is this fast [m/s]: what stands may be a
-pillar, of which the points say better where it is."""
+"""Distance from a person's edge to scan points of that person [m], and minimum speed of a walking person [m/s]."""
 WALL_MARGIN = 0.02
-"""Distance from points that is kept [m], but for what is nearer already."""
+"""Clearance to wall points [m], less if the robot is already nearer."""
 REAR_ANGLE = 0.35
-"""A lidar of which a beam points backwards within this angle sees what is behind [rad]."""
+"""Maximum angle from the backward direction to a beam of a lidar that observes the rear [rad]."""
 STATE, STEPS = 9, 8
-"""Size of the state of the tracker, and its last entry: the control period of the last update."""
+"""Size of the people tracker's state, and index of the control period of its last update."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
-    """Write the nearest points of neighbouring beams that lie on nobody who walks, base frame [m]; returns how many.
+    """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
 
-    `frame`: x, y of the lidar, and unit vectors along its beams, shape (2, n), base frame [m]; `people`: see
-    `predict_outcomes`; `points`: shape (2, MAX_POINTS), written.
+    Wall points are the nearest points of groups of neighbouring beams. Points on walking people are excluded; a slow
+    cluster
+    may be a pillar. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -84,11 +83,12 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Write what each twist leads to, shape (n, NUMBERS), float32; see `Trajectories`.
+    """Write the features of each twist to `out`, shape (n, NUMBERS), float32; see `Trajectories`.
 
-    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: greatest ones, greatest accelerations, radius of the
-    footprint, and whether the lidar sees what is behind; `points`: shape (2, k), walls, base frame [m]; `people`: shape
-    (m, 5), as `PeopleTracker.people`.
+    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: maximum speeds, maximum accelerations, footprint radius,
+    and
+    whether the lidar observes the rear; `points`: walls, shape (2, k), base frame [m]; `people`: shape (m, 5), as
+    `PeopleTracker.people`.
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     here = np.inf
@@ -158,9 +158,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people for active rows, once in a control period, and write what twists lead to: shape (n, ...), float32.
+    """Track people once per control period, and write features of all twists of active robots, shape (n, 66, NUMBERS).
 
-    `memory`: state, tracks, scans, and poses of scans of each row, see `track_people`; `frame`: see `find_walls`;
+    `memory`: tracker state, tracks, scans and scan poses of each robot, see `track_people`; `frame`: see `find_walls`;
     `limits`: see `predict_outcomes`.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
@@ -182,20 +182,20 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 
 
 class Trajectories(RowPart):
-    """What each of 66 twists would lead to: eight numbers for each, by the last scan, and by people tracked in scans.
+    """Predicted outcomes of 66 candidate twists, eight features each, from the last scan and tracked people.
 
-    A twist, one of six forward speeds and eleven yaw rates (`TWISTS`), is approached with the robot's accelerations
-    and held for 0.5 s; then the robot drives straight on. Shown are the times until it touches a wall, and a person
-    who walks on as now, over 3 s, 1 for no contact until then; nearness to walls (1 at the footprint, 0 from 0.4 m on),
-    and to people (from 0.8 m on; less the later); where it is after 1 s, forward and to the left, over what it drives
-    in 1 s at its greatest speed; how far it has turned, over pi; and the least gap to walls within the 0.5 s over
-    0.1 m, negative for contact, from -1 to 1, since passages may leave a few centimetres. Backwards, where the lidar
-    does not see, counts as contact with a wall.
+    A twist is approached with the robot's accelerations and held for 0.5 s; after that the robot drives straight.
+    Features:
+    time to contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact); nearness to walls
+    (1 at
+    the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
+    over
+    the distance at maximum speed; heading change over pi; smallest gap to walls within the 0.5 s over 0.1 m, clipped to
+    [-1, 1], negative for contact. Reversing without a view of the rear counts as contact with a wall.
 
-    People are tracked as controllers do (`lidarnaut.envs.navigation.goal_navigator.EAGER`). Whatever is as large as a
-    person counts as one, with the velocity that scans show, from its second scan on; while it stands, it is a wall as
-    well. After the dynamic window approach (Fox, Burgard and Thrun, 1997), whose objective a policy learns in place of
-    adding it up.
+    A person-sized cluster counts as a person from its second scan on; while it stands, also as a wall. After the
+    dynamic
+    window approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -203,7 +203,7 @@ class Trajectories(RowPart):
         return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode: forget all people."""
+        """Begin an episode: reset the people tracker."""
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
@@ -216,6 +216,5 @@ class Trajectories(RowPart):
         memory(self._memory[0], STATE)[robot.index, STEPS] = -1.0
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the outcomes of the twists of many robots; see `RowPart`."""
         memory = tuple(batch.memory[key] for key in self._memory)
         write_trajectories(batch.numbers, batch.ranges, memory, batch.active, *self._fixed, out)

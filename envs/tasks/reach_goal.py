@@ -29,7 +29,7 @@ from .starts import UnknownWorldTask
 
 CELL = 0.1
 """Side of the cells of the geodesic distance, or of those of the traversable area where these are larger [m]."""
-BEARING_RANGE, BEARING_STEP = 2.0, 0.5
+AIM_RANGE, AIM_STEP = 2.0, 0.5
 """With `goal_given="bearing"` controllers get a point this far away towards the goal, anew once it moves by a step [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in worlds that belong to a benchmark, BARN's [s]."""
@@ -170,21 +170,17 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ) -> float:
         """Start an episode; see `Task`."""
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
-        self._bearing_goal = ORIGIN
+        self._aim = ORIGIN
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal that controllers are given at an estimated pose, map frame; see `BEARING_RANGE`."""
+        """Return the goal that controllers are given at an estimated pose, map frame; see `AIM_RANGE`."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
-        point = pose._replace(
-            x=pose.x + BEARING_RANGE * math.cos(bearing), y=pose.y + BEARING_RANGE * math.sin(bearing)
-        )
-        self._bearing_goal = (
-            point if math.dist(point[:2], self._bearing_goal[:2]) > BEARING_STEP else self._bearing_goal
-        )
-        return self._bearing_goal
+        aim = pose._replace(x=pose.x + AIM_RANGE * math.cos(bearing), y=pose.y + AIM_RANGE * math.sin(bearing))
+        self._aim = aim if math.dist(aim[:2], self._aim[:2]) > AIM_STEP else self._aim
+        return self._aim
 
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]
