@@ -1,4 +1,4 @@
-"""Goals: which one, the true distance to it, the known map, the localizer."""
+"""Base of tasks with a goal, geodesic distance, known map and localizers."""
 
 import math
 from abc import abstractmethod
@@ -24,27 +24,27 @@ from lidarnaut.envs.worlds.world import kept_with_world
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
-"""Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
+"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
 class GoalTask(WorldTask):
-    """A task with a goal: chosen for an episode, and set anew from where the robot is."""
+    """Base of tasks with a goal."""
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; (x, y) where no heading is asked for.
-    Once an episode has begun, that of the episode."""
+    """Goal: `"random"`, `"world"` for the world's own, or (x, y, theta) or (x, y), map frame. During an episode, the
+    current
+    goal pose."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0
-    """Least distance from the start to a random goal [m]."""
+    """Minimum distance from the start to a random goal [m]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
         self._goal = self._read_goal(self.goal)
         super().attach(robot, control_period, physics)
@@ -52,7 +52,6 @@ class GoalTask(WorldTask):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; see `Task`."""
         (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
         goal = self._read_goal(options.get("goal", self._goal))
         if goal == "random":
@@ -66,10 +65,10 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return how long it usually takes to get there [s].
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return its usual time limit [s].
 
         Raises:
-            ValueError: if the goal is not finite, or no pose that the robot can reach.
+            ValueError: the goal is not finite or not reachable.
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
@@ -96,22 +95,22 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Measure the path from where the robot is to a new goal, and return its length [m]."""
+        """Compute the path from the robot to a new goal, and return its length [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return four times what a path of a length [m] takes at full speed, and half a minute [s]."""
+        """Return the usual time limit for a path length [m]: four times the time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Return a localizer by its name; ValueError if this or the preset of AMCL is unknown."""
+    """Return a localizer; ValueError for an unknown name or AMCL preset."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:
-    """Return the map that a perfect exploration would leave: free where one can see, walls, and all else unknown."""
+    """Return the map of a perfect exploration: free where visible, occupied at walls, else unknown."""
     walls = area.walls
     data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
     data[walls.data > 0] = OCCUPIED
@@ -120,7 +119,7 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 
 @kept_with_world
 def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
-    """Return where the robot fits, by blocks of `pooled` x `pooled` cells of the area, of which one is enough."""
+    """Return the traversable space in blocks of `pooled` x `pooled` cells; one traversable cell is enough."""
     free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
     free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
     side = pooled * area.walls.resolution
@@ -129,18 +128,18 @@ def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
 
 
 class GeodesicDistance:
-    """True distance to a goal around everything that does not move."""
+    """True geodesic distance to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Measure distances from free space to a goal, world frame; ValueError if the robot does not fit there.
+        """Compute the distances to a goal, world frame; ValueError if it is not reachable.
 
-        Of blocks of `pooled` x `pooled` cells of the area, one in which the robot fits is enough.
+        Blocks of `pooled` x `pooled` cells are traversable if one of their cells is.
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
-        """The raster on which distances are known."""
+        """Raster of the distance field."""
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
@@ -161,9 +160,9 @@ class GeodesicDistance:
 
 
 def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = 1.0) -> Pose2D:
-    """Draw a collision-free goal (world frame), at least `min_distance` [m] from the start in a straight line.
+    """Draw a collision-free goal, world frame, at least `min_distance` [m] from the start in a straight line.
 
-    In a world too small for that, the farthest of a hundred.
+    If 100 draws are too near, the farthest is returned.
     """
     drawn: list[Pose2D] = []
     away = [0.0]

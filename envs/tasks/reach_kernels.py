@@ -1,4 +1,4 @@
-"""What `ReachGoal` knows of an episode: a row of numbers, which one kernel updates for one environment or many."""
+"""State of an episode of `ReachGoal` as an array of numbers, updated by kernels for one or many environments."""
 
 import math
 
@@ -12,28 +12,30 @@ from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
-"""The goal, map frame and world frame [m]."""
+"""Indices of the goal in the task's row: map frame and world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""Distance that counts as reached [m], 1 if contact ends the episode, corner and side of a cell of the geodesic field
-[m], and geodesic distance from where the goal was set [m]."""
+"""Indices in the task's row: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the geodesic
+field
+[m], initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Quantities of the last period; see `ReachGoal.weights`."""
+"""Indices of the reward quantities of the last period; see `ReachGoal.weights`."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""Index of the end reason, straight and geodesic distance to the goal [m], share of the path driven, 1 at the goal."""
+"""Indices in the task's row: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at the
+goal."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
-"""Time at which the robot had moved [s], 0 before; jerk summed over periods [m/s3]; forward speed and acceleration of
-the controller [m/s, m/s2]."""
+"""Indices in the task's row: time of first motion [s] or 0, sum of absolute jerk over periods [m/s3], last commanded
+forward speed [m/s] and acceleration [m/s2]."""
 SIZE = 24
-"""Number of these entries."""
+"""Length of the task's row."""
 END_REASONS = (None, "reached", "wall", "person")
-"""By `END`."""
+"""Names of end reasons, by the value at index `END`."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
-"""Gap to a person from which on nearness is free of charge [m]."""
+"""Gap to a person below which the reward is reduced [m]."""
 NEAR_OBSTACLE = 0.15
-"""Clearance from which on nearness to obstacles is free of charge [m]."""
+"""Clearance to obstacles below which the reward is reduced [m]."""
 MOVED = 0.1
-"""Path after which a robot counts as moving [m]; the clock of BARN's metric starts there."""
+"""Path length at which a robot counts as moving [m] and the clock of BARN's metric starts."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -61,9 +63,9 @@ def measure_goal(row, own, lengths):
 
 @njit(cache=True, error_model="numpy")
 def update_goal(row, own, lengths, segments, circles):
-    """Bring the task's row up to date after a control period; see `measure_goal`.
+    """Update the task's row after a control period.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64: all that rests [m].
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64, are static obstacles [m].
     """
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     before, touched = own[LEFT], row[at.TOUCHED] > 0.0
@@ -87,7 +89,7 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Bring the rows of tasks of active environments up to date; `around`: see `step_rows`, `lengths`: a list, too."""
+    """Update the tasks' rows of active environments; `surroundings`: see `step_rows`; `lengths`: one array each."""
     for i in range(active.shape[0]):
         if active[i]:
             update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])
