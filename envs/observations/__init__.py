@@ -33,8 +33,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
 
 Observations = Sequence[str] | Mapping[str, Any]
 """Names of observation parts, or a mapping from names to a part, its class, its import path `module:attribute`, a dict
-of
-keyword arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for default arguments."""
+of keyword arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for default arguments."""
 
 
 def make_parts(

@@ -26,9 +26,9 @@ def look_ahead(path, first, pose, distances, out):
     """Write the directions of lookahead points on a path to `out`, and return the index of the nearest point.
 
     `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index at which the search for the nearest point
-    begins;
-    `pose`: (x, y, theta), map frame; `distances`: increasing lookahead distances [m]; `out`: cosine and sine of each
-    direction in the robot's frame, shape (2 * number of distances,), float32. Past the end, the last point is used.
+    begins; `pose`: (x, y, theta), map frame; `distances`: increasing lookahead distances [m]; `out`: cosine and sine of
+    each direction in the robot's frame, shape (2 * number of distances,), float32. Past the end, the last point is
+    used.
     """
     x, y, theta = pose
     nearest, best = first, np.inf
@@ -50,8 +50,8 @@ class Plan:
     """Paths to the frontiers that `gain_over_cost` ranks highest, nine features per frontier, best first.
 
     Cosine and sine of the directions, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path;
-    path
-    cost as x / (x + 5 m); unknown area visible from its end as x / (x + 10 m2); and 1. A missing frontier is all 0.
+    path cost as x / (x + 5 m); unknown area visible from its end as x / (x + 10 m2); and 1. A missing frontier is all
+    0.
 
     `FrontierNavigator` detects frontiers every `detection_time` seconds, and whenever the best frontier is reached. In
     between, paths are followed from the point nearest to the robot. Frontiers that remain after a visit or could not be

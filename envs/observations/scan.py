@@ -57,8 +57,8 @@ def scale_motions(rows, limits, active, out):
 class Limits(RowPart):
     """Limits of the robot, for policies that drive several kinds of robot.
 
-    Maximum forward speed over 2 m/s, yaw rate over 4 rad/s, forward acceleration over 5 m/s2, yaw acceleration over
-    25 rad/s2, and footprint radius over 0.5 m, each at most 1.
+    Maximum forward speed over 2 m/s, yaw rate over 4 rad/s, forward acceleration over 5 m/s2, yaw acceleration over 25
+    rad/s2, and footprint radius over 0.5 m, each at most 1.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

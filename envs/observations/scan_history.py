@@ -32,10 +32,8 @@ class Sectors(NamedTuple):
     """Geometry of the sectors of a lidar.
 
     Lidar pose (x, y, yaw), base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint
-    radius
-    [m]; cosines and sines of the centre angles, shape (2, n), float32; first beam of each sector and the number of
-    beams,
-    shape (n + 1,), int64.
+    radius [m]; cosines and sines of the centre angles, shape (2, n), float32; first beam of each sector and the number
+    of beams, shape (n + 1,), int64.
     """
 
     x: float
@@ -89,8 +87,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges to the current pose of the base, and write minimum ranges to `seen`, initially inf.
 
     Ranges are placed at sector centres, and interpolated between neighbouring sectors on one surface. No return counts
-    as
-    1e6 m. `motion`: pose of the base now in the frame of the base at `ranges`; `polar`: workspace, shape (2, n),
+    as 1e6 m. `motion`: pose of the base now in the frame of the base at `ranges`; `polar`: workspace, shape (2, n),
     float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
@@ -126,8 +123,7 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
     """Store scans of active robots, and write recent scans to `out`, shape (n, number of lags * sectors), float32.
 
     `memory`: ring buffer of scans per robot, shape (n, slots * (MOTION + number of sectors)), float32; `lags`:
-    increasing
-    ages of the scans shown, shape (k,), int64 [control periods].
+    increasing ages of the scans shown, shape (k,), int64 [control periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -162,9 +158,9 @@ class ScanHistory(RowPart):
     """Recent scans, each pooled to the minimum ranges of equal sectors, newest first.
 
     A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint, 0 without a return. A
-    sector
-    without a valid beam is 1. Odometry transforms past scans to the current pose, which makes moving obstacles visible.
-    Sectors outside a past scan take the newest scan's value. `write` must be called after every control period.
+    sector without a valid beam is 1. Odometry transforms past scans to the current pose, which makes moving obstacles
+    visible. Sectors outside a past scan take the newest scan's value. `write` must be called after every control
+    period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:

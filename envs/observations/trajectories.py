@@ -56,8 +56,7 @@ def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
 
     Wall points are the nearest points of groups of neighbouring beams. Points on walking people are excluded; a slow
-    cluster
-    may be a pillar. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
+    cluster may be a pillar. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -86,8 +85,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
     """Write the features of each twist to `out`, shape (n, NUMBERS), float32; see `Trajectories`.
 
     `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: maximum speeds, maximum accelerations, footprint radius,
-    and
-    whether the lidar observes the rear; `points`: walls, shape (2, k), base frame [m]; `people`: shape (m, 5), as
+    and whether the lidar observes the rear; `points`: walls, shape (2, k), base frame [m]; `people`: shape (m, 5), as
     `PeopleTracker.people`.
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
@@ -187,15 +185,12 @@ class Trajectories(RowPart):
     A twist is approached with the robot's accelerations and held for 0.5 s; after that the robot drives straight.
     Features:
     time to contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact); nearness to walls
-    (1 at
-    the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
-    over
-    the distance at maximum speed; heading change over pi; smallest gap to walls within the 0.5 s over 0.1 m, clipped to
-    [-1, 1], negative for contact. Reversing without a view of the rear counts as contact with a wall.
+    (1 at the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and
+    left, over the distance at maximum speed; heading change over pi; smallest gap to walls within the 0.5 s over 0.1 m,
+    clipped to [-1, 1], negative for contact. Reversing without a view of the rear counts as contact with a wall.
 
     A person-sized cluster counts as a person from its second scan on; while it stands, also as a wall. After the
-    dynamic
-    window approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
+    dynamic window approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

@@ -33,8 +33,7 @@ def find_carrot(own, x, y, lengths, ahead):
     """Return the lookahead point (x, y), world frame [m], `ahead` metres along the shortest path from a position.
 
     The geodesic field has steps of 45 degrees. The direction is that of the farthest path cell with a collision-free
-    straight
-    line. For `own` and `lengths` see `reach_kernels.measure_goal`.
+    straight line. For `own` and `lengths` see `reach_kernels.measure_goal`.
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]

@@ -82,12 +82,9 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
     """Mark the raster cells of new map cells as known, and those observed by a true scan as seen.
 
     `new_cells`: (row, column) of map cells, shape (k, 2), int32; `map_frame`, `frame`: of map and raster; `start`: pose
-    of
-    the map frame, world frame; `cells`: written, bits of the raster, shape (height, width), uint8; `pending`: written,
-    shape
-    (n, 2), int32, `num_pending` cells (row, column) that are known but not seen. Returns the number of newly explored
-    cells,
-    and the new `num_pending`.
+    of the map frame, world frame; `cells`: written, bits of the raster, shape (height, width), uint8; `pending`:
+    written, shape (n, 2), int32, `num_pending` cells (row, column) that are known but not seen. Returns the number of
+    newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -211,8 +208,7 @@ def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance:
     """Return the intersection over union of occupied map cells and visible true walls.
 
     Wall cells and map cells match within `tolerance` [m]. The union is matched visible wall cells, unmatched visible
-    wall
-    cells and unmatched occupied map cells. `start` is the pose of the map frame, world frame.
+    wall cells and unmatched occupied map cells. `start` is the pose of the map frame, world frame.
     """
     walls = area.walls
     wall = walls.data > 0

@@ -33,15 +33,12 @@ class Explore(UnknownWorldTask):
 
     ## Description
     A differential-drive robot with a 2D lidar and wheel encoders explores a world without a prior map. Each step drives
-    it
-    for one control period. A SLAM then updates the map and the pose estimate from the scan and odometry. The policy
-    observes
-    sensor data and estimates, never ground truth.
+    it for one control period. A SLAM then updates the map and the pose estimate from the scan and odometry. The policy
+    observes sensor data and estimates, never ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
-    Actions
-    outside raise an error; `clip_actions=True` clips them, for unbounded Gaussian policies.
+    Actions outside raise an error; `clip_actions=True` clips them, for unbounded Gaussian policies.
 
     ## Observation Space
     `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
@@ -55,23 +52,18 @@ class Explore(UnknownWorldTask):
     | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three best frontiers, see `lidarnaut.envs.observations.Plan` |
 
     Map channels: 0 occupied, 1 free, 2 visited, by the robot's own estimate. Axis 1 points forward, axis 2 to the left.
-    Unknown is 0 in
-    channels 0 and 1.
+    Unknown is 0 in channels 0 and 1.
 
     ## Rewards
     The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains the cell
-    at its
-    true position, and the true scan that added it, or a later one, observed it), `time` (-0.02 per s), `collision`
-    (-0.5 per
-    s in contact with anything), `completed` (10, once, at the target coverage); with `return_home=True` also `returned`
-    (10, once). `reward` changes the weights.
+    at its true position, and the true scan that added it, or a later one, observed it), `time` (-0.02 per s),
+    `collision` (-0.5 per s in contact with anything), `completed` (10, once, at the target coverage); with
+    `return_home=True` also `returned` (10, once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
-    fixed
-    routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is used as given. Procedural
-    families
-    draw a new world at each reset. `reset(options={"world": ..., "start": ...})` applies to one episode.
+    fixed routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is used as given. Procedural
+    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` applies to one episode.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
@@ -80,19 +72,17 @@ class Explore(UnknownWorldTask):
     Collisions do not end the episode.
 
     With `return_home=True`, the robot has to return to its start after it reaches the target coverage. The episode then
-    terminates when its true position is within 0.3 m of the start. The default observation has a part `home`,
-    `Box(-1, 1, (4,), float32)`: 1 once the robot has to return, estimated distance to the start over 32 m, cosine and
-    sine
-    of the bearing.
+    terminates when its true position is within 0.3 m of the start. The default observation has a part `home`, `Box(-1,
+    1, (4,), float32)`: 1 once the robot has to return, estimated distance to the start over 32 m, cosine and sine of
+    the bearing.
 
     ## Information
-    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m],
-    heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at
-    the
-    end also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With
-    `return_home=True` each step also
-    `returned` and `time_home` (since the return began) [s]; `end_reason` is `"returned"` instead of `"covered"`, and
-    `is_success` requires both. With `randomize` also `randomized`: the values drawn for the episode, by name.
+    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m], heading
+    [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end
+    also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With
+    `return_home=True` each step also `returned` and `time_home` (since the return began) [s]; `end_reason` is
+    `"returned"` instead of `"covered"`, and `is_success` requires both. With `randomize` also `randomized`: the values
+    drawn for the episode, by name.
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), and
@@ -224,14 +214,12 @@ class ExploreTeam(Explore):
     ## Description
     `Explore` with one to four identical robots. They start near each other with known relative poses, as in Umari and
     Mukhopadhyay (2017). Each robot localizes itself by matching its scans to the shared map. Robots observe and collide
-    with
-    each other. Beams that end at the estimated pose of a teammate are not mapped. With one robot, the task equals
+    with each other. Beams that end at the estimated pose of a teammate are not mapped. With one robot, the task equals
     `Explore`.
 
     ## Action Space
     `Box(-1, 1, (num_robots, 2), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the limits,
-    one
-    row per robot.
+    one row per robot.
 
     ## Observation Space
     `Dict`, egocentric as in `Explore` with one row per robot (fresh arrays each step):

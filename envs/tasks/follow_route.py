@@ -46,11 +46,10 @@ class FollowRoute(Task):
 
     ## Description
     A differential-drive robot starts at the beginning of a route, with a map from an earlier manual drive. Each step
-    drives
-    it for one control period. AMCL localizes it on the map at a lower rate and with latency. Encoders measure speed, a
-    compass measures heading. An extended Kalman filter fuses them to the pose estimate. The defaults repeat the
-    experiment of
-    Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
+    drives it for one control period. AMCL localizes it on the map at a lower rate and with latency. Encoders measure
+    speed, a compass measures heading. An extended Kalman filter fuses them to the pose estimate. The defaults repeat
+    the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per
+    second.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -67,8 +66,7 @@ class FollowRoute(Task):
     ## Rewards
     The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s off the
     route), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once). `reward`
-    changes
-    the weights. Progress and deviation are true values.
+    changes the weights. Progress and deviation are true values.
 
     ## Starting State
     The robot is at rest at the beginning of the route, with normally distributed errors of standard deviations
@@ -84,8 +82,7 @@ class FollowRoute(Task):
     ## Information
     Each step: `progress` (fraction of the route), `deviation` (to the left of the route [m]), `pose_error` (position
     [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether AMCL reports that it is
-    lost),
-    `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
+    lost), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
     `"time_limit"`). With `randomize` also `randomized`: the values drawn for the episode, by name.
 
     ## Arguments

@@ -37,8 +37,7 @@ class GoalTask(WorldTask):
 
     goal: Any = "random"
     """Goal: `"random"`, `"world"` for the world's own, or (x, y, theta) or (x, y), map frame. During an episode, the
-    current
-    goal pose."""
+    current goal pose."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0

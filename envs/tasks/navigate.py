@@ -33,10 +33,8 @@ class Navigate(GoalTask):
 
     ## Description
     A differential-drive robot with a 2D lidar and wheel encoders drives to a goal in a mapped world. Each step drives
-    it for
-    one control period. A localizer then updates its pose on the map from the scan and odometry. The policy observes
-    sensor
-    data and estimates, never ground truth.
+    it for one control period. A localizer then updates its pose on the map from the scan and odometry. The policy
+    observes sensor data and estimates, never ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -54,42 +52,33 @@ class Navigate(GoalTask):
     | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer reports that it is lost |
 
     Map channels: 0 occupied, 1 free, 2 visited, by the robot's own estimate. Axis 1 points forward, axis 2 to the left.
-    Unknown is 0 in
-    channels 0 and 1.
+    Unknown is 0 in channels 0 and 1.
 
     ## Rewards
     The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance to the goal
     around static obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `reached` (10,
-    once).
-    `reward` changes the weights.
+    once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
-    spawn
-    pose; a tuple `(x, y, theta)`, world frame, is used as given. Goals likewise, at least `min_distance` away; given
-    goals
-    are in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the localizer knows
-    the
-    start with standard deviations of 0.1 m and 5 degrees; with `"unknown"` it starts with global localization.
-    `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` applies to one episode; `set_goal` sets a new
-    goal
-    without a reset.
+    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. Goals likewise, at least `min_distance` away;
+    given goals are in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the
+    localizer knows the start with standard deviations of 0.1 m and 5 degrees; with `"unknown"` it starts with global
+    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` applies to one episode;
+    `set_goal` sets a new goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true base pose is within `goal_tolerance` of the goal, and its heading within
-       `heading_tolerance` of the goal's.
+    `heading_tolerance` of the goal's.
     2. Truncation: `time_limit` seconds have passed.
 
     Collisions do not end the episode.
 
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction of
-    the
-    geodesic distance), `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts
-    so
-    far), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`).
-    With
-    `randomize` also `randomized`: the values drawn for the episode, by name.
+    the geodesic distance), `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions`
+    (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"` or
+    `"time_limit"`). With `randomize` also `randomized`: the values drawn for the episode, by name.
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and

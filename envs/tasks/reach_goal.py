@@ -59,17 +59,13 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     ## Description
     A differential-drive robot with a 2D lidar and wheel encoders drives to a goal in a world without a map, past walls
-    and
-    people. The frame is that of its start. Each step drives it for one control period. The pose estimate is odometry;
-    with
-    `slam` it is a SLAM's, and map crops and plan can be observed. The policy observes sensor data and estimates, never
-    ground
-    truth.
+    and people. The frame is that of its start. Each step drives it for one control period. The pose estimate is
+    odometry; with `slam` it is a SLAM's, and map crops and plan can be observed. The policy observes sensor data and
+    estimates, never ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. The
-    robot
-    approaches them with its maximum accelerations, `max_acc_v` and `max_acc_w`.
+    robot approaches them with its maximum accelerations, `max_acc_v` and `max_acc_w`.
 
     ## Observation Space
     `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
@@ -82,28 +78,22 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
     `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training, and
-    marks
-    evaluated policies. `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66 twists, see
+    marks evaluated policies. `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66 twists, see
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
     The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance to the goal
     around static obstacles), `time` (-0.2 per s), `collision` (-20 for contact that ends the episode; with
     `contact="costs"` per s in contact), `reached` (10, once), `clearance` (-0.4 per s, rising linearly as the gap
-    between
-    footprint and obstacles falls from 0.15 m to 0), `people` (-0.6 per s, likewise for the gap to the nearest person
-    from
-    0.5 m). `reward` changes the weights.
+    between footprint and obstacles falls from 0.15 m to 0), `people` (-0.6 per s, likewise for the gap to the nearest
+    person from 0.5 m). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
-    spawn
-    pose; a tuple `(x, y, theta)`, world frame, is used as given. `goal="random"` likewise, at least `min_distance`
-    away;
-    `goal="world"` is the world's own goal of the spawn nearest to the start; a tuple (x, y) or (x, y, theta) is in the
-    frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` applies to one episode; `set_goal`
-    sets
-    a new goal without a reset.
+    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. `goal="random"` likewise, at least
+    `min_distance` away; `goal="world"` is the world's own goal of the spawn nearest to the start; a tuple (x, y) or (x,
+    y, theta) is in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` applies to one
+    episode; `set_goal` sets a new goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` of the goal.
@@ -112,16 +102,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction of
-    the
-    geodesic distance), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
-    `time`
-    [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
-    `"time_limit"`), `at_fault` (whether the episode ended by contact, unless a faster person walked into the robot),
-    `jerk`
-    (mean of forward jerk) [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also
+    the geodesic distance), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so
+    far), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"`
+    or `"time_limit"`), `at_fault` (whether the episode ended by contact, unless a faster person walked into the robot),
+    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also
     `hit_wall`, `hit_person`, `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and
-    `least_time_to_collision` [s]. With `randomize` also
-    `randomized`: the values drawn for the episode, by name.
+    `least_time_to_collision` [s]. With `randomize` also `randomized`: the values drawn for the episode, by name.
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,

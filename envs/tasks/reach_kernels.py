@@ -15,8 +15,7 @@ GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
 """Indices of the goal in the task's row: map frame and world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Indices in the task's row: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the geodesic
-field
-[m], initial geodesic distance [m]."""
+field [m], initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
 """Indices of the reward quantities of the last period; see `ReachGoal.weights`."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)

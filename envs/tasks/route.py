@@ -67,8 +67,7 @@ def rectangle(start: Pose2D) -> np.ndarray:
     """Return the 78 m rectangle of Nguyen et al. (2021), counter-clockwise, shape (n, 2), float64 [m].
 
     Corners are arcs of 1 m radius, since a differential drive cannot turn sharply at speed. `start` is the beginning of
-    the
-    first long side, 24 m with its corners. The last point equals the first.
+    the first long side, 24 m with its corners. The last point equals the first.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side

@@ -53,8 +53,7 @@ def make_route_map(
     """Drive a route manually, map it with a SLAM, and return the map; results are cached.
 
     Manual driving follows the true pose. The SLAM gets wheel odometry, and compass headings if available. Scans are
-    mapped
-    at intervals: matching each scan to the previous one would follow scan noise.
+    mapped at intervals: matching each scan to the previous one would follow scan noise.
 
     `path`: bytes of the route's points, float64, shape (n, 2), world frame [m]; `resolution`: size of a map cell [m];
     `seed`: seed of the drive's noise. RuntimeError if the robot does not reach the end.

@@ -1,6 +1,6 @@
-"""Sub-environments whose physics, sensing and odometry are one kernel call, and whose common numbers are columns.
+"""Sub-environments stepped together by kernels: physics, sensing and odometry in one call.
 
-What the kernel leaves, each sub-environment does itself, in the cache that it needs for it: see `LidarEnv.finish`.
+Each sub-environment does the remaining work of a control period itself; see `LidarEnv.finish`.
 """
 
 import itertools
@@ -21,14 +21,14 @@ from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
 from .memory import SCALARS, Arrays, Records
 
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
-"""Entries of `info` that are not the task's."""
+"""Entries of `info` that do not come from the task."""
 MOST_POSITIONS = 256
-"""Positions of robots without a map that are kept for their trails before their objects get them."""
+"""Number of positions of mapless robots buffered before they are added to the robots' trails."""
 
 
 @njit(cache=True)
 def repeat(item, count):
-    """Return a list for kernels that holds an item so many times; see `put`."""
+    """Return a typed list with `count` references to an item."""
     items = List()
     for _ in range(count):
         items.append(item)
@@ -37,28 +37,28 @@ def repeat(item, count):
 
 @njit(cache=True)
 def put(items, i, item):
-    """Set an item. Numba keeps these two compiled, where what a list does by itself is compiled by every process."""
+    """Set an item of a typed list. Numba caches this function, but recompiles list methods in every process."""
     items[i] = item
 
 
 class Batch:
-    """Environments of which all are fused; see `LidarEnv.is_fused`."""
+    """Environments that are all stepped by kernels; see `LidarEnv.is_fused`."""
 
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
-        """Move the environments' rows to arrays that they share; `arrays` are those of the shard."""
+        """Move the environments' rows to shared arrays; `arrays` are the shard's."""
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """The robots, environment by environment; the arrays below have a row for each."""
+        """Robots of all environments in order. The arrays below have one row per robot."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """See `Rows.memory`."""
+        """Arrays by name; see `Rows.memory`."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Which robots have driven in this period."""
+        """Mask of robots that drove in the current period, bool."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
@@ -74,10 +74,10 @@ class Batch:
         self._names: Iterable[str] = ()  # of quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
-        """Walls, circles and `People.arrays` of each environment, as a list for kernels."""
+        """Walls, circles and `People.arrays` of each environment, a typed list."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
+        """Update rows, worlds and time limits of environments whose objects may have changed."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -104,10 +104,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step active environments, at least one, by their rows of the actions; note rewards and `info`.
+        """Step active environments, at least one, and write their rewards and `info`.
 
-        `active`, `is_last`: shape (num_envs,), bool; the latter's episodes end with this step. Returns True for active
-        environments whose episodes are over, shape (num_envs,): their outcome is left to `LidarEnv.outcome`.
+        `is_last` marks environments truncated by this step. Returns the mask of active environments whose episodes
+        ended; their outcome is left to `LidarEnv.outcome`. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -140,19 +140,19 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Bring the objects of environments up to date whose tasks have been at rest."""
+        """Update the objects of environments that kernels have stepped alone."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
     def _finish(self, indices: Sequence[int]) -> None:
-        """Do what the kernels of a control period leave, for the objects of environments."""
+        """Finish a control period in the objects of environments."""
         if self._has_no_maps:
             self._extend_trails(indices)
         for i in indices:
             self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
 
     def _extend_trails(self, indices: Sequence[int]) -> None:
-        """Let the robots of environments remember the positions that kernels have noted."""
+        """Add buffered positions to the robots' trails."""
         for i in indices:
             robots = range(i * self._num_robots, (i + 1) * self._num_robots)
             for k, robot, truth in zip(robots, self._envs[i].robots, self._envs[i].truths, strict=True):
@@ -161,7 +161,7 @@ class Batch:
                 self._counts[k] = 0
 
     def _drive(self, active: np.ndarray) -> None:
-        """Drive and sense, up to what the `FLAGS` of the rows ask for."""
+        """Simulate driving and sensing for one control period."""
         numbers, envs = self.numbers, self._envs
         actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
@@ -174,11 +174,10 @@ class Batch:
 
     @property
     def _times(self) -> np.ndarray:
-        """Time since the resets, shape (num_envs,) [s]."""
+        """Time since the reset of each environment, shape (num_envs,) [s]."""
         return self.numbers[:: self._num_robots, at.TIME]
 
     def _observe(self, indices: Sequence[int]) -> None:
-        """Write the observations of environments."""
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
             if self._part_writes_rows[name]:
@@ -189,10 +188,10 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the levels of the robots' maps for crops of so many metres per pixel; see `MapPyramid.level`.
+        """Return the map levels of all robots for crops with a resolution [m per pixel]; see `MapPyramid.level`.
 
-        Their words; their rows and columns, shape (n, 2), int64; corners of the maps, shape (n, 2), float64 [m]; and
-        the side of a block [m].
+        Words as a typed list; numbers of rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m];
+        block size [m].
         """
         side = 0.0
         if resolution not in self._levels:
@@ -214,9 +213,9 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """Write rewards and records of environments that go on.
+        """Write rewards and records of environments that continue.
 
-        `columns`: quantities and metrics of the tasks; None takes quantities from the objects of those in `chosen`.
+        `columns`: quantities and metrics of the tasks; None reads quantities from the objects of `chosen` environments.
         """
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
@@ -242,13 +241,12 @@ class Batch:
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
-        """Return the quantities of tasks at rest as columns; see `Task.rests_between_scans`."""
+        """Return the quantities of tasks in a period without a new scan, as columns; see `Task.rests_between_scans`."""
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
         passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
 
     def _note_metrics(self, chosen: list[int], records: Records) -> None:
-        """Note the metrics of the tasks of environments."""
         rows = [self._envs[i].task.metrics() for i in chosen]
         for name in dict.fromkeys(itertools.chain(records.kinds, *rows)) if rows else ():
             if name in self._own_info:
@@ -262,7 +260,7 @@ class Batch:
 
 
 def _surroundings(env: Any) -> tuple[Any, ...]:
-    """Return what is around the robots of an environment; own copies of its world, which may be read-only."""
+    """Return walls, circles and people of an environment. Worlds are copied because their arrays may be read-only."""
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 

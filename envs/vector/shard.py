@@ -1,4 +1,4 @@
-"""A share of a vector environment's sub-environments, stepped one after the other in one process."""
+"""Sub-environments stepped by one process."""
 
 import contextlib
 import os
@@ -16,8 +16,9 @@ from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
-"""Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
-holds then, the compiler's for example, without the thread that releases them."""
+"""Lock held during the preparation of an episode and during a fork. A forked process would inherit locks of the
+preparing
+thread, such as the compiler's, and never release them."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
@@ -25,9 +26,9 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shard:
-    """Sub-environments in this process: fused ones as a `Batch`, others and wrapped ones one after the other.
+    """Sub-environments of one process, stepped as a `Batch` if fused and not wrapped, else one by one.
 
-    Worlds of coming episodes are drawn ahead of time in a thread.
+    A thread draws the worlds of the next episodes.
     """
 
     def __init__(
@@ -40,13 +41,12 @@ class Shard:
     ) -> None:
         """Make the sub-environments.
 
-        `make_env` makes one, which may have Gymnasium's wrappers; see `lidarnaut.envs.core.LidarEnv` for what a shard
-        calls. `memory`: of all sub-environments' arrays; `share`: rows of the shard's; see `LidarVectorEnv` for the
-        rest.
+        `make_env` returns a `LidarEnv`, possibly wrapped; `memory` holds the arrays of all sub-environments, and
+        `share` selects the shard's rows.
         """
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
-        for env in self._inner:  # each would hold bounds of its own for every pixel
+        for env in self._inner:  # separate spaces would each store bounds of every pixel
             env.observation_space = self._inner[0].observation_space
         self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
@@ -63,10 +63,10 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes of the sub-environments in `mask`, of which each has a seed.
+        """Start episodes of the sub-environments in `mask`, each with its seed.
 
         Returns:
-            Records of `info`, shape (num_envs,), zeros outside of `mask`, and extras.
+            Records of `info`, shape (num_envs,), zero outside `mask`, and extras.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
@@ -78,14 +78,14 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Hold entries of such kinds in records from now on; call it after the first reset of all sub-environments."""
+        """Set the types of the records after the first reset of all sub-environments."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)
         self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
-        """Step every sub-environment with its row of the actions; returns as `reset`."""
+        """Step every sub-environment with its action; returns as `reset`."""
         arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
         records.extras = {}
         self._steps += ~ended
@@ -108,7 +108,7 @@ class Shard:
         return records.rows, records.extras
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Step a sub-environment, but for one of a batch, which has been stepped; see `LidarEnv.outcome`."""
+        """Step a sub-environment, unless the batch has stepped it; see `LidarEnv.outcome`."""
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
         if self._is_wrapped:
             observation, *outcome = env.step(action)
@@ -120,29 +120,27 @@ class Shard:
         return env.outcome(is_last)
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
-        """Call a method of every sub-environment, or return an attribute that is none."""
+        """Call a method of every sub-environment, or return an attribute that is not callable."""
         with self._objects():
             found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
 
     def set_attr(self, name: str, values: Sequence[Any]) -> None:
-        """Set an attribute of every sub-environment."""
         with self._objects():
             for env, value in zip(self.envs, values, strict=True):
                 env.set_wrapper_attr(name, value)
 
     @contextlib.contextmanager
     def _objects(self) -> Iterator[None]:
-        """Bring the sub-environments' objects up to date, which may be changed then."""
+        """Update the sub-environments' objects before access, and the batch afterwards."""
         if self._batch is not None:
             self._batch.catch_up()
         try:
             yield
-        finally:  # some may have been changed before it failed
+        finally:  # also after an error, since some objects may have changed
             self._bind(range(len(self.envs)))
 
     def close(self) -> None:
-        """Close the sub-environments."""
         self._preparer.shutdown(wait=True, cancel_futures=True)
         for env in self.envs:
             env.close()
@@ -151,7 +149,7 @@ class Shard:
         """Start an episode and return its first info."""
         env, preparation = self.envs[i], self._preparations[i]
         if preparation is not None and not preparation.cancel():
-            with _preparing:  # Not `wait`: in a forked process it would wait for a thread that is not there.
+            with _preparing:  # not `wait`: a forked process lacks the thread
                 pass
         observation, info = env.reset(seed=seed, options=options)
         self._write(i, observation)
@@ -167,7 +165,7 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
-        """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
+        """Bind sub-environments to the batch, or drop the batch if one cannot be fused."""
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
@@ -179,7 +177,7 @@ class Shard:
         self._batch.bind(indices)
 
     def _close_episode(self, i: int, info: dict[str, Any]) -> None:
-        """Take note of an episode's last info, and start the next one where that is due at once."""
+        """Store the last info of an episode, and start the next one with same-step autoreset."""
         if self._mode == AutoresetMode.SAME_STEP:
             final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
             self._records.extras[i] = {"final_obs": final, "final_info": info}
@@ -190,6 +188,6 @@ class Shard:
 
 
 def _prepare(env: Any) -> None:
-    """Prepare an episode. Errors are left to the reset, which draws another world then."""
+    """Prepare an episode. After an error, the reset draws another world."""
     with _preparing, contextlib.suppress(Exception):
         env.prepare()
