@@ -29,20 +29,20 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "tracks": Tracks,
     "trajectories": Trajectories,
 }
-"""Constructors of the observation parts available in every task, by name."""
+"""Constructors of the observation parts of all tasks, by name."""
 
 Observations = Sequence[str] | Mapping[str, Any]
-"""Names of observation parts, or a mapping from names to a part, its class, its import path `module:attribute`, a dict
-of keyword arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for default arguments."""
+"""Names of observation parts, or a mapping from names to an instance, class, import path `module:attribute`, keyword
+arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for defaults."""
 
 
 def make_parts(
     observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
 ) -> dict[str, ObservationPart]:
-    """Return the selected observation parts by name. `own` are constructors of the task's own parts.
+    """Return the selected observation parts by name; `own` are constructors of the task's own.
 
     Raises:
-        ValueError: unknown name, no name, or a value that is not an observation part.
+        ValueError: an unknown name, no name, or a value that is not an observation part.
     """
     table = {**PARTS, **own}
     if isinstance(observations, str) or not isinstance(observations, Iterable):

@@ -18,10 +18,7 @@ MAX_SIZE = 4096
 
 @njit(cache=True, error_model="numpy")
 def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
-    """Write the map crops of active robots to `out`, shape (n, 3, size, size), uint8.
-
-    For the other arguments see `Batch.levels`. `pixel` is the size of a pixel over `side`.
-    """
+    """Write the map crops of active robots to `out`, shape (n, 3, size, size), uint8; see `Batch.levels`."""
     for k in range(active.shape[0]):
         if active[k]:
             x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side
@@ -29,7 +26,7 @@ def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
 
 
 class MapCrop:
-    """Egocentric crop of the robot's map: axis 1 points forward, axis 2 to the left, with the robot at the centre.
+    """Egocentric map crop: axis 1 points forward, axis 2 to the left, with the robot at the centre.
 
     Channels: 0 occupied, 1 free, 2 visited. Unknown is 0 in channels 0 and 1.
     """
@@ -39,10 +36,10 @@ class MapCrop:
 
         Args:
             resolution: size of a pixel [m].
-            size: pixels along each side. The checkers of Gymnasium and stable-baselines3 require at least 36.
+            size: pixels along each side; checkers of Gymnasium and stable-baselines3 require 36 or more.
 
         Raises:
-            ValueError: an argument is not positive, or `size` is not an integer up to `MAX_SIZE`.
+            ValueError: not positive, or `size` not an integer up to `MAX_SIZE`.
         """
         if not (is_number(resolution) and resolution > 0):
             raise ValueError(f"a map crop needs a positive resolution, got {resolution!r}")

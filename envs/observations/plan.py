@@ -14,7 +14,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 LOOKAHEADS = (0.3, 0.6, 1.5)
-"""Lookahead distances along a path [m]. Steering by 0.6 m alone cuts corners."""
+"""Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
 """Number of features per frontier candidate."""
 WINDOW = 60
@@ -23,12 +23,11 @@ WINDOW = 60
 
 @njit(cache=True, error_model="numpy")
 def look_ahead(path, first, pose, distances, out):
-    """Write the directions of lookahead points on a path to `out`, and return the index of the nearest point.
+    """Write the directions of lookahead points on a path, and return the index of the nearest point.
 
-    `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index at which the search for the nearest point
-    begins; `pose`: (x, y, theta), map frame; `distances`: increasing lookahead distances [m]; `out`: cosine and sine of
-    each direction in the robot's frame, shape (2 * number of distances,), float32. Past the end, the last point is
-    used.
+    `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index to search the nearest point from; `pose`: (x, y,
+    theta), map frame; `distances`: lookahead distances [m], increasing; `out`: cosines and sines in the robot's frame,
+    float32. Past the end, the last point is used.
     """
     x, y, theta = pose
     nearest, best = first, np.inf
@@ -47,15 +46,14 @@ def look_ahead(path, first, pose, distances, out):
 
 
 class Plan:
-    """Paths to the frontiers that `gain_over_cost` ranks highest, nine features per frontier, best first.
+    """Paths to the frontiers that `gain_over_cost` ranks highest, nine features each, best first.
 
     Cosine and sine of the directions, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path;
-    path cost as x / (x + 5 m); unknown area visible from its end as x / (x + 10 m2); and 1. A missing frontier is all
+    path cost as x / (x + 5 m); unknown area visible from the end as x / (x + 10 m2); and 1. Missing frontiers are all
     0.
 
-    `FrontierNavigator` detects frontiers every `detection_time` seconds, and whenever the best frontier is reached. In
-    between, paths are followed from the point nearest to the robot. Frontiers that remain after a visit or could not be
-    reached are excluded. `write` must be called after every control period.
+    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Visited or
+    unreachable frontiers are excluded. `write` must be called after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
@@ -94,13 +92,12 @@ class _Detection:
         self._choose(robot.belief)
 
     def update(self, robot: Robot) -> None:
-        """Process the last control period once."""
         navigator, belief = self._navigator, robot.belief
         if robot.reading is self._reading:
             return
         self._reading = robot.reading
         if navigator.navigator.is_recovering:
-            # Recovery behaviors advance with each command. Commands are not executed here.
+            # Recovery behaviors advance with each command, which is not executed here.
             navigator.command(belief)
         navigator.navigator.note_command(Twist(*robot.action))
         for peer in robot.peers:

@@ -1,4 +1,4 @@
-"""Observations of goal, start, teammates, people, route and pose uncertainty."""
+"""Observations of goal, start, teammates, people and route."""
 
 import math
 from typing import Any
@@ -16,19 +16,19 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 GOAL_RANGE = 32.0
-"""Distance to the goal or the start that is normalized to 1 [m]."""
+"""Distance to goal or start that is normalized to 1 [m]."""
 NEAR_RANGE = 10.0
 """Distance to the goal that `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key in `Rows.memory` of the task's array, which begins with the goal (x, y), map frame [m]."""
+"""Key in `Rows.memory` of an array that begins with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
-"""Distance along each axis at which a teammate's relative position saturates [m]: half the side of `map_far`."""
+"""Maximum teammate offset per axis [m]: half the side of `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
-"""Saturation of a person's relative position, velocity and radius [m, m, m/s, m/s, m]."""
+"""Maximum position, velocity and radius of people [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
-"""Distance along each axis at which a route point's relative position saturates [m]."""
+"""Maximum offset of a route point per axis [m]."""
 ROUTE_POINTS = 0.4 * np.arange(10)
-"""Lookahead distances of the observed route points [m]."""
+"""Lookahead distances of observed route points [m]."""
 
 
 class Goal:
@@ -72,7 +72,7 @@ class NearGoal(RowPart):
     _memory = (GOAL_MEMORY,)
 
     def __init__(self, tells_distance: bool = True) -> None:
-        """Set whether distance is included in addition to the bearing."""
+        """Set whether distance is included besides the bearing."""
         self._tells_distance = int(tells_distance)
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -102,7 +102,6 @@ class Home:
 
 
 def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
-    """Write distance over `GOAL_RANGE`, and cosine and sine of the bearing, of a position in the robot's frame."""
     bearing = math.atan2(ahead.y, ahead.x)
     out[0] = min(math.hypot(ahead.x, ahead.y) / GOAL_RANGE, 1.0)
     out[1], out[2] = math.cos(bearing), math.sin(bearing)
@@ -124,17 +123,16 @@ class PoseUncertainty:
 
 
 class Peers:
-    """Estimated relative poses of teammates: forward and left over 16 m, cosine and sine of the heading."""
+    """Relative poses of teammates: forward and left over 16 m, cosine and sine of the heading."""
 
     def __init__(self, num_peers: int) -> None:
         self._num_peers = num_peers
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4 * num_peers,), float32)`, flat because libraries treat three axes as an image."""
+        """Return `Box(-1, 1, (4 * num_peers,), float32)`, flat, since three axes would be taken for an image."""
         return spaces.Box(-1.0, 1.0, (4 * self._num_peers,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the teammates' poses to `out`, in the order of their indices."""
         for row, peer in zip(out.reshape(-1, 4), robot.peers, strict=True):
             x, y, theta = robot.belief.pose.between(peer.belief.pose)
             row[0] = min(max(x / PEERS_RANGE, -1.0), 1.0)
@@ -143,10 +141,9 @@ class Peers:
 
 
 class Tracks:
-    """People tracked in scans, nearest first, five features per person, zeros for unused entries.
+    """People tracked in scans, nearest first, five features each, zero-padded.
 
-    Position forward and left over 8 m, ground velocity along these axes over 2.5 m/s, radius over 1 m. See
-    `lidarnaut.envs.estimation.tracking`.
+    Position forward and left over 8 m, ground velocity along these axes over 2.5 m/s, radius over 1 m.
     """
 
     def __init__(self, num_people: int = 8) -> None:
@@ -167,7 +164,7 @@ class Tracks:
 
 
 class RouteAhead:
-    """Points of the route 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m."""
+    """Route points 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m."""
 
     def __init__(self, task: Any) -> None:
         self._task = task

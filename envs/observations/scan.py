@@ -1,4 +1,4 @@
-"""Observations of the lidar scan, the robot's motion and its limits."""
+"""Observations of the scan, the robot's motion and its limits."""
 
 import math
 from typing import Any
@@ -14,15 +14,12 @@ from lidarnaut.envs.task import RowPart
 TIME_RANGE = 600.0
 """Time since the reset that is normalized to 1 [s]. The time limit would leak the size of the world."""
 SPEED_RANGE = 2.0
-"""Maximum forward speed of a robot that is normalized to 1 [m/s]."""
+"""Maximum forward speed that is normalized to 1 [m/s]."""
 
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write normalized ranges of active robots to `scans`: 1 without a return, 0 for a lost beam.
-
-    `ranges` [m] and `scans` have shape (n, num_beams), float32.
-    """
+    """Write the observation `Scan` of active robots to `scans`, shape (n, num_beams), float32."""
     scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:
@@ -44,7 +41,7 @@ class Scan(RowPart):
 
 @njit(cache=True, error_model="numpy")
 def scale_motions(rows, limits, active, out):
-    """Write the features of `Motion` for active robots to `out`, shape (n, 6), float32; limits in m/s and rad/s."""
+    """Write the observation `Motion` of active robots to `out`, shape (n, 6), float32."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -57,8 +54,8 @@ def scale_motions(rows, limits, active, out):
 class Limits(RowPart):
     """Limits of the robot, for policies that drive several kinds of robot.
 
-    Maximum forward speed over 2 m/s, yaw rate over 4 rad/s, forward acceleration over 5 m/s2, yaw acceleration over 25
-    rad/s2, and footprint radius over 0.5 m, each at most 1.
+    Maximum forward speed over 2 m/s, yaw rate over 4 rad/s, accelerations over 5 m/s2 and 25 rad/s2, footprint radius
+    over 0.5 m, each at most 1.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

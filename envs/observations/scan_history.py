@@ -17,23 +17,23 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
-"""Gap between footprint and obstacle that is normalized to 0.5 [m]."""
+"""Gap from footprint to obstacle that is normalized to 0.5 [m]."""
 MAX_LAG = 1000
-"""Maximum age of a scan in the observation [control periods]."""
+"""Maximum age of an observed scan [control periods]."""
 SURFACE_STEP = 0.5
 """Maximum range difference between neighbouring sectors on one surface [m]."""
 MAX_FILL_SECTORS = 8
 """Maximum number of sectors across which a surface is interpolated."""
 MOTION = 3
-"""Entries of a stored scan before its ranges: motion of the base by odometry since the previous scan."""
+"""Entries of a stored scan before its ranges: motion of the base since the previous scan."""
 
 
 class Sectors(NamedTuple):
-    """Geometry of the sectors of a lidar.
+    """Geometry of a lidar's sectors.
 
-    Lidar pose (x, y, yaw), base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint
-    radius [m]; cosines and sines of the centre angles, shape (2, n), float32; first beam of each sector and the number
-    of beams, shape (n + 1,), int64.
+    Lidar pose, base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint radius [m]; unit
+    vectors to the sector centres, shape (2, n), float32; first beam of each sector and the number of beams, shape (n +
+    1,), int64.
     """
 
     x: float
@@ -59,7 +59,7 @@ class Sectors(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def pool_scan(ranges, beams, sectors):
-    """Write the minimum range of each sector to `sectors`: inf without a return, 0 without a valid beam."""
+    """Write the minimum range of each sector: inf without a return, 0 without a valid beam."""
     for k in range(sectors.shape[0]):
         nearest, is_known = np.float32(np.inf), False
         for i in range(beams[k], beams[k + 1]):
@@ -70,7 +70,7 @@ def pool_scan(ranges, beams, sectors):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _angle(x, y):
-    """Return the angle of (x, y) in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
+    """Return the angle in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
     a, b = abs(x), abs(y)
     t = min(a, b) / max(a, b, np.float32(1e-9))
     t2 = t * t
@@ -84,11 +84,10 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Transform sector ranges to the current pose of the base, and write minimum ranges to `seen`, initially inf.
+    """Transform sector ranges to the current pose of the base, and write their minima to `seen`, initially inf.
 
-    Ranges are placed at sector centres, and interpolated between neighbouring sectors on one surface. No return counts
-    as 1e6 m. `motion`: pose of the base now in the frame of the base at `ranges`; `polar`: workspace, shape (2, n),
-    float32.
+    Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: current pose of
+    the base in its frame at `ranges`; `polar`: workspace, shape (2, n), float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -120,10 +119,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store scans of active robots, and write recent scans to `out`, shape (n, number of lags * sectors), float32.
+    """Store the scans of active robots, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
 
-    `memory`: ring buffer of scans per robot, shape (n, slots * (MOTION + number of sectors)), float32; `lags`:
-    increasing ages of the scans shown, shape (k,), int64 [control periods].
+    `memory`: ring buffers, shape (n, slots * (MOTION + sectors)), float32; `lags`: increasing scan ages [control
+    periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -155,24 +154,23 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
 
 
 class ScanHistory(RowPart):
-    """Recent scans, each pooled to the minimum ranges of equal sectors, newest first.
+    """Recent scans, pooled to the minimum ranges of equal sectors, newest first.
 
-    A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint, 0 without a return. A
-    sector without a valid beam is 1. Odometry transforms past scans to the current pose, which makes moving obstacles
-    visible. Sectors outside a past scan take the newest scan's value. `write` must be called after every control
-    period.
+    A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
+    0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
+    Sectors outside a past scan have the newest scan's value. `write` must be called after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
         """Set the scans.
 
         Args:
-            lags: increasing ages of the scans [s], rounded to control periods.
+            lags: ages of the scans, increasing [s].
             num_sectors: sectors per scan.
             compensate: whether past scans are transformed to the current pose.
 
         Raises:
-            ValueError: lags are negative or not increasing, or the number of sectors is not positive.
+            ValueError: lags are negative or not increasing, or `num_sectors` is not positive.
         """
         ages = list(lags) if isinstance(lags, Sequence) else []
         if not ages or not all(map(is_number, ages)) or ages[0] < 0 or ages != sorted(set(ages)):
@@ -193,7 +191,6 @@ class ScanHistory(RowPart):
         return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode: fill the history with the first scan."""
         lags = np.array([round(age / robot.control_period) for age in self._ages])
         if lags[-1] > MAX_LAG:
             raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")

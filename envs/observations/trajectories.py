@@ -24,9 +24,9 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
-"""Forward speeds of candidate twists, over the robot's maximum speed."""
+"""Forward speeds of candidate twists over the maximum speed."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
-"""Yaw rates of candidate twists, over the robot's maximum yaw rate."""
+"""Yaw rates of candidate twists over the maximum yaw rate."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
 """Candidate twists as normalized actions, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
@@ -34,29 +34,29 @@ NUMBERS, END, TURN = 8, slice(4, 6), 6
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a twist, time step of its collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Driving time on the final straight line for nearness to walls [s]. The end position is at half of it."""
+"""Driving time on a straight line after the twist [s]; the end position is at half of it."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Gaps at which nearness to walls and to people becomes 0 [m], and decay time of nearness to people [s]."""
+"""Gaps to walls and to people that count as near [m], and decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
 """Gap to walls that is normalized to 1 [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number of scan points, and their maximum range [m]."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Distance from a person's edge to scan points of that person [m], and minimum speed of a walking person [m/s]."""
+"""Distance within which scan points belong to a person [m], and minimum speed of this person [m/s]."""
 WALL_MARGIN = 0.02
 """Clearance to wall points [m], less if the robot is already nearer."""
 REAR_ANGLE = 0.35
-"""Maximum angle from the backward direction to a beam of a lidar that observes the rear [rad]."""
+"""Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
 STATE, STEPS = 9, 8
-"""Size of the people tracker's state, and index of the control period of its last update."""
+"""Size of the people tracker's state, and index of the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
 
-    Wall points are the nearest points of groups of neighbouring beams. Points on walking people are excluded; a slow
-    cluster may be a pillar. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
+    Each is the nearest point of neighbouring beams. Points on walking people are excluded; slow clusters may be
+    pillars. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -84,8 +84,8 @@ def find_walls(ranges, frame, people, points):
 def predict_outcomes(now, limits, points, people, twists, out):
     """Write the features of each twist to `out`, shape (n, NUMBERS), float32; see `Trajectories`.
 
-    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: maximum speeds, maximum accelerations, footprint radius,
-    and whether the lidar observes the rear; `points`: walls, shape (2, k), base frame [m]; `people`: shape (m, 5), as
+    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: maximum speeds, accelerations, footprint radius, and
+    whether the lidar sees the rear; `points`: walls, shape (2, k), base frame [m]; `people`: see
     `PeopleTracker.people`.
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
@@ -156,10 +156,10 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people once per control period, and write features of all twists of active robots, shape (n, 66, NUMBERS).
+    """Track people once per control period, and write the features of twists, shape (n, 66, NUMBERS), float32.
 
-    `memory`: tracker state, tracks, scans and scan poses of each robot, see `track_people`; `frame`: see `find_walls`;
-    `limits`: see `predict_outcomes`.
+    `memory`: tracker state, tracks, scans and scan poses, see `track_people`; `frame`: see `find_walls`; `limits`: see
+    `predict_outcomes`.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -180,14 +180,13 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 
 
 class Trajectories(RowPart):
-    """Predicted outcomes of 66 candidate twists, eight features each, from the last scan and tracked people.
+    """Predicted outcomes of 66 candidate twists, eight features each.
 
-    A twist is approached with the robot's accelerations and held for 0.5 s; after that the robot drives straight.
-    Features:
-    time to contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact); nearness to walls
-    (1 at the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and
-    left, over the distance at maximum speed; heading change over pi; smallest gap to walls within the 0.5 s over 0.1 m,
-    clipped to [-1, 1], negative for contact. Reversing without a view of the rear counts as contact with a wall.
+    A twist is approached with the robot's accelerations and held for 0.5 s; then the robot drives straight. The
+    features are time to contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact);
+    nearness to walls (1 at the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position
+    after 1 s, forward and left, over the distance at maximum speed; heading change over pi; minimum gap to walls within
+    0.5 s over 0.1 m, from -1 to 1, negative for contact. Reversing without a view of the rear counts as contact.
 
     A person-sized cluster counts as a person from its second scan on; while it stands, also as a wall. After the
     dynamic window approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
@@ -198,7 +197,6 @@ class Trajectories(RowPart):
         return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode: reset the people tracker."""
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind

@@ -1,4 +1,4 @@
-"""Observation of the carrot of `ReachGoal`: a lookahead point on a path to the goal."""
+"""Observation of a lookahead point ("carrot") on a path to the goal."""
 
 import math
 from typing import Any
@@ -21,19 +21,19 @@ from lidarnaut.envs.simulation import records as at
 from . import reach_kernels as own_at
 
 AHEAD = 0.8
-"""Default lookahead distance of the carrot [m]."""
+"""Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""Maximum length of the path along which its direction is searched [m]."""
+"""Maximum path length searched for the carrot's direction [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Goal navigation without a limit of recoveries or searches, so that planning never fails."""
+"""Planning without a limit of recoveries or searches."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_carrot(own, x, y, lengths, ahead):
-    """Return the lookahead point (x, y), world frame [m], `ahead` metres along the shortest path from a position.
+    """Return the point (x, y) `ahead` metres along the shortest path from a position, world frame [m].
 
-    The geodesic field has steps of 45 degrees. The direction is that of the farthest path cell with a collision-free
-    straight line. For `own` and `lengths` see `reach_kernels.measure_goal`.
+    The path has steps of 45 degrees; its direction is that of the farthest cell with a collision-free straight line.
+    For `own` and `lengths` see `measure_goal`.
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -44,7 +44,7 @@ def find_carrot(own, x, y, lengths, ahead):
         best, best_row, best_col = np.inf, row, col
         for i in range(max(row - 1, 0), min(row + 2, lengths.shape[0])):
             for j in range(max(col - 1, 0), min(col + 2, lengths.shape[1])):
-                # Outside of traversable space, the distance to a traversable cell is included.
+                # If the robot is outside traversable space, include the way back.
                 total = lengths[i, j] + distance(left + (j + 0.5) * side - at_x, low + (i + 0.5) * side - at_y)
                 if (i != row or j != col) and total < best:
                     best, best_row, best_col = total, i, j
@@ -62,7 +62,6 @@ def find_carrot(own, x, y, lengths, ahead):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _is_free(x, y, to_x, to_y, lengths):
-    """Return True if the straight line is traversable, ends in cells."""
     count = int(2.0 * max(abs(to_x - x), abs(to_y - y))) + 1
     for k in range(1, count + 1):
         if not lengths[int(y + (to_y - y) * k / count), int(x + (to_x - x) * k / count)] < np.inf:
@@ -72,7 +71,7 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write the carrots of active robots on their shortest paths to `out`, shape (n, 3), float32."""
+    """Write the observation `ShortestCarrot` of active robots to `out`, shape (n, 3), float32."""
     for k in range(rows.shape[0]):
         if active[k]:
             x, y = find_carrot(owns[k], rows[k, at.X], rows[k, at.Y], lengths[k], ahead)
@@ -81,14 +80,14 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """Lookahead point on the path that a `GoalNavigator` plans from the robot's own map and scans.
+    """Lookahead point on the path planned by a `GoalNavigator`, or on the straight line without a path.
 
     Cosine and sine of its direction in the robot's frame; remaining path length over the lookahead distance, at most 1.
-    Without a path, the point is on the straight line to the goal. `write` must be called after every control period.
+    `write` must be called after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
-        """Set the task, and the lookahead distance [m]; ValueError if it is not positive."""
+        """Set task and lookahead distance [m]; ValueError if not positive."""
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
         self._reading: Reading | None = None
@@ -100,7 +99,7 @@ class PlannedCarrot:
 
     def reset(self, robot: Robot) -> None:
         self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
-        # The generator is unused: only reactive driving draws from it.
+        # unused: only reactive driving draws
         self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
         self._reading = None
 
@@ -136,9 +135,9 @@ class ShortestCarrot(PlannedCarrot):
 
 
 CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
-"""Carrots by the source of their path."""
+"""Carrots by source of the path."""
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Return the carrot on a `plan` or `shortest` path, at a lookahead distance [m]; ValueError for other arguments."""
+    """Return the carrot on a "plan" or "shortest" path; ValueError for other paths."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

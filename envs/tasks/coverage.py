@@ -1,4 +1,4 @@
-"""Coverage of the explorable area, and accuracy of the map."""
+"""Coverage of the explorable area, and map accuracy."""
 
 import math
 from typing import NamedTuple
@@ -14,14 +14,14 @@ from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bits of a raster cell: explorable; known in the map; observed by a true scan."""
+"""Bits of a raster cell: explorable, known in the map, observed by a true scan."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
-"""Distance from a beam within which its scan observes a point [raster cells], for rounding of both rasters."""
+"""Distance from a beam within which points are observed [raster cells]."""
 
 
 class Frame(NamedTuple):
-    """Position (x, y) of the corner of a grid's cell (0, 0), and size of its cells [m]."""
+    """Origin (x, y) of a grid, and size of a cell [m]."""
 
     x: float
     y: float
@@ -29,7 +29,7 @@ class Frame(NamedTuple):
 
 
 class TrueScan(NamedTuple):
-    """A scan, and the true position (x, y) of the lidar, world frame [m]."""
+    """A scan, and the true lidar position (x, y), world frame [m]."""
 
     ranges: np.ndarray
     """Ranges, shape (num_beams,), float32 [m]."""
@@ -46,9 +46,9 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a beam that passes within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
+    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
 
-    If beams are less than two tolerances apart there, both adjacent beams count.
+    If beams are less than two tolerances apart there, adjacent beams count too.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -63,7 +63,7 @@ def sees(scan, x, y, tolerance):
     if is_dense and nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
         return True
     ratio = tolerance / distance
-    # upper bound of the arc sine, nearly linear here
+    # upper bound of the arc sine
     spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
     first = math.floor((bearing - spread) / scan.increment)
     last = math.ceil((bearing + spread) / scan.increment)
@@ -79,12 +79,12 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark the raster cells of new map cells as known, and those observed by a true scan as seen.
+    """Mark raster cells of new map cells as known, and those observed by a true scan as seen.
 
-    `new_cells`: (row, column) of map cells, shape (k, 2), int32; `map_frame`, `frame`: of map and raster; `start`: pose
-    of the map frame, world frame; `cells`: written, bits of the raster, shape (height, width), uint8; `pending`:
-    written, shape (n, 2), int32, `num_pending` cells (row, column) that are known but not seen. Returns the number of
-    newly explored cells, and the new `num_pending`.
+    `new_cells`: (row, column), shape (k, 2), int32; `map_frame`, `frame`: of map and raster; `start`: pose of the map
+    frame, world frame; `cells`: bits of the raster, shape (height, width), uint8; `pending`: `num_pending` cells (row,
+    column) known but not seen, shape (n, 2), int32. Returns the number of newly explored cells, and the new
+    `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -96,7 +96,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
     tolerance = TOLERANCE * frame.resolution
     count = 0
     for k in range(new_cells.shape[0]):
-        # Four points per map cell cover every raster cell at any rotation of the map.
+        # At any rotation, four points per map cell cover all raster cells.
         for quarter in range(4):
             u, v = new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1), new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)
             x, y = first_col + c * u - s * v, first_row + s * u + c * v
@@ -118,7 +118,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark pending cells that a true scan observes as seen; arguments and return values as for `mark_known`."""
+    """Mark pending cells that a true scan observes; arguments and return values as for `mark_known`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -138,31 +138,31 @@ class Coverage:
     """Explored cells of the explorable area.
 
     A cell is explored if the map contains it at its true position, and the true scan that added it, or a later one,
-    observed it. A displaced or distorted map gains nothing.
+    observed it.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Begin without explored cells. `start` is the pose of the map frame, world frame."""
+        """Begin without explored cells; `start` is the pose of the map frame, world frame."""
         self.area = area
         self.start = start
         self._mount = lidar.mount
-        # constants of all scans
+        # constant in all scans
         self._first_angle = float(lidar.mount.yaw), lidar.angle_min
         is_full_turn = bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment)
         self._beams = float(lidar.angle_increment), is_full_turn, float(lidar.range_max)
         self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
         self._cells = area.explorable.astype(np.uint8)
         self._num_explorable = int(np.count_nonzero(area.explorable))
-        # capacity for all cells; untouched pages take no memory
+        # capacity for all cells
         self._pending = np.empty((self._num_explorable, 2), dtype=np.int32)
         self._num_pending = 0
         self._num_explored = 0
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
-        """Process what a scan, shape (num_beams,), float32 [m], from a true pose changed in a map of a resolution [m].
+        """Process a map update, and return the change of the explored area [m2], negative after corrections.
 
-        Returns:
-            Change of the explored area [m2]; negative where a map that was redrawn no longer holds a cell as known.
+        `resolution`: cell size of the map [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose at the
+        scan, world frame.
         """
         if update.window is None and not update.redrawn:
             return 0.0
@@ -184,7 +184,7 @@ class Coverage:
 
     @property
     def explored(self) -> np.ndarray:
-        """Mask of explored cells, shape of the area's raster, bool."""
+        """Mask of explored cells of the raster, bool."""
         return self._cells == EXPLORED
 
     @property
@@ -194,7 +194,7 @@ class Coverage:
 
     @property
     def explored_fraction(self) -> float:
-        """Explored fraction of the explorable area, from 0 to 1."""
+        """Explored fraction of the explorable area."""
         return self._num_explored / self._num_explorable
 
     def _true_scan(self, ranges: np.ndarray, pose: Pose2D) -> TrueScan:
@@ -207,8 +207,7 @@ class Coverage:
 def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:
     """Return the intersection over union of occupied map cells and visible true walls.
 
-    Wall cells and map cells match within `tolerance` [m]. The union is matched visible wall cells, unmatched visible
-    wall cells and unmatched occupied map cells. `start` is the pose of the map frame, world frame.
+    Cells match within `tolerance` [m]. `start` is the pose of the map frame, world frame.
     """
     walls = area.walls
     wall = walls.data > 0

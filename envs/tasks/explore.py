@@ -22,7 +22,7 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Distance from the true position to the start that counts as returned [m]."""
+"""Distance to the start that counts as returned [m]."""
 MAX_ROBOTS = 4
 """Maximum number of robots in a team."""
 
@@ -32,13 +32,12 @@ class Explore(UnknownWorldTask):
     """Explore an unknown world with a lidar robot.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders explores a world without a prior map. Each step drives
-    it for one control period. A SLAM then updates the map and the pose estimate from the scan and odometry. The policy
-    observes sensor data and estimates, never ground truth.
+    A differential-drive robot with a 2D lidar explores a world without a map. Each step is one control period, in which
+    a SLAM updates map and pose estimate. The policy observes sensor data and estimates, never ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
-    Actions outside raise an error; `clip_actions=True` clips them, for unbounded Gaussian policies.
+    Actions outside raise an error; `clip_actions=True` clips them.
 
     ## Observation Space
     `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
@@ -51,19 +50,19 @@ class Explore(UnknownWorldTask):
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
     | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three best frontiers, see `lidarnaut.envs.observations.Plan` |
 
-    Map channels: 0 occupied, 1 free, 2 visited, by the robot's own estimate. Axis 1 points forward, axis 2 to the left.
-    Unknown is 0 in channels 0 and 1.
+    Map channels: 0 occupied, 1 free, 2 visited (estimated). Axis 1 points forward, axis 2 to the left. Unknown is 0 in
+    channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains the cell
-    at its true position, and the true scan that added it, or a later one, observed it), `time` (-0.02 per s),
-    `collision` (-0.5 per s in contact with anything), `completed` (10, once, at the target coverage); with
-    `return_home=True` also `returned` (10, once). `reward` changes the weights.
+    The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains them at
+    their true position, and the true scan that added them, or a later one, observed them), `time` (-0.02 per s),
+    `collision` (-0.5 per s in contact), `completed` (10, once); with `return_home=True` also `returned` (10, once).
+    `reward` changes the weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
     fixed routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is used as given. Procedural
-    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` applies to one episode.
+    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` sets one episode.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
@@ -71,35 +70,33 @@ class Explore(UnknownWorldTask):
 
     Collisions do not end the episode.
 
-    With `return_home=True`, the robot has to return to its start after it reaches the target coverage. The episode then
-    terminates when its true position is within 0.3 m of the start. The default observation has a part `home`, `Box(-1,
-    1, (4,), float32)`: 1 once the robot has to return, estimated distance to the start over 32 m, cosine and sine of
-    the bearing.
+    With `return_home=True`, the robot has to return after it reaches the target coverage; the episode terminates when
+    its true position is within 0.3 m of the start. The default observation has a part `home`, `Box(-1, 1, (4,),
+    float32)`: 1 once the robot has to return, estimated distance over 32 m, cosine and sine of the bearing.
 
     ## Information
-    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m], heading
-    [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end
-    also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With
-    `return_home=True` each step also `returned` and `time_home` (since the return began) [s]; `end_reason` is
-    `"returned"` instead of `"covered"`, and `is_success` requires both. With `randomize` also `randomized`: the values
-    drawn for the episode, by name.
+    Each step: `explored_fraction`, `explored_area` [m2], `pose_error` (position [m], heading [rad]), `path_length` [m],
+    `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end also `map_iou`, `area_left`
+    (unexplored) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` also `returned` and
+    `time_home` (since the return began) [s]; `end_reason` is `"returned"` instead of `"covered"`, and `is_success`
+    requires both. With `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), and
 
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, or a `World`; or a list of these, one of which is drawn for each episode |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (mapping at odometry poses), `"truth"` (mapping at true poses), or your own SLAM, see `lidarnaut.envs.slam.make_slam` |
+    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, a `World`, or a list of these to draw from |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), or your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
     | `split` | `"train"` | seeds of a procedural family: `"train"` or `"test"` |
     | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` for the family's default |
-    | `difficulty` | `None` | difficulty of `clutter` worlds, from 0 to 1; `None` draws it for each world |
-    | `num_worlds` | `None` | number of worlds of a procedural family, generated once for faster resets; `None` for no limit |
-    | `reward` | `None` | changed weights of reward terms by name, or a subclass of `lidarnaut.envs.task.Rewards` |
+    | `difficulty` | `None` | difficulty of `clutter` worlds, from 0 to 1; `None` draws it |
+    | `num_worlds` | `None` | number of worlds of a procedural family, for faster resets; `None` for no limit |
+    | `reward` | `None` | changed weights by name, or a subclass of `lidarnaut.envs.task.Rewards` |
     | `map_resolution` | `0.05` | size of a map cell [m] |
-    | `return_home` | `False` | whether the robot has to return after exploring, see Episode End; for one robot |
+    | `return_home` | `False` | whether the robot has to return, see Episode End; one robot |
 
     ## Version History
     * v0: first version
@@ -126,7 +123,7 @@ class Explore(UnknownWorldTask):
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
             self.weights = {**self.weights, "returned": 10.0}
         self.is_returning = False
-        """Whether the robot has to return to its start now; True only with `return_home=True`."""
+        """Whether the robot has to return to its start now."""
         super().attach(robot, control_period, physics)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
@@ -138,11 +135,7 @@ class Explore(UnknownWorldTask):
         return parts
 
     def call_back(self) -> None:
-        """End exploration early, and require the robot to return to its start.
-
-        Raises:
-            ValueError: without `return_home=True`.
-        """
+        """End exploration, and require the robot to return; ValueError without `return_home=True`."""
         if not self.return_home:
             raise ValueError("the robot can be called back with return_home=True alone")
         self.is_returning = True
@@ -151,7 +144,6 @@ class Explore(UnknownWorldTask):
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
         self.coverage = Coverage(self.area, self.map_pose, simulator.robot.lidar)
-        """Explored cells by ground truth."""
         for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
         self.end_reason = None
@@ -212,43 +204,41 @@ class ExploreTeam(Explore):
     """Explore an unknown world with a team of lidar robots that share one map.
 
     ## Description
-    `Explore` with one to four identical robots. They start near each other with known relative poses, as in Umari and
-    Mukhopadhyay (2017). Each robot localizes itself by matching its scans to the shared map. Robots observe and collide
-    with each other. Beams that end at the estimated pose of a teammate are not mapped. With one robot, the task equals
-    `Explore`.
+    `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
+    Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Robots observe and collide with each other.
+    Beams that end at a teammate's estimated pose are not mapped.
 
     ## Action Space
-    `Box(-1, 1, (num_robots, 2), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the limits,
-    one row per robot.
+    `Box(-1, 1, (num_robots, 2), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the limits.
 
     ## Observation Space
-    `Dict`, egocentric as in `Explore` with one row per robot (fresh arrays each step):
+    `Dict`, egocentric, one row per robot (fresh arrays each step):
 
     | key | space | meaning |
     |---|---|---|
     | `scan` | `Box(0, 1, (num_robots, num_beams), float32)` | ranges, including returns from teammates |
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
-    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper contact, time since the reset over 600 s (at most 1) |
-    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers per teammate, in the order of robot indices: estimated position forward and left over 16 m, cosine and sine of the heading; with two or more robots |
+    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | as in `Explore` |
+    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | per teammate, by index: estimated position forward and left over 16 m, cosine and sine of the heading |
 
     Channel 2 of the maps is visited by any robot.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, as in `Explore` for the whole team: `explored` (each cell once), `time`,
-    `collision` (per robot in contact, including contact between robots), `completed`.
+    The sum of the terms in `info["rewards"]`, as in `Explore`: `explored` (each cell once per team), `time`,
+    `collision` (per robot in contact, also with robots), `completed`.
 
     ## Starting State
-    The robots are at rest with an empty map, whose frame begins at the start of robot 0. `start` sets this pose as in
-    `Explore`. The other robots start within 2 m, in its line of sight and 0.5 m apart, with random headings; in narrow
-    spaces farther away, closer together, or out of sight. One pose per robot, `((x, y, theta), ...)`, is used as given.
+    The robots are at rest with an empty map, whose frame begins at robot 0. `start` sets the pose of robot 0 as in
+    `Explore`; the others start within 2 m, in its line of sight and 0.5 m apart, with random headings; in narrow spaces
+    farther away, closer together, or out of sight. One pose per robot, `((x, y, theta), ...)`, is used as given.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
     2. Truncation: `time_limit` seconds have passed.
 
     ## Information
-    As in `Explore`; `pose_error`, shape (num_robots, 2), `path_length` and `collisions` have one row per robot.
+    As in `Explore`; `pose_error`, shape (num_robots, 2), `path_length` and `collisions` per robot.
 
     ## Arguments
     The arguments of `Explore` except `return_home`, and
@@ -256,7 +246,7 @@ class ExploreTeam(Explore):
     | argument | default | meaning |
     |---|---|---|
     | `num_robots` | `2` | number of robots, 1 to 4 |
-    | `start` | `"random"` | also one pose per robot, see Starting State |
+    | `start` | `"random"` | also one pose per robot |
 
     ## Version History
     * v0: first version

@@ -1,4 +1,4 @@
-"""Task of following a route with a pose estimate fused from map, encoders and compass."""
+"""Task of following a route."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -37,7 +37,7 @@ AMCL_PARAMS = AmclParams(
     update_min_d=0.2,
     update_min_a=0.1,
 )
-"""AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m and an accurate lidar."""
+"""AMCL with a sharper sensor model than Nav2's defaults, for an accurate lidar and map cells of 0.02 m."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -45,11 +45,10 @@ class FollowRoute(Task):
     """Follow a route with localization by map, wheel encoders and compass.
 
     ## Description
-    A differential-drive robot starts at the beginning of a route, with a map from an earlier manual drive. Each step
-    drives it for one control period. AMCL localizes it on the map at a lower rate and with latency. Encoders measure
-    speed, a compass measures heading. An extended Kalman filter fuses them to the pose estimate. The defaults repeat
-    the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per
-    second.
+    A differential-drive robot starts at the beginning of a route, with a map from an earlier manual drive. Each step is
+    one control period. An extended Kalman filter fuses AMCL, at a lower rate and with latency, with wheel encoders and
+    a compass. The defaults repeat the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8
+    m/s, with 17 control periods per second.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -60,17 +59,17 @@ class FollowRoute(Task):
     | key | space | meaning |
     |---|---|---|
     | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's maximum range; 1 no return; 0 lost beam or obstacle too near |
-    | `route` | `Box(-1, 1, (10, 2), float32)` | points of the route 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m |
+    | `route` | `Box(-1, 1, (10, 2), float32)` | route points 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s off the
-    route), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once). `reward`
-    changes the weights. Progress and deviation are true values.
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s),
+    `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once), by the true pose. `reward`
+    changes the weights.
 
     ## Starting State
     The robot is at rest at the beginning of the route, with normally distributed errors of standard deviations
-    `start_spread`; the filter assumes no error.
+    `start_spread`, unknown to the filter.
 
     ## Episode End
     1. Termination: the robot reaches the end of the route.
@@ -80,10 +79,10 @@ class FollowRoute(Task):
     Collisions do not end the episode.
 
     ## Information
-    Each step: `progress` (fraction of the route), `deviation` (to the left of the route [m]), `pose_error` (position
-    [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether AMCL reports that it is
-    lost), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
-    `"time_limit"`). With `randomize` also `randomized`: the values drawn for the episode, by name.
+    Each step: `progress` (fraction of the route), `deviation` (to the left [m]), `pose_error` (position [m], heading
+    [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (reported by AMCL), `time` [s], `rewards`
+    (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or `"time_limit"`). With `randomize`
+    also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`; `robot` is `"mpo_500"` and `control_hz` 17 by default), and
@@ -91,15 +90,15 @@ class FollowRoute(Task):
     | argument | default | meaning |
     |---|---|---|
     | `world` | `"workshop_hall"` | library world, path of a world YAML or of a `map_server` YAML, or a `World` |
-    | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle of 78 m from the world's first spawn |
-    | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` (AMCL alone) |
+    | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle from the world's first spawn |
+    | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` |
     | `slam` | `"tinyslam"` | SLAM that makes the map |
     | `map_seed` | `0` | seed of the mapping drive |
     | `map_resolution` | `0.02` | size of a map cell [m] |
     | `map_latency` | `0.1` | latency of AMCL [s] |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
-    | `reward` | `None` | changed weights of reward terms by name, or a subclass of `lidarnaut.envs.task.Rewards` |
+    | `reward` | `None` | changed weights by name, or a subclass of `lidarnaut.envs.task.Rewards` |
 
     ## Version History
     * v0: first version
@@ -143,20 +142,20 @@ class FollowRoute(Task):
 
     @property
     def route_ahead(self) -> np.ndarray:
-        """Remaining points of the route, shape (n, 2), float64, map frame [m], for rendering."""
+        """Remaining route points, shape (n, 2), float64, map frame [m]."""
         return self.route.points[self.route_progress.index :]
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route; ValueError for another one."""
+        """Return the world of the route; ValueError for another world."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return the robot's start, near the beginning of the route; ValueError if `start` is given."""
+        """Return the robot's start near the beginning of the route; ValueError if `start` is given."""
         if start is not None:
             raise ValueError("a route has its own start; make another environment")
         spread, turn = self.start_spread
@@ -165,7 +164,7 @@ class FollowRoute(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map, which is made on first use, and its origin as initial pose."""
+        """Return the map, made on first use, with its origin as the initial pose."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)

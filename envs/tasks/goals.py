@@ -1,4 +1,4 @@
-"""Base of tasks with a goal, geodesic distance, known map and localizers."""
+"""Tasks with a goal, geodesic distance, and localizers."""
 
 import math
 from abc import abstractmethod
@@ -24,7 +24,7 @@ from lidarnaut.envs.worlds.world import kept_with_world
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
-"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
+"""Names of localizers. "odometry" and "truth" integrate motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -36,8 +36,8 @@ class GoalTask(WorldTask):
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """Goal: `"random"`, `"world"` for the world's own, or (x, y, theta) or (x, y), map frame. During an episode, the
-    current goal pose."""
+    """`"random"`, `"world"` for the world's own goal, or (x, y, theta) or (x, y), map frame. During an episode, its
+    goal."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0
@@ -67,7 +67,7 @@ class GoalTask(WorldTask):
         """Set a goal, (x, y, theta) or (x, y), map frame, and return its usual time limit [s].
 
         Raises:
-            ValueError: the goal is not finite or not reachable.
+            ValueError: not finite or not reachable.
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
@@ -81,7 +81,7 @@ class GoalTask(WorldTask):
             raise
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
-        """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is not allowed."""
+        """Return the validated argument `goal`, with heading 0 for (x, y)."""
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
         needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
@@ -94,22 +94,22 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Compute the path from the robot to a new goal, and return its length [m]."""
+        """Return the path length to a new goal [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return the usual time limit for a path length [m]: four times the time at maximum speed, plus 30 s."""
+        """Return four times the driving time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Return a localizer; ValueError for an unknown name or AMCL preset."""
+    """Return a localizer; ValueError for an unknown name or preset."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:
-    """Return the map of a perfect exploration: free where visible, occupied at walls, else unknown."""
+    """Return the map of a perfect exploration."""
     walls = area.walls
     data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
     data[walls.data > 0] = OCCUPIED
@@ -118,7 +118,7 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 
 @kept_with_world
 def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
-    """Return the traversable space in blocks of `pooled` x `pooled` cells; one traversable cell is enough."""
+    """Return free space in blocks of `pooled` x `pooled` cells, free if any of their cells is."""
     free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
     free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
     side = pooled * area.walls.resolution
@@ -130,9 +130,9 @@ class GeodesicDistance:
     """True geodesic distance to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Compute the distances to a goal, world frame; ValueError if it is not reachable.
+        """Compute distances to a goal, world frame; ValueError if not reachable.
 
-        Blocks of `pooled` x `pooled` cells are traversable if one of their cells is.
+        Blocks of `pooled` x `pooled` cells are free if any of their cells is.
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
@@ -146,11 +146,11 @@ class GeodesicDistance:
 
     @property
     def lengths(self) -> np.ndarray:
-        """Distances of all cells, shape of the raster, float32 [m]; inf where the robot does not fit."""
+        """Distances of all raster cells, float32 [m]; inf outside free space."""
         return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
-        """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""
+        """Return the distance from a pose, world frame, to the goal [m]; outside free space the last value."""
         cell = self.grid.cells(np.array(pose[:2]))
         if self.grid.contains(cell):
             length = float(self._field.cost(cell))

@@ -24,7 +24,7 @@ from lidarnaut.envs.worlds import load_map
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
-"""Standard deviations of the error of the localizer's initial position, per axis [m], and heading [rad]."""
+"""Standard deviations of the localizer's initial pose: position per axis [m], heading [rad]."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -32,9 +32,8 @@ class Navigate(GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders drives to a goal in a mapped world. Each step drives
-    it for one control period. A localizer then updates its pose on the map from the scan and odometry. The policy
-    observes sensor data and estimates, never ground truth.
+    A differential-drive robot with a 2D lidar drives to a goal on a known map. Each step is one control period, in
+    which a localizer updates the pose estimate. The policy observes sensor data and estimates, never ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -48,37 +47,36 @@ class Navigate(GoalTask):
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 8 m x 8 m around the estimated pose, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
-    | `goal` | `Box(-1, 1, (5,), float32)` | distance to the goal over 32 m (at most 1), cosine and sine of its bearing, cosine and sine of the heading difference |
-    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer reports that it is lost |
+    | `goal` | `Box(-1, 1, (5,), float32)` | distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
+    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the position over 1 m and of the heading over pi (at most 1), 1 if the localizer is lost |
 
-    Map channels: 0 occupied, 1 free, 2 visited, by the robot's own estimate. Axis 1 points forward, axis 2 to the left.
-    Unknown is 0 in channels 0 and 1.
+    Map channels: 0 occupied, 1 free, 2 visited (estimated). Axis 1 points forward, axis 2 to the left. Unknown is 0 in
+    channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance to the goal
-    around static obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `reached` (10,
-    once). `reward` changes the weights.
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around
+    static obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes
+    the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
-    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. Goals likewise, at least `min_distance` away;
-    given goals are in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the
-    localizer knows the start with standard deviations of 0.1 m and 5 degrees; with `"unknown"` it starts with global
-    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` applies to one episode;
-    `set_goal` sets a new goal without a reset.
+    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. Goals likewise, at least `min_distance` away, or
+    given in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the localizer knows
+    the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global localization.
+    `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal without
+    a reset.
 
     ## Episode End
-    1. Termination: the robot's true base pose is within `goal_tolerance` of the goal, and its heading within
-    `heading_tolerance` of the goal's.
+    1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.
     2. Truncation: `time_limit` seconds have passed.
 
     Collisions do not end the episode.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction of
-    the geodesic distance), `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions`
-    (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"` or
-    `"time_limit"`). With `randomize` also `randomized`: the values drawn for the episode, by name.
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
+    `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time`
+    [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize`
+    also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and
@@ -91,10 +89,10 @@ class Navigate(GoalTask):
     | `initial_pose` | `"known"` | whether the localizer knows the start: `"known"` or `"unknown"` |
     | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a perfect exploration |
     | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame |
-    | `goal` | `"random"` | see Starting State; `"world"` for the world's own goal of the spawn nearest to the start |
+    | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
-    | `heading_tolerance` | `pi` | heading difference to the goal that counts as reached [rad]. Below pi, `pursuit`, `dwb` and `mppi` turn to the goal's heading |
+    | `heading_tolerance` | `pi` | heading difference that counts as reached [rad]; `pursuit`, `dwb` and `mppi` turn to the goal's heading below pi |
     | `map_resolution` | `0.05` | size of a cell of the perfect map [m] |
 
     ## Version History
@@ -132,7 +130,6 @@ class Navigate(GoalTask):
         return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the localizer's initial pose and the map."""
         grid = known_map(self.area) if self._map is None else self._map
         if self.initial_pose == "unknown":
             return Prior(None, grid)

@@ -28,9 +28,9 @@ from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
 from .starts import UnknownWorldTask
 
 CELL = 0.1
-"""Cell size of the geodesic distance field [m], unless the traversable area has larger cells."""
+"""Minimum cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance of the aim point towards the goal, and movement after which it is updated [m], with `goal_given="bearing"`."""
+"""Distance to the aim point shown with `goal_given="bearing"`, and change that updates it [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit of BARN's worlds [s]."""
 BARN_SPEED = 2.0
@@ -43,14 +43,14 @@ QUANTITIES = {
     "clearance": own_at.CLEARANCE,
     "people": own_at.PEOPLE,
 }
-"""Indices of the reward terms' quantities in the task's row."""
+"""Indices of reward quantities in the task's state array."""
 METRICS = {
     "distance_to_goal": own_at.DISTANCE,
     "geodesic_distance": own_at.LEFT,
     "progress": own_at.SHARE,
     "is_success": own_at.SUCCESS,
 }
-"""Indices of the metrics in the task's row."""
+"""Indices of metrics in the task's state array."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -58,14 +58,13 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """Drive to a goal in an unknown world.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders drives to a goal in a world without a map, past walls
-    and people. The frame is that of its start. Each step drives it for one control period. The pose estimate is
-    odometry; with `slam` it is a SLAM's, and map crops and plan can be observed. The policy observes sensor data and
-    estimates, never ground truth.
+    A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
+    frame of its start. Each step is one control period. The pose estimate is odometry; with `slam`, map crops and plan
+    can be observed too. The policy observes sensor data and estimates, never ground truth.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. The
-    robot approaches them with its maximum accelerations, `max_acc_v` and `max_acc_w`.
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
+    approached with its maximum accelerations.
 
     ## Observation Space
     `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
@@ -73,27 +72,26 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | key | space | meaning |
     |---|---|---|
     | `scan_history` | `Box(0, 1, (270,), float32)` | minimum ranges of 90 sectors 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
-    | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
+    | `goal` | `Box(-1, 1, (4,), float32)` | distance over 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
     | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
 
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
-    `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training, and
-    marks evaluated policies. `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66 twists, see
+    `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training
+    (evaluated policies are marked). `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66 twists, see
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance to the goal
-    around static obstacles), `time` (-0.2 per s), `collision` (-20 for contact that ends the episode; with
-    `contact="costs"` per s in contact), `reached` (10, once), `clearance` (-0.4 per s, rising linearly as the gap
-    between footprint and obstacles falls from 0.15 m to 0), `people` (-0.6 per s, likewise for the gap to the nearest
-    person from 0.5 m). `reward` changes the weights.
+    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around
+    static obstacles), `time` (-0.2 per s), `collision` (-20 at the end of the episode; with `contact="costs"` per s in
+    contact), `reached` (10, once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0), `people`
+    (-0.6 per s, linear in the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
     spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. `goal="random"` likewise, at least
-    `min_distance` away; `goal="world"` is the world's own goal of the spawn nearest to the start; a tuple (x, y) or (x,
-    y, theta) is in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` applies to one
-    episode; `set_goal` sets a new goal without a reset.
+    `min_distance` away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is
+    in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode,
+    `set_goal` a new goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` of the goal.
@@ -101,13 +99,13 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     3. Truncation: `time_limit` seconds have passed.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction of
-    the geodesic distance), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so
-    far), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"`
-    or `"time_limit"`), `at_fault` (whether the episode ended by contact, unless a faster person walked into the robot),
-    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also
-    `hit_wall`, `hit_person`, `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and
-    `least_time_to_collision` [s]. With `randomize` also `randomized`: the values drawn for the episode, by name.
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
+    `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
+    (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or `"time_limit"`),
+    `at_fault` (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk) [m/s3] and
+    `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`,
+    `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With
+    `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,
@@ -115,7 +113,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     | argument | default | meaning |
     |---|---|---|
-    | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, both without a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
+    | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, without a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
     | `goal_given` | `"pose"` | information about the goal: `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
@@ -153,7 +151,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     @property
     def _own(self) -> np.ndarray:
-        """The task's row; see `reach_kernels`."""
+        """The task's state array; see `reach_kernels`."""
         return self._rows.memory[GOAL_MEMORY][0]
 
     @property
@@ -168,7 +166,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal that controllers are given at an estimated pose, map frame; see `AIM_RANGE`."""
+        """Return the goal for controllers, map frame: the true goal, or an aim point with `goal_given="bearing"`."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

@@ -1,4 +1,4 @@
-"""State of an episode of `ReachGoal` as an array of numbers, updated by kernels for one or many environments."""
+"""State array of `ReachGoal`, updated by kernels for one or many environments."""
 
 import math
 
@@ -12,38 +12,39 @@ from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
-"""Indices of the goal in the task's row: map frame and world frame [m]."""
+"""State array indices of the goal, map frame and world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""Indices in the task's row: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the geodesic
-field [m], initial geodesic distance [m]."""
+"""State array indices of goal tolerance [m], 1 if contact ends the episode, origin and cell size of the distance field
+[m],
+initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices of the reward quantities of the last period; see `ReachGoal.weights`."""
+"""State array indices of reward quantities of the last period; see `ReachGoal.weights`."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""Indices in the task's row: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at the
-goal."""
+"""State array indices of end reason, straight and geodesic distance [m], driven fraction, 1 at the goal."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
-"""Indices in the task's row: time of first motion [s] or 0, sum of absolute jerk over periods [m/s3], last commanded
-forward speed [m/s] and acceleration [m/s2]."""
+"""State array indices of the time of first motion [s], summed absolute jerk [m/s3], last commanded forward speed [m/s]
+and
+acceleration [m/s2]."""
 SIZE = 24
-"""Length of the task's row."""
+"""Length of the state array."""
 END_REASONS = (None, "reached", "wall", "person")
-"""Names of end reasons, by the value at index `END`."""
+"""Names of end reasons, indexed by entry `END`."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
-"""Gap to a person below which the reward is reduced [m]."""
+"""Gap to a person below which the reward decreases [m]."""
 NEAR_OBSTACLE = 0.15
-"""Clearance to obstacles below which the reward is reduced [m]."""
+"""Clearance to obstacles below which the reward decreases [m]."""
 MOVED = 0.1
-"""Path length at which a robot counts as moving [m] and the clock of BARN's metric starts."""
+"""Path length that counts as moving [m] and starts the clock of BARN's metric."""
 
 
 @njit(cache=True, error_model="numpy")
 def measure_goal(row, own, lengths):
-    """Measure where the goal is from a robot's row: `DISTANCE`, `LEFT`, `SHARE`, `SUCCESS` of the task's row `own`.
+    """Update `DISTANCE`, `LEFT`, `SHARE` and `SUCCESS` of the state array `own` from the robot's record `row`.
 
-    `lengths`: shape (height, width), float32, geodesic distances of the cells of a raster [m], inf where the robot does
-    not fit. The least sum of those of the cells around the robot and the straight line there counts; where it fits in
-    none of them, the last value.
+    `lengths`: geodesic distances of raster cells, shape (height, width), float32 [m], inf outside free space. The
+    distance is the minimum over neighbouring cells plus the straight line to their centre; if all are inf, the last
+    value.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -62,9 +63,9 @@ def measure_goal(row, own, lengths):
 
 @njit(cache=True, error_model="numpy")
 def update_goal(row, own, lengths, segments, circles):
-    """Update the task's row after a control period.
+    """Update the state array after a control period.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64, are static obstacles [m].
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
     """
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     before, touched = own[LEFT], row[at.TOUCHED] > 0.0
@@ -88,7 +89,7 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the tasks' rows of active environments; `surroundings`: see `step_rows`; `lengths`: one array each."""
+    """Update the state arrays of active environments; for `surroundings` see `step_rows`."""
     for i in range(active.shape[0]):
         if active[i]:
             update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

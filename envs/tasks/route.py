@@ -10,11 +10,11 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Distance to the end of a route at which the route is completed [m]."""
+"""Distance to the end of a completed route [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""Number of points ahead searched for the nearest one, so that crossing or closed routes are driven in order."""
+"""Number of points searched for the nearest one, so that crossing routes are driven in order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +58,7 @@ class Route:
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
-        """Return the route in another frame, which is given in the current frame."""
+        """Return the route in another frame, given in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
@@ -66,8 +66,8 @@ class Route:
 def rectangle(start: Pose2D) -> np.ndarray:
     """Return the 78 m rectangle of Nguyen et al. (2021), counter-clockwise, shape (n, 2), float64 [m].
 
-    Corners are arcs of 1 m radius, since a differential drive cannot turn sharply at speed. `start` is the beginning of
-    the first long side, 24 m with its corners. The last point equals the first.
+    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start` is the beginning of the
+    first long side.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side
@@ -83,15 +83,15 @@ def rectangle(start: Pose2D) -> np.ndarray:
 
 
 class Progress:
-    """Progress of a robot along a route; never decreases, and does not jump at crossings."""
+    """Progress along a route; never decreases or jumps at crossings."""
 
     def __init__(self, route: Route) -> None:
         self.route = route
         self.index = 0
-        """Index of the nearest route point, searched ahead of the previous one."""
+        """Index of the nearest route point."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Return the arc length of a pose along the route, and its offset to the left [m]."""
+        """Return arc length along the route and offset to the left of a pose [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -100,7 +100,7 @@ class Progress:
         return float(route.along[self.index]), float(c * dy - s * dx)
 
     def ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the route points at lookahead distances, or the last point beyond the end, shape (n, 2) [m]."""
+        """Return the route points at lookahead distances [m], shape (n, 2), at most the last point."""
         target = self.route.along[self.index] + distances
         return points_at(self.route.points, self.route.along, target)
 
@@ -108,7 +108,7 @@ class Progress:
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
     """Return the pure pursuit twist at a speed [m/s] and lookahead distance [m].
 
-    `progress` must be up to date with `pose`, the robot's pose in the frame of the route.
+    Call `progress.update(pose)` before; `pose` is in the frame of the route.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

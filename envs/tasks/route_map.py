@@ -1,4 +1,4 @@
-"""Map for following a route, made by an earlier manual drive with SLAM."""
+"""Map of a route, made by an earlier manual drive."""
 
 import functools
 import math
@@ -18,13 +18,13 @@ from lidarnaut.envs.worlds import World
 from .route import END, Progress, Route, steer
 
 PRESET = Path(__file__).parent / "route_map.yaml"
-"""TinySLAM parameters for a drive with a compass, with a small spread of candidate poses."""
+"""TinySLAM parameters for a drive with a compass."""
 LOOKAHEAD = 0.6
 """Lookahead distance of manual driving [m]."""
 UPDATE_DISTANCE = 0.2
-"""Distance since the last mapped scan at which the next scan is mapped [m]."""
+"""Minimum distance between mapped scans [m]."""
 UPDATE_ANGLE = 0.15
-"""Turn since the last mapped scan at which the next scan is mapped [rad]."""
+"""Minimum turn between mapped scans [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,11 +32,11 @@ class RouteMap:
     """Result of the mapping drive."""
 
     grid: OccupancyGrid
-    """The map, whose frame is the pose at the start of the route."""
+    """Map in the frame of the start of the route."""
     north: float
     """Compass heading of the map's x axis [rad]; NaN without a compass."""
     poses: np.ndarray
-    """Poses estimated by the SLAM, shape (n, 3), float64, map frame [m, m, rad]."""
+    """Estimated poses, shape (n, 3), float64, map frame [m, m, rad]."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -50,13 +50,11 @@ def make_route_map(
     control_period: float,
     seed: int,
 ) -> RouteMap:
-    """Drive a route manually, map it with a SLAM, and return the map; results are cached.
+    """Drive a route manually by the true pose, map it with a SLAM, and return the map; cached.
 
-    Manual driving follows the true pose. The SLAM gets wheel odometry, and compass headings if available. Scans are
-    mapped at intervals: matching each scan to the previous one would follow scan noise.
-
-    `path`: bytes of the route's points, float64, shape (n, 2), world frame [m]; `resolution`: size of a map cell [m];
-    `seed`: seed of the drive's noise. RuntimeError if the robot does not reach the end.
+    The SLAM gets wheel odometry and compass headings. Not every scan is mapped, since matching each scan to the
+    previous one would follow scan noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
+    `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
@@ -92,7 +90,7 @@ def make_route_map(
         if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
             continue
         if uses_compass:
-            # The absolute heading corrects earlier matching errors.
+            # Absolute headings correct earlier matching errors.
             turned = reading.heading - headings[0] - mapper.belief.pose.theta
             motion = motion._replace(theta=float(wrap_angle(turned)))
         beliefs.append(mapper.update(reading, motion).pose)
@@ -106,14 +104,14 @@ def make_route_map(
 
 
 def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    """Return a motion of equal arc length with another turn [rad]."""
+    """Return a motion of equal length with another turn [rad]."""
     turn = float(wrap_angle(turn))
     length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
     return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
-    """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
+    """Mark unknown cells within `radius` [m] of the driven path as free, since lidars miss the floor."""
     reach = math.ceil(radius / grid.resolution)
     disc = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
     disc = disc[np.hypot(*disc.T) * grid.resolution <= radius]

@@ -1,4 +1,4 @@
-"""World and start poses of an episode."""
+"""World and starts of an episode."""
 
 import math
 from collections.abc import Iterable
@@ -21,17 +21,17 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Maximum distance of a team's robots from the first at the start [m]; up to eight times as far in narrow spaces."""
+"""Maximum distance between the starts of a team's first and other robots [m]; up to eightfold in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
-"""Minimum gaps between footprints at the start [m], tried in this order."""
+"""Minimum gaps between footprints at the start [m], in the order of trials."""
 
 
 @dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """Base of tasks with configurable worlds and starts; raises as `lidarnaut.envs.worlds.world_sampler`."""
+    """Base of tasks with configurable worlds and starts; for errors see `lidarnaut.envs.worlds.world_sampler`."""
 
     needs_explorable = True
-    """Whether the explorable area is computed before an episode begins."""
+    """Whether the explorable area is computed."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these."""
     split: Literal["train", "test"] = "train"
@@ -39,15 +39,15 @@ class WorldTask(Task):
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None
-    """Difficulty of `clutter` worlds, from 0 to 1; None draws it for each world."""
+    """Difficulty of `clutter` worlds, from 0 to 1; None draws it."""
     num_worlds: int | None = None
-    """Number of worlds of a procedural family, each generated once; None for no limit."""
+    """Number of worlds of a procedural family; None for no limit."""
     start: Any = "random"
     """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame."""
     map_resolution: float = 0.05
     """Size of a map cell [m]."""
     reward: Any = None
-    """Changed weights of reward terms, or a subclass of `Rewards`; see `lidarnaut.envs.task.Rewards.of`."""
+    """Changed weights of reward terms, or a subclass; see `lidarnaut.envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
@@ -61,31 +61,27 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """World sampler, if it and `draw_world` are the package's own, else None; see `Task`."""
+        """World sampler if no user code runs, else None; see `Task`."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        # Size and difficulty apply only to worlds that accept them.
+        # Size and difficulty apply to worlds that accept them.
         drawn = (self._sample if world is None else self._sampler([world]))(rng)
         area = explorable_area(drawn, self.robot, self.map_resolution)
         if self.needs_explorable:
-            _ = area.explorable  # computed here because worlds are drawn ahead of time
+            _ = area.explorable  # worlds are drawn ahead of time
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the area of a map around the first robot's given start."""
+        """Return the area of a map around the first robot."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return the robots' starts; robots without a given start are placed near the first.
-
-        Raises:
-            ValueError: a start is not collision-free, or there is no room for a robot.
-        """
+        """Return the starts, with missing robots near the first; ValueError if one is not collision-free."""
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
-        """Reachable part of the true world."""
+        """Reachable area of the true world."""
         robot, area = self.robot, self.area
         wanted = self._start if start is None else read_start(start, self.num_robots)
         if wanted == "random":
@@ -107,7 +103,7 @@ class WorldTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownWorldTask(WorldTask):
-    """Base of tasks in an unknown world, mapped by a SLAM in the frame of the first robot's start."""
+    """Base of tasks in a world mapped by a SLAM, in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
     """SLAM, see `lidarnaut.envs.slam.make_slam`."""
@@ -117,7 +113,7 @@ class UnknownWorldTask(WorldTask):
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Return the SLAM; ValueError for an unknown name, or one that cannot share a map in a team."""
+        """Return the SLAM; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
@@ -131,11 +127,7 @@ class UnknownWorldTask(WorldTask):
 
 
 def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
-    """Return the argument `start` of environments: `"random"`, `"spawn"`, or the pose of one or all robots of a team.
-
-    Raises:
-        ValueError: if it is none of them.
-    """
+    """Return the argument `start`: "random", "spawn", or poses of one or all robots; ValueError otherwise."""
     if isinstance(start, str) and start in ("random", "spawn"):
         return start
     poses = [start] if is_pose(start) else list(start) if isinstance(start, Iterable) else []
@@ -146,7 +138,6 @@ def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
 
 
 def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D) -> str:
-    """Return the reason for a pose that is not traversable."""
     if world.map is not None and (where := class_at(world.map, pose)) != FREE_SPACE:
         return where
     cell = area.walls.cells(np.array(pose[:2]))
@@ -163,8 +154,7 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
 
-    Without room, starts are farther from `first`, then closer together, then out of sight. `num_robots` includes
-    `first`.
+    In narrow spaces they are farther away, then closer together, then out of sight.
 
     Raises:
         ValueError: no room within eight times `START_DISTANCE`.
@@ -192,7 +182,7 @@ def draw_starts(
 
 
 def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
-    """Return True if the straight line from a pose to (x, y), world frame [m], crosses no wall."""
+    """Return True if no wall lies on the line from a pose to (x, y), world frame [m]."""
     walls = area.walls
     (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
     num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)

@@ -1,4 +1,4 @@
-"""Vector environments: many environments in worker processes."""
+"""Vector environments with worker processes."""
 
 from functools import partial
 from typing import Any
@@ -18,7 +18,6 @@ __all__ = [
 
 
 def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
-    """Return a vector environment of an entry point's environments, kinematic by default."""
     return LidarVectorEnv(load_env_creator(entry_point), num_envs, physics=physics, **arguments)
 
 

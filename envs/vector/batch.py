@@ -1,7 +1,4 @@
-"""Sub-environments stepped together by kernels: physics, sensing and odometry in one call.
-
-Each sub-environment does the remaining work of a control period itself; see `LidarEnv.finish`.
-"""
+"""Sub-environments whose physics, sensing and odometry are stepped in one kernel call."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -21,14 +18,14 @@ from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
 from .memory import SCALARS, Arrays, Records
 
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
-"""Entries of `info` that do not come from the task."""
+"""Entries of `info` common to all tasks."""
 MOST_POSITIONS = 256
-"""Number of positions of mapless robots buffered before they are added to the robots' trails."""
+"""Capacity of the buffer of robot positions that are not yet in the trails."""
 
 
 @njit(cache=True)
 def repeat(item, count):
-    """Return a typed list with `count` references to an item."""
+    """Return a Numba list with `count` references to an item."""
     items = List()
     for _ in range(count):
         items.append(item)
@@ -37,28 +34,27 @@ def repeat(item, count):
 
 @njit(cache=True)
 def put(items, i, item):
-    """Set an item of a typed list. Numba caches this function, but recompiles list methods in every process."""
+    """Set an item of a Numba list. Cached by Numba, unlike list methods."""
     items[i] = item
 
 
 class Batch:
-    """Environments that are all stepped by kernels; see `LidarEnv.is_fused`."""
+    """Environments stepped together by kernels; see `LidarEnv.is_fused`."""
 
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
-        """Move the environments' rows to shared arrays; `arrays` are the shard's."""
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """Robots of all environments in order. The arrays below have one row per robot."""
+        """Robots of all environments in order."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """Arrays by name; see `Rows.memory`."""
+        """See `Rows.memory`."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Mask of robots that drove in the current period, bool."""
+        """Mask of robots that drove in the current control period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
@@ -74,10 +70,10 @@ class Batch:
         self._names: Iterable[str] = ()  # of quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
-        """Walls, circles and `People.arrays` of each environment, a typed list."""
+        """Walls, circles and people of each environment, for kernels."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Update rows, worlds and time limits of environments whose objects may have changed."""
+        """Update simulation state, worlds and time limits of environments with new objects."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -104,10 +100,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step active environments, at least one, and write their rewards and `info`.
+        """Step active environments, and write their rewards and `info`.
 
-        `is_last` marks environments truncated by this step. Returns the mask of active environments whose episodes
-        ended; their outcome is left to `LidarEnv.outcome`. Masks have shape (num_envs,), bool.
+        `is_last` marks environments that this step truncates. Returns the mask of ended episodes, whose outcome is left
+        to `LidarEnv.outcome`. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -140,19 +136,17 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Update the objects of environments that kernels have stepped alone."""
+        """Update the Python objects of environments that only kernels have stepped."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
     def _finish(self, indices: Sequence[int]) -> None:
-        """Finish a control period in the objects of environments."""
         if self._has_no_maps:
             self._extend_trails(indices)
         for i in indices:
             self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
 
     def _extend_trails(self, indices: Sequence[int]) -> None:
-        """Add buffered positions to the robots' trails."""
         for i in indices:
             robots = range(i * self._num_robots, (i + 1) * self._num_robots)
             for k, robot, truth in zip(robots, self._envs[i].robots, self._envs[i].truths, strict=True):
@@ -161,7 +155,6 @@ class Batch:
                 self._counts[k] = 0
 
     def _drive(self, active: np.ndarray) -> None:
-        """Simulate driving and sensing for one control period."""
         numbers, envs = self.numbers, self._envs
         actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
@@ -174,7 +167,6 @@ class Batch:
 
     @property
     def _times(self) -> np.ndarray:
-        """Time since the reset of each environment, shape (num_envs,) [s]."""
         return self.numbers[:: self._num_robots, at.TIME]
 
     def _observe(self, indices: Sequence[int]) -> None:
@@ -188,10 +180,9 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the map levels of all robots for crops with a resolution [m per pixel]; see `MapPyramid.level`.
+        """Return the map pyramid levels of all robots for a crop resolution [m per pixel]; see `MapPyramid.level`.
 
-        Words as a typed list; numbers of rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m];
-        block size [m].
+        Words; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; block size [m].
         """
         side = 0.0
         if resolution not in self._levels:
@@ -213,9 +204,9 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """Write rewards and records of environments that continue.
+        """Write rewards and records of continuing environments.
 
-        `columns`: quantities and metrics of the tasks; None reads quantities from the objects of `chosen` environments.
+        `columns`: quantities and metrics; None reads quantities from the objects of `chosen` environments.
         """
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
@@ -241,7 +232,7 @@ class Batch:
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
-        """Return the quantities of tasks in a period without a new scan, as columns; see `Task.rests_between_scans`."""
+        """Return task quantities of a control period without new scans; see `Task.rests_between_scans`."""
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
         passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
@@ -260,12 +251,12 @@ class Batch:
 
 
 def _surroundings(env: Any) -> tuple[Any, ...]:
-    """Return walls, circles and people of an environment. Worlds are copied because their arrays may be read-only."""
+    """Return walls, circles and people of an environment; copies, since worlds may be read-only."""
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
-    """Return True if the first class with one of these methods has `by_rows`, and its module begins with `of`."""
+    """Return True if the first class with one of these methods defines `by_rows`, in a module that begins with `of`."""
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
     return by_rows in vars(kind) and kind.__module__.startswith(of)

@@ -1,4 +1,4 @@
-"""Memory shared by the processes of a vector environment, and records of `info`."""
+"""Shared memory of vector environments, and records of `info`."""
 
 import ctypes
 import math
@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 Extras = dict[int, dict[str, Any]]
-"""Entries of `info` outside of the records, by sub-environment, such as `end_reason` and `final_info`."""
+"""Entries of `info` that records cannot hold, by sub-environment."""
 WHOLE = ""
 """Key of an observation that is not a `Dict`."""
 
@@ -27,10 +27,10 @@ def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
 
 
 class Arrays(NamedTuple):
-    """Inputs and outputs of sub-environments, one row each."""
+    """Arrays of a vector environment, one row per sub-environment."""
 
     observations: dict[str, np.ndarray]
-    """Observation arrays by name, shape (num_envs, ...)."""
+    """Observations by name, shape (num_envs, ...)."""
     actions: np.ndarray
     """Actions, shape (num_envs, ...)."""
     rewards: np.ndarray
@@ -46,14 +46,10 @@ class Arrays(NamedTuple):
 
 
 class Memory:
-    """Memory of a vector environment's arrays. Pickling shares it between processes."""
+    """Memory of the arrays, shared between processes when pickled."""
 
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
-        """Allocate the arrays, shared by processes of a `multiprocessing` context if given.
-
-        Raises:
-            ValueError: an observation is not made of arrays.
-        """
+        """Allocate the arrays; ValueError if an observation is not made of arrays."""
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
         if any(shape is None for shape, _ in rows):
@@ -65,7 +61,6 @@ class Memory:
         self._buffers = [bytearray(k) if context is None else context.RawArray(ctypes.c_uint8, k) for k in sizes]
 
     def arrays(self) -> Arrays:
-        """Return the arrays as views of the memory."""
         views = [
             np.frombuffer(buffer, dtype, math.prod(shape)).reshape(shape)
             for buffer, (shape, dtype) in zip(self._buffers, self._layout, strict=True)
@@ -74,18 +69,15 @@ class Memory:
 
 
 class Absent:
-    """Marks an entry of the records that is missing in `info`."""
+    """Marker of an entry that is missing in `info`."""
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""Type codes of scalars in records. `np.bool_` is excluded, because Gymnasium puts it in object arrays."""
+"""Type codes of scalars in records. `np.bool_` is excluded because Gymnasium puts it in object arrays."""
 
 
 def kind_of(value: Any) -> Any:
-    """Return the record type of a value as in Gymnasium's vector environments, or None if records cannot hold it.
-
-    The type is an argument of `np.dtype`: a scalar code, code and shape of an array, or `kinds_of` a dict.
-    """
+    """Return the record type of a value, an argument of `np.dtype`; None if records cannot hold the value."""
     if (code := SCALARS.get(type(value))) is not None:
         return None if type(value) is int and not -(2**63) <= value < 2**63 else code
     if isinstance(value, dict):
@@ -102,13 +94,13 @@ def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
 
 
 class Records:
-    """The `info` of sub-environments: records of entries with fixed types (`kind_of`), and extras for other entries."""
+    """The `info` of sub-environments: records of entries with fixed types, and extras for the rest."""
 
     def __init__(self, num_envs: int, kinds: Sequence[tuple[str, Any]]) -> None:
         self.kinds, self.rows, self.extras = dict(kinds), np.zeros(num_envs, [*kinds]), Extras()
 
     def note(self, i: int, info: Mapping[str, Any], names: Iterable[str] | None = None) -> None:
-        """Store the entries of `info` with these names, or all entries."""
+        """Store the named entries of `info`, or all."""
         for name in dict.fromkeys([*self.kinds, *info]) if names is None else names:
             kind = self.kinds.get(name)
             if kind is not None and kind_of(info.get(name)) == kind:

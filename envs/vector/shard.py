@@ -16,9 +16,8 @@ from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
-"""Lock held during the preparation of an episode and during a fork. A forked process would inherit locks of the
-preparing
-thread, such as the compiler's, and never release them."""
+"""Held while an episode is prepared and during a fork, since a forked process would inherit locks of the preparing
+thread."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
@@ -26,7 +25,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shard:
-    """Sub-environments of one process, stepped as a `Batch` if fused and not wrapped, else one by one.
+    """Sub-environments of one process, stepped as a `Batch` if fused, else one by one.
 
     A thread draws the worlds of the next episodes.
     """
@@ -39,14 +38,10 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Make the sub-environments.
-
-        `make_env` returns a `LidarEnv`, possibly wrapped; `memory` holds the arrays of all sub-environments, and
-        `share` selects the shard's rows.
-        """
+        """Make the sub-environments. `share` selects their rows in `memory`."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
-        for env in self._inner:  # separate spaces would each store bounds of every pixel
+        for env in self._inner:  # separate spaces would each store pixel bounds
             env.observation_space = self._inner[0].observation_space
         self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
@@ -63,11 +58,7 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes of the sub-environments in `mask`, each with its seed.
-
-        Returns:
-            Records of `info`, shape (num_envs,), zero outside `mask`, and extras.
-        """
+        """Start episodes in `mask`; return records of `info`, shape (num_envs,), zero outside `mask`, and extras."""
         self._records.extras = {}
         for i, seed in enumerate(seeds):
             if mask[i]:
@@ -78,14 +69,14 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Set the types of the records after the first reset of all sub-environments."""
+        """Set the record types after the first reset."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)
         self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
-        """Step every sub-environment with its action; returns as `reset`."""
+        """Step every sub-environment; return values as for `reset`."""
         arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
         records.extras = {}
         self._steps += ~ended
@@ -108,7 +99,6 @@ class Shard:
         return records.rows, records.extras
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Step a sub-environment, unless the batch has stepped it; see `LidarEnv.outcome`."""
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
         if self._is_wrapped:
             observation, *outcome = env.step(action)
@@ -120,7 +110,7 @@ class Shard:
         return env.outcome(is_last)
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
-        """Call a method of every sub-environment, or return an attribute that is not callable."""
+        """Call a method of every sub-environment, or return an attribute."""
         with self._objects():
             found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
@@ -132,12 +122,12 @@ class Shard:
 
     @contextlib.contextmanager
     def _objects(self) -> Iterator[None]:
-        """Update the sub-environments' objects before access, and the batch afterwards."""
+        """Update the sub-environments' objects for access, and the batch afterwards."""
         if self._batch is not None:
             self._batch.catch_up()
         try:
             yield
-        finally:  # also after an error, since some objects may have changed
+        finally:  # also after an error
             self._bind(range(len(self.envs)))
 
     def close(self) -> None:
@@ -146,7 +136,6 @@ class Shard:
             env.close()
 
     def _reset(self, i: int, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
-        """Start an episode and return its first info."""
         env, preparation = self.envs[i], self._preparations[i]
         if preparation is not None and not preparation.cancel():
             with _preparing:  # not `wait`: a forked process lacks the thread
@@ -165,7 +154,7 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
-        """Bind sub-environments to the batch, or drop the batch if one cannot be fused."""
+        """Add sub-environments to the batch, or drop it if one cannot be fused."""
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
@@ -177,7 +166,6 @@ class Shard:
         self._batch.bind(indices)
 
     def _close_episode(self, i: int, info: dict[str, Any]) -> None:
-        """Store the last info of an episode, and start the next one with same-step autoreset."""
         if self._mode == AutoresetMode.SAME_STEP:
             final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
             self._records.extras[i] = {"final_obs": final, "final_info": info}
@@ -188,6 +176,6 @@ class Shard:
 
 
 def _prepare(env: Any) -> None:
-    """Prepare an episode. After an error, the reset draws another world."""
+    """After an error, `reset` draws another world."""
     with _preparing, contextlib.suppress(Exception):
         env.prepare()

@@ -28,8 +28,8 @@ MAX_ENVS = 100_000
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
     """Vector environment of lidar robots.
 
-    Sub-environment i equals, bit for bit, a single environment seeded with seed + i. Observations are fresh arrays each
-    step. `info` holds arrays with masks (such as `time` and `_time`), as Gymnasium's vector environments.
+    Sub-environment i is identical to a single environment with seed + i. Observations are fresh arrays each step.
+    `info` holds arrays with masks, as in Gymnasium.
     """
 
     def __init__(
@@ -47,20 +47,20 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Start the workers.
 
         Args:
-            make_env: class of the sub-environments, `LidarEnv` or a class with its methods.
+            make_env: class of the sub-environments, `LidarEnv` or similar.
             num_envs: number of sub-environments.
-            autoreset_mode: reset after the end of an episode: in the next step (`NEXT_STEP`), in the same step
-                (`SAME_STEP`), or by `reset` with a `reset_mask` (`DISABLED`).
-            max_episode_steps: number of steps that truncates an episode, besides the time limit; None or -1 for none.
-            num_workers: processes that step sub-environments, including the current one; 0 equals 1, None is the number
-                of available cores.
-            context: start method of processes, "fork", "forkserver" or "spawn"; None for Python's default.
-            env_wrappers: wrappers of each sub-environment, innermost first. Gymnasium's `make_vec` does not accept
-                `wrappers`; `lidarnaut.envs.vector.make_vec` does.
+            autoreset_mode: reset after an episode's end in the next step (`NEXT_STEP`), in the same step (`SAME_STEP`),
+                or by `reset` with a `reset_mask` (`DISABLED`).
+            max_episode_steps: steps that truncate an episode, besides the time limit; None or -1 for none.
+            num_workers: number of processes, including the current one; 0 equals 1, None is the number of available
+                cores.
+            context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
+            env_wrappers: wrappers of each sub-environment, innermost first. For `gymnasium.make_vec`, which has no
+                `wrappers`, use `lidarnaut.envs.vector.make_vec`.
             **arguments: arguments of the sub-environments.
 
         Raises:
-            ValueError: an argument is not among the allowed values.
+            ValueError: an argument is not allowed.
         """
         self.closed = True  # until the workers have started
         if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
@@ -92,7 +92,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
-        """Type of the records of `info`; None before the first reset."""
+        """Record type of `info`; None before the first reset."""
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
@@ -101,7 +101,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             functools.partial(Shard, make_one, memory, share, self.autoreset_mode, max_episode_steps)
             for share in self._shares
         ]
-        # This process steps the first shard while the workers step the others.
+        # This process steps the first shard itself.
         self._workers = [Worker(multiprocessing_context, maker) for maker in makers[1:]]
         self._shard = makers[0]()
         self.closed = False
@@ -112,9 +112,8 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Start episodes.
 
         Args:
-            seed: seed of sub-environment 0, where sub-environment i gets `seed + i`; or one seed each.
-            options: options of the sub-environments' `reset`; "reset_mask", shape (num_envs,), bool, selects some of
-                them.
+            seed: seed of sub-environment 0, seed + i for sub-environment i; or one seed each.
+            options: options of `reset`; "reset_mask", shape (num_envs,), bool, selects sub-environments.
 
         Raises:
             ValueError: wrong number of seeds, or an empty mask.
@@ -154,11 +153,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Step every sub-environment.
 
         Args:
-            actions: shape (num_envs, ...), each in the single action space.
+            actions: shape (num_envs, ...).
 
         Raises:
-            ValueError: actions have the wrong shape or lie outside of the action space.
-            gymnasium.error.ResetNeeded: no episodes have begun, one has ended without reset, or a step has failed.
+            ValueError: wrong shape, or outside of the action space.
+            gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
             gymnasium.error.ClosedEnvironmentError: after `close`.
             RuntimeError: after an interrupted call.
         """
@@ -179,29 +178,29 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return images of all sub-environments, shape (height, width, 3), uint8 each, for `rgb_array`."""
+        """Return images of all sub-environments, shape (height, width, 3), uint8."""
         return self.call("render") if self.render_mode is not None else None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every sub-environment, or return an attribute that is not callable."""
+        """Call a method of every sub-environment, or return an attribute."""
         self._check_open()
         return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
 
     @property
     def np_random_seed(self) -> Any:
-        """Seeds of the sub-environments, a tuple."""
+        """Seeds of the sub-environments."""
         return self.get_attr("np_random_seed")
 
     @property  # type: ignore[misc]
     def np_random(self) -> Any:
-        """Generators of the sub-environments, a tuple; copies for worker processes."""
+        """Generators of the sub-environments; copies for worker processes."""
         return self.get_attr("np_random")
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment to one value, or to its own value from a list or tuple."""
+        """Set an attribute of every sub-environment to one value, or to its own from a list or tuple."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
@@ -209,7 +208,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Raise TypeError: a copied connection to a worker would close the original's."""
+        """Raise TypeError, since a copy would close the connections to the workers."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"
@@ -231,7 +230,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             raise RuntimeError("the vector environment was interrupted in a call; close it and make another one")
 
     def _check_actions(self, actions: Any) -> np.ndarray:
-        """Return validated actions as an array of the space's dtype."""
         space = self.single_action_space
         actions = read_action(actions)
         if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
@@ -253,12 +251,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return actions
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Call a method of every shard with its own arguments, and return the results."""
+        """Call a method of every shard with its own arguments."""
         requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before the first send
         return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
-        """Send requests to the workers, step the own shard, and return all results, or raise the first error."""
+        """Send requests to the workers, do the own `work`, and return all results or raise the first error."""
         self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
@@ -277,7 +275,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return whole_of({name: array.copy() for name, array in self._arrays.observations.items()})
 
     def _info(self, results: Sequence[tuple[np.ndarray, Extras]], mask: np.ndarray) -> dict[str, Any]:
-        """Return the `info` of sub-environments in `mask`, by Gymnasium's rules for vector environments."""
         records = np.concatenate([records for records, _ in results])
         shares = zip(self._shares, results, strict=True)
         extras = {share.start + i: extra for share, (_, found) in shares for i, extra in found.items()}
@@ -291,7 +288,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
 
 
 def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:
-    """Return a sub-environment, with a `TimeLimit` if it is wrapped."""
     env = make_env(**arguments)
     if max_episode_steps is not None and (wrappers or env is not env.unwrapped):
         env = gymnasium.wrappers.TimeLimit(env, int(max_episode_steps))
@@ -301,14 +297,14 @@ def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None,
 
 
 def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
-    """Return `gymnasium.make_vec`'s environment with wrapped sub-environments; see `LidarVectorEnv`."""
+    """Return `gymnasium.make_vec(...)` with wrapped sub-environments."""
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)
 
 
 def _columns(records: np.ndarray, mask: np.ndarray, without: Sequence[str] = ()) -> dict[str, Any]:
-    """Return records as a dict of arrays and masks, without the entries in `without`."""
+    """Return records as arrays with masks, without some entries."""
     info: dict[str, Any] = {}
     for name in records.dtype.names or ():
         if name not in without:

@@ -21,7 +21,7 @@ from .memory import Extras
 from .shard import Shard
 
 SPIN_TIME = 0.002
-"""Time of busy waiting for a message before a process sleeps [s]."""
+"""Time of busy waiting for a message [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 _processes = weakref.WeakSet[Any]()
 if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers at exit
@@ -69,7 +69,7 @@ class Worker:
 def _stop(pipe: Any, process: Any, owner: int) -> None:
     if os.getpid() != owner:  # a forked process does not own the worker
         return
-    # Workers forked later hold copies of this end, so that closing is not enough.
+    # Closing is not enough: later forks hold copies of this end.
     with contextlib.suppress(OSError):
         pipe.send_bytes(b"q")
     pipe.close()
@@ -79,7 +79,7 @@ def _stop(pipe: Any, process: Any, owner: int) -> None:
 
 
 def receive(pipe: Connection) -> bytes:
-    """Return the next message, after busy waiting: waking a process takes as long as a robot's step."""
+    """Return the next message. Busy waiting avoids the delay of a wake-up, as long as a robot's step."""
     if hasattr(select, "poll"):  # not on Windows
         poll = select.poll()
         poll.register(pipe.fileno(), select.POLLIN)
@@ -90,9 +90,9 @@ def receive(pipe: Connection) -> bytes:
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Serve the requests of a vector environment in a worker process until it sends b"q" or exits.
+    """Serve a vector environment's requests in a worker process until b"q".
 
-    Answers begin with one byte: "." for records alone, "+" for a pickled result, "!" for an error.
+    First byte of an answer: "." records alone, "+" pickled result, "!" error.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     multiprocessing.current_process().daemon = False  # user code may start processes
@@ -116,7 +116,7 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that can be pickled, with an equal message."""
+    """Return an error that can be pickled."""
     with contextlib.suppress(Exception):
         if isinstance(pickle.loads(pickle.dumps(error)), Exception):
             return error
