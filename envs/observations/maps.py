@@ -36,7 +36,7 @@ class MapCrop:
 
         Args:
             resolution: size of a pixel [m].
-            size: pixels along each side; checkers of Gymnasium and stable-baselines3 require 36 or more.
+            size: pixels per side; environment checkers require 36 or more.
 
         Raises:
             ValueError: not positive, or `size` not an integer up to `MAX_SIZE`.

@@ -23,11 +23,10 @@ WINDOW = 60
 
 @njit(cache=True, error_model="numpy")
 def look_ahead(path, first, pose, distances, out):
-    """Write the directions of lookahead points on a path, and return the index of the nearest point.
+    """Write the directions of lookahead points on a path, and return the index of the nearest path point.
 
-    `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index to search the nearest point from; `pose`: (x, y,
-    theta), map frame; `distances`: lookahead distances [m], increasing; `out`: cosines and sines in the robot's frame,
-    float32. Past the end, the last point is used.
+    `path`: shape (n, 2), float64, map frame [m]; `first`: index to begin the search; `pose`: (x, y, theta), map frame;
+    `distances`: increasing lookahead distances [m]; `out`: cosine and sine of each direction, robot frame, float32.
     """
     x, y, theta = pose
     nearest, best = first, np.inf
@@ -48,12 +47,11 @@ def look_ahead(path, first, pose, distances, out):
 class Plan:
     """Paths to the frontiers that `gain_over_cost` ranks highest, nine features each, best first.
 
-    Cosine and sine of the directions, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path;
-    path cost as x / (x + 5 m); unknown area visible from the end as x / (x + 10 m2); and 1. Missing frontiers are all
-    0.
+    Cosine and sine of the directions, robot frame, to points 0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x /
+    (x + 5 m); visible unknown area as x / (x + 10 m2); and 1. Missing frontiers are all 0.
 
     `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Visited or
-    unreachable frontiers are excluded. `write` must be called after every control period.
+    unreachable frontiers are excluded. Call `write` after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:

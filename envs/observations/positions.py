@@ -110,7 +110,7 @@ def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
 class PoseUncertainty:
     """Uncertainty of the pose estimate.
 
-    Standard deviation of the position over 1 m and of the heading over pi (at most 1), and 1 if the estimator is lost.
+    Standard deviations of position over 1 m and heading over pi (at most 1), and 1 if the estimator is lost.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

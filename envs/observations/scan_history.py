@@ -25,15 +25,14 @@ SURFACE_STEP = 0.5
 MAX_FILL_SECTORS = 8
 """Maximum number of sectors across which a surface is interpolated."""
 MOTION = 3
-"""Entries of a stored scan before its ranges: motion of the base since the previous scan."""
+"""Entries of a stored scan before its ranges: motion since the previous scan."""
 
 
 class Sectors(NamedTuple):
     """Geometry of a lidar's sectors.
 
     Lidar pose, base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint radius [m]; unit
-    vectors to the sector centres, shape (2, n), float32; first beam of each sector and the number of beams, shape (n +
-    1,), int64.
+    vectors to the sector centres, shape (2, n), float32; first beam of each sector and the number of beams, int64.
     """
 
     x: float
@@ -70,7 +69,7 @@ def pool_scan(ranges, beams, sectors):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _angle(x, y):
-    """Return the angle in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
+    """Return the angle of (x, y) in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
     a, b = abs(x), abs(y)
     t = min(a, b) / max(a, b, np.float32(1e-9))
     t2 = t * t
@@ -86,8 +85,8 @@ def _angle(x, y):
 def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges to the current pose of the base, and write their minima to `seen`, initially inf.
 
-    Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: current pose of
-    the base in its frame at `ranges`; `polar`: workspace, shape (2, n), float32.
+    Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: motion of the
+    base since `ranges`; `polar`: workspace, shape (2, n), float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -121,8 +120,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
     """Store the scans of active robots, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
 
-    `memory`: ring buffers, shape (n, slots * (MOTION + sectors)), float32; `lags`: increasing scan ages [control
-    periods].
+    `memory`: ring buffers, shape (n, slots * (MOTION + sectors)), float32; `lags`: ages, increasing [control periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -158,7 +156,7 @@ class ScanHistory(RowPart):
 
     A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
     0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
-    Sectors outside a past scan have the newest scan's value. `write` must be called after every control period.
+    Missing sectors take the newest values. Call `write` after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:

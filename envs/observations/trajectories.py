@@ -55,8 +55,8 @@ STATE, STEPS = 9, 8
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
 
-    Each is the nearest point of neighbouring beams. Points on walking people are excluded; slow clusters may be
-    pillars. `frame`: x, y of the lidar, and beam directions, shape (2, n), base frame.
+    Each is the nearest point of neighbouring beams, outside of walking people. `frame`: x, y of the lidar, and beam
+    directions, shape (2, n), base frame.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -158,8 +158,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
     """Track people once per control period, and write the features of twists, shape (n, 66, NUMBERS), float32.
 
-    `memory`: tracker state, tracks, scans and scan poses, see `track_people`; `frame`: see `find_walls`; `limits`: see
-    `predict_outcomes`.
+    `memory`: tracker state, tracks, scans and scan poses, see `track_people`.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -182,14 +181,14 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 class Trajectories(RowPart):
     """Predicted outcomes of 66 candidate twists, eight features each.
 
-    A twist is approached with the robot's accelerations and held for 0.5 s; then the robot drives straight. The
-    features are time to contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact);
-    nearness to walls (1 at the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position
-    after 1 s, forward and left, over the distance at maximum speed; heading change over pi; minimum gap to walls within
-    0.5 s over 0.1 m, from -1 to 1, negative for contact. Reversing without a view of the rear counts as contact.
+    A twist is held for 0.5 s, with the robot's accelerations; then the robot drives straight. The features are time to
+    contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact); nearness to walls (1 at
+    the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
+    over the distance at maximum speed; heading change over pi; minimum gap to walls within 0.5 s over 0.1 m, from -1 to
+    1, negative for contact. Reversing without a view of the rear counts as contact.
 
-    A person-sized cluster counts as a person from its second scan on; while it stands, also as a wall. After the
-    dynamic window approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
+    Person-sized clusters count as people from the second scan on, and as walls while standing. After the dynamic window
+    approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

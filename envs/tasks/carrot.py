@@ -32,8 +32,8 @@ CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, sea
 def find_carrot(own, x, y, lengths, ahead):
     """Return the point (x, y) `ahead` metres along the shortest path from a position, world frame [m].
 
-    The path has steps of 45 degrees; its direction is that of the farthest cell with a collision-free straight line.
-    For `own` and `lengths` see `measure_goal`.
+    The direction is that of the farthest path cell with a collision-free straight line. For `own` and `lengths` see
+    `measure_goal`.
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -80,10 +80,10 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """Lookahead point on the path planned by a `GoalNavigator`, or on the straight line without a path.
+    """Lookahead point on the path of a `GoalNavigator`, or on the straight line to the goal.
 
-    Cosine and sine of its direction in the robot's frame; remaining path length over the lookahead distance, at most 1.
-    `write` must be called after every control period.
+    Cosine and sine of its direction, robot frame; remaining path length over the lookahead distance, at most 1. Call
+    `write` after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:

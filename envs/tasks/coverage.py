@@ -48,7 +48,7 @@ class TrueScan(NamedTuple):
 def sees(scan, x, y, tolerance):
     """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
 
-    If beams are less than two tolerances apart there, adjacent beams count too.
+    If beams are less than two tolerances apart, adjacent beams count too.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -81,10 +81,9 @@ def sees(scan, x, y, tolerance):
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
     """Mark raster cells of new map cells as known, and those observed by a true scan as seen.
 
-    `new_cells`: (row, column), shape (k, 2), int32; `map_frame`, `frame`: of map and raster; `start`: pose of the map
-    frame, world frame; `cells`: bits of the raster, shape (height, width), uint8; `pending`: `num_pending` cells (row,
-    column) known but not seen, shape (n, 2), int32. Returns the number of newly explored cells, and the new
-    `num_pending`.
+    `new_cells`: (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`: bits of the
+    raster, shape (height, width), uint8; `pending`: `num_pending` cells (row, column) that are known but not seen,
+    shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -142,7 +141,7 @@ class Coverage:
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Begin without explored cells; `start` is the pose of the map frame, world frame."""
+        """`start` is the pose of the map frame, world frame."""
         self.area = area
         self.start = start
         self._mount = lidar.mount
@@ -161,8 +160,8 @@ class Coverage:
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
         """Process a map update, and return the change of the explored area [m2], negative after corrections.
 
-        `resolution`: cell size of the map [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose at the
-        scan, world frame.
+        `resolution`: size of a map cell [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose, world
+        frame.
         """
         if update.window is None and not update.redrawn:
             return 0.0

@@ -33,7 +33,7 @@ class Explore(UnknownWorldTask):
 
     ## Description
     A differential-drive robot with a 2D lidar explores a world without a map. Each step is one control period, in which
-    a SLAM updates map and pose estimate. The policy observes sensor data and estimates, never ground truth.
+    a SLAM updates map and pose estimate. Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -54,10 +54,10 @@ class Explore(UnknownWorldTask):
     channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains them at
-    their true position, and the true scan that added them, or a later one, observed them), `time` (-0.02 per s),
-    `collision` (-0.5 per s in contact), `completed` (10, once); with `return_home=True` also `returned` (10, once).
-    `reward` changes the weights.
+    The sum of `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains them at their true
+    position, and the true scan that added them, or a later one, observed them), `time` (-0.02 per s), `collision` (-0.5
+    per s in contact), `completed` (10, once); with `return_home=True` also `returned` (10, once). `reward` changes the
+    weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
@@ -111,7 +111,7 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """True, except with `return_home` and in users' subclasses; see `Task`."""
+        """Whether `update` can be skipped without a new scan; False with `return_home` and in users' subclasses."""
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
@@ -225,8 +225,8 @@ class ExploreTeam(Explore):
     Channel 2 of the maps is visited by any robot.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, as in `Explore`: `explored` (each cell once per team), `time`,
-    `collision` (per robot in contact, also with robots), `completed`.
+    The sum of `info["rewards"]`, as in `Explore`: `explored` (each cell once per team), `time`, `collision` (per robot
+    in contact, also with robots), `completed`.
 
     ## Starting State
     The robots are at rest with an empty map, whose frame begins at robot 0. `start` sets the pose of robot 0 as in

@@ -37,7 +37,7 @@ AMCL_PARAMS = AmclParams(
     update_min_d=0.2,
     update_min_a=0.1,
 )
-"""AMCL with a sharper sensor model than Nav2's defaults, for an accurate lidar and map cells of 0.02 m."""
+"""AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -58,14 +58,13 @@ class FollowRoute(Task):
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's maximum range; 1 no return; 0 lost beam or obstacle too near |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | as in `Explore` |
     | `route` | `Box(-1, 1, (10, 2), float32)` | route points 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore`, speeds by the filter |
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s),
-    `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once), by the true pose. `reward`
-    changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s), `time` (-0.02 per
+    s), `collision` (-0.5 per s in contact), `completed` (10, once), by the true pose. `reward` changes the weights.
 
     ## Starting State
     The robot is at rest at the beginning of the route, with normally distributed errors of standard deviations
@@ -149,7 +148,7 @@ class FollowRoute(Task):
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route; ValueError for another world."""
+        """Return the route's world; ValueError for another world."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world

@@ -81,7 +81,6 @@ class GoalTask(WorldTask):
             raise
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
-        """Return the validated argument `goal`, with heading 0 for (x, y)."""
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
         needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
@@ -97,7 +96,7 @@ class GoalTask(WorldTask):
         """Return the path length to a new goal [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return four times the driving time at maximum speed, plus 30 s."""
+        """Return the usual time limit for a path length [m]: four times the time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
@@ -118,7 +117,7 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 
 @kept_with_world
 def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
-    """Return free space in blocks of `pooled` x `pooled` cells, free if any of their cells is."""
+    """Return free space in blocks of `pooled` x `pooled` cells, free if any cell is."""
     free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
     free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
     side = pooled * area.walls.resolution
@@ -159,9 +158,9 @@ class GeodesicDistance:
 
 
 def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = 1.0) -> Pose2D:
-    """Draw a collision-free goal, world frame, at least `min_distance` [m] from the start in a straight line.
+    """Draw a collision-free goal, world frame, at least `min_distance` [m] away in a straight line.
 
-    If 100 draws are too near, the farthest is returned.
+    If 100 draws are nearer, return the farthest.
     """
     drawn: list[Pose2D] = []
     away = [0.0]

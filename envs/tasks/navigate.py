@@ -33,7 +33,7 @@ class Navigate(GoalTask):
 
     ## Description
     A differential-drive robot with a 2D lidar drives to a goal on a known map. Each step is one control period, in
-    which a localizer updates the pose estimate. The policy observes sensor data and estimates, never ground truth.
+    which a localizer updates the pose estimate. Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -43,24 +43,22 @@ class Navigate(GoalTask):
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's maximum range; 1 no return; 0 lost beam or obstacle too near |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | as in `Explore` |
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 8 m x 8 m around the estimated pose, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
     | `goal` | `Box(-1, 1, (5,), float32)` | distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
     | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the position over 1 m and of the heading over pi (at most 1), 1 if the localizer is lost |
 
-    Map channels: 0 occupied, 1 free, 2 visited (estimated). Axis 1 points forward, axis 2 to the left. Unknown is 0 in
-    channels 0 and 1.
+    Map channels as in `Explore`.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around
-    static obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes
-    the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around static
+    obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes the
+    weights.
 
     ## Starting State
-    The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
-    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. Goals likewise, at least `min_distance` away, or
+    The robot is at rest. `start`, world frame, is as in `Explore`. Goals likewise, at least `min_distance` away, or
     given in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the localizer knows
     the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global localization.
     `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal without

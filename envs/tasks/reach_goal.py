@@ -30,7 +30,7 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Minimum cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance to the aim point shown with `goal_given="bearing"`, and change that updates it [m]."""
+"""Distance to the aim point, and displacement that updates it, with `goal_given="bearing"` [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit of BARN's worlds [s]."""
 BARN_SPEED = 2.0
@@ -60,7 +60,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ## Description
     A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
     frame of its start. Each step is one control period. The pose estimate is odometry; with `slam`, map crops and plan
-    can be observed too. The policy observes sensor data and estimates, never ground truth.
+    can be observed too. Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
@@ -73,7 +73,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     |---|---|---|
     | `scan_history` | `Box(0, 1, (270,), float32)` | minimum ranges of 90 sectors 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
     | `goal` | `Box(-1, 1, (4,), float32)` | distance over 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
 
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
     `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training
@@ -81,17 +81,16 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around
-    static obstacles), `time` (-0.2 per s), `collision` (-20 at the end of the episode; with `contact="costs"` per s in
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around static
+    obstacles), `time` (-0.2 per s), `collision` (-20 at the end of the episode; with `contact="costs"` per s in
     contact), `reached` (10, once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0), `people`
     (-0.6 per s, linear in the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest. `start="random"` draws a collision-free pose uniformly; `start="spawn"` is the world's first
-    spawn pose; a tuple `(x, y, theta)`, world frame, is used as given. `goal="random"` likewise, at least
-    `min_distance` away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is
-    in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode,
-    `set_goal` a new goal without a reset.
+    The robot is at rest. `start`, world frame, is as in `Explore`. `goal="random"` likewise, at least `min_distance`
+    away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is in the frame
+    of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal
+    without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` of the goal.

@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Distance to the end of a completed route [m]."""
+"""Remaining length at the end of a completed route [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
@@ -58,7 +58,7 @@ class Route:
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
-        """Return the route in another frame, given in the current frame."""
+        """Transform the route to `frame`, a pose in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
@@ -66,8 +66,8 @@ class Route:
 def rectangle(start: Pose2D) -> np.ndarray:
     """Return the 78 m rectangle of Nguyen et al. (2021), counter-clockwise, shape (n, 2), float64 [m].
 
-    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start` is the beginning of the
-    first long side.
+    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start` begins the first long
+    side.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side

@@ -50,10 +50,10 @@ def make_route_map(
     control_period: float,
     seed: int,
 ) -> RouteMap:
-    """Drive a route manually by the true pose, map it with a SLAM, and return the map; cached.
+    """Drive a route manually, map it with a SLAM, and return the map; cached.
 
-    The SLAM gets wheel odometry and compass headings. Not every scan is mapped, since matching each scan to the
-    previous one would follow scan noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
+    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, since matching each scan to the
+    previous one would follow its noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
     `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
@@ -104,7 +104,7 @@ def make_route_map(
 
 
 def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    """Return a motion of equal length with another turn [rad]."""
+    """Return a motion along an arc of equal length with another turn [rad]."""
     turn = float(wrap_angle(turn))
     length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
     return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)

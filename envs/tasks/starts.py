@@ -28,7 +28,7 @@ START_GAPS = (0.5, 0.25, 0.1, 0.01)
 
 @dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """Base of tasks with configurable worlds and starts; for errors see `lidarnaut.envs.worlds.world_sampler`."""
+    """Base of tasks with configurable worlds and starts; see `lidarnaut.envs.worlds.world_sampler`."""
 
     needs_explorable = True
     """Whether the explorable area is computed."""
@@ -154,10 +154,8 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
 
-    In narrow spaces they are farther away, then closer together, then out of sight.
-
-    Raises:
-        ValueError: no room within eight times `START_DISTANCE`.
+    In narrow spaces they are farther away, closer together, or out of sight. ValueError without room within eight times
+    `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))
@@ -182,7 +180,6 @@ def draw_starts(
 
 
 def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
-    """Return True if no wall lies on the line from a pose to (x, y), world frame [m]."""
     walls = area.walls
     (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
     num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)

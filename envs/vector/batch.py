@@ -1,4 +1,4 @@
-"""Sub-environments whose physics, sensing and odometry are stepped in one kernel call."""
+"""Sub-environments stepped together by kernels."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -20,7 +20,7 @@ from .memory import SCALARS, Arrays, Records
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
 """Entries of `info` common to all tasks."""
 MOST_POSITIONS = 256
-"""Capacity of the buffer of robot positions that are not yet in the trails."""
+"""Number of robot positions buffered before they are added to trails."""
 
 
 @njit(cache=True)
@@ -34,7 +34,7 @@ def repeat(item, count):
 
 @njit(cache=True)
 def put(items, i, item):
-    """Set an item of a Numba list. Cached by Numba, unlike list methods."""
+    """Set an item of a Numba list; cached, unlike list methods."""
     items[i] = item
 
 
@@ -204,10 +204,7 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """Write rewards and records of continuing environments.
-
-        `columns`: quantities and metrics; None reads quantities from the objects of `chosen` environments.
-        """
+        """`columns`: quantities and metrics; None reads quantities from the `chosen` environments' objects."""
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
         self._names = next(iter(rows.values()), self._names)
@@ -232,7 +229,7 @@ class Batch:
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
-        """Return task quantities of a control period without new scans; see `Task.rests_between_scans`."""
+        """Return task quantities of a control period without a new scan."""
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
         passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
@@ -251,7 +248,6 @@ class Batch:
 
 
 def _surroundings(env: Any) -> tuple[Any, ...]:
-    """Return walls, circles and people of an environment; copies, since worlds may be read-only."""
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 

@@ -16,8 +16,7 @@ from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
-"""Held while an episode is prepared and during a fork, since a forked process would inherit locks of the preparing
-thread."""
+"""Held during preparation of an episode and during forks, so that no fork inherits locks of the preparing thread."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
@@ -25,10 +24,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shard:
-    """Sub-environments of one process, stepped as a `Batch` if fused, else one by one.
-
-    A thread draws the worlds of the next episodes.
-    """
+    """Sub-environments of one process. A thread draws their next worlds."""
 
     def __init__(
         self,
@@ -122,7 +118,6 @@ class Shard:
 
     @contextlib.contextmanager
     def _objects(self) -> Iterator[None]:
-        """Update the sub-environments' objects for access, and the batch afterwards."""
         if self._batch is not None:
             self._batch.catch_up()
         try:
@@ -154,7 +149,6 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
-        """Add sub-environments to the batch, or drop it if one cannot be fused."""
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]

@@ -47,16 +47,16 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Start the workers.
 
         Args:
-            make_env: class of the sub-environments, `LidarEnv` or similar.
+            make_env: class of the sub-environments, such as `LidarEnv`.
             num_envs: number of sub-environments.
-            autoreset_mode: reset after an episode's end in the next step (`NEXT_STEP`), in the same step (`SAME_STEP`),
-                or by `reset` with a `reset_mask` (`DISABLED`).
-            max_episode_steps: steps that truncate an episode, besides the time limit; None or -1 for none.
+            autoreset_mode: reset after an episode in the next step (`NEXT_STEP`), in the same step (`SAME_STEP`), or by
+                `reset` with a `reset_mask` (`DISABLED`).
+            max_episode_steps: steps until truncation, besides the time limit; None or -1 for no limit.
             num_workers: number of processes, including the current one; 0 equals 1, None is the number of available
                 cores.
             context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
-            env_wrappers: wrappers of each sub-environment, innermost first. For `gymnasium.make_vec`, which has no
-                `wrappers`, use `lidarnaut.envs.vector.make_vec`.
+            env_wrappers: wrappers of each sub-environment, innermost first. `lidarnaut.envs.vector.make_vec` takes them
+                as `wrappers`.
             **arguments: arguments of the sub-environments.
 
         Raises:
@@ -200,7 +200,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment to one value, or to its own from a list or tuple."""
+        """Set an attribute of every sub-environment, to one value or to a list of values."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
@@ -251,12 +251,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return actions
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Call a method of every shard with its own arguments."""
         requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before the first send
         return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
-        """Send requests to the workers, do the own `work`, and return all results or raise the first error."""
+        """Send requests to the workers, do `work`, and return all results or raise the first error."""
         self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
@@ -304,7 +303,6 @@ def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], A
 
 
 def _columns(records: np.ndarray, mask: np.ndarray, without: Sequence[str] = ()) -> dict[str, Any]:
-    """Return records as arrays with masks, without some entries."""
     info: dict[str, Any] = {}
     for name in records.dtype.names or ():
         if name not in without:

@@ -79,7 +79,7 @@ def _stop(pipe: Any, process: Any, owner: int) -> None:
 
 
 def receive(pipe: Connection) -> bytes:
-    """Return the next message. Busy waiting avoids the delay of a wake-up, as long as a robot's step."""
+    """Return the next message, with busy waiting: waking up takes as long as a step."""
     if hasattr(select, "poll"):  # not on Windows
         poll = select.poll()
         poll.register(pipe.fileno(), select.POLLIN)
@@ -90,9 +90,9 @@ def receive(pipe: Connection) -> bytes:
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Serve a vector environment's requests in a worker process until b"q".
+    """Serve requests in a worker process until b"q".
 
-    First byte of an answer: "." records alone, "+" pickled result, "!" error.
+    First byte of an answer: "." records, "+" pickled result, "!" error.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     multiprocessing.current_process().daemon = False  # user code may start processes
