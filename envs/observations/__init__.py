@@ -49,7 +49,7 @@ def make_parts(
         raise ValueError(f"observations must be a sequence of names or a mapping from them, got {observations!r}")
     names = list(observations)
     if wrong := [name for name in names if not isinstance(name, str)]:
-        raise ValueError(f"observations must have names, got {wrong[0]!r}")
+        raise ValueError(f"names of observations must be strings, got {wrong[0]!r}")
     chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(names)
     if not chosen:
         raise ValueError(f"observations must name at least one of {', '.join(table)}")
@@ -60,7 +60,7 @@ def make_parts(
         else:
             found = resolve(choice, table, "observation")
             if not (hasattr(found, "write") or callable(found)):
-                raise ValueError(f"observations: {name!r} must be a part or make one, got {choice!r}")
+                raise ValueError(f"observations: {name!r} must be an observation part or return one, got {choice!r}")
             parts[name] = found if hasattr(found, "write") and not isinstance(found, type) else found()
     return parts
 

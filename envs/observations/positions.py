@@ -129,7 +129,7 @@ class Peers:
         self._num_peers = num_peers
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4 * num_peers,), float32)`, flat, since three axes would be taken for an image."""
+        """Return `Box(-1, 1, (4 * num_peers,), float32)`. Three axes would be taken for an image."""
         return spaces.Box(-1.0, 1.0, (4 * self._num_peers,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:

@@ -172,7 +172,7 @@ class ScanHistory(RowPart):
         """
         ages = list(lags) if isinstance(lags, Sequence) else []
         if not ages or not all(map(is_number, ages)) or ages[0] < 0 or ages != sorted(set(ages)):
-            raise ValueError(f"scan_history needs increasing lags from 0 s on, got {lags!r}")
+            raise ValueError(f"scan_history needs increasing lags of at least 0 s, got {lags!r}")
         if not (is_whole(num_sectors) and num_sectors >= 1):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
@@ -183,7 +183,7 @@ class ScanHistory(RowPart):
         """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
-                f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "
+                f"scan_history cannot make {self._num_sectors} sectors from the {robot.lidar.num_beams} beams of robot "
                 f"{robot.name!r}"
             )
         return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
@@ -191,7 +191,7 @@ class ScanHistory(RowPart):
     def reset(self, robot: Robot) -> None:
         lags = np.array([round(age / robot.control_period) for age in self._ages])
         if lags[-1] > MAX_LAG:
-            raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
+            raise ValueError(f"lags of scan_history must be at most {MAX_LAG} control periods, got {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
         self._shown = lags, sectors, self._compensates
         ring = robot._rows.remember(self._memory[0], (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)

@@ -40,7 +40,7 @@ class Explore(UnknownWorldTask):
     Actions outside raise an error; `clip_actions=True` clips them.
 
     ## Observation Space
-    `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
+    `Dict`, egocentric; `observations` selects the parts:
 
     | key | space | meaning |
     |---|---|---|
@@ -54,15 +54,14 @@ class Explore(UnknownWorldTask):
     channels 0 and 1.
 
     ## Rewards
-    The sum of `info["rewards"]`: `explored` (1 per m2 of newly explored cells: the map contains them at their true
-    position, and the true scan that added them, or a later one, observed them), `time` (-0.02 per s), `collision` (-0.5
-    per s in contact), `completed` (10, once); with `return_home=True` also `returned` (10, once). `reward` changes the
-    weights.
+    The sum of `info["rewards"]`: `explored` (1 per m2 of cells newly mapped at their true position and observed by a
+    true scan), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once); with
+    `return_home=True` also `returned` (10, once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
-    fixed routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is used as given. Procedural
-    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` sets one episode.
+    fixed routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is in the world frame.
+    Procedural families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` sets one episode.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
@@ -76,10 +75,10 @@ class Explore(UnknownWorldTask):
 
     ## Information
     Each step: `explored_fraction`, `explored_area` [m2], `pose_error` (position [m], heading [rad]), `path_length` [m],
-    `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the end also `map_iou`, `area_left`
-    (unexplored) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` also `returned` and
-    `time_home` (since the return began) [s]; `end_reason` is `"returned"` instead of `"covered"`, and `is_success`
-    requires both. With `randomize` also `randomized` (drawn values by name).
+    `collisions` (contacts), `time` [s], `rewards`, `is_success`; at the end also `map_iou`, `area_left` (unexplored)
+    [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` also `returned` and `time_home`
+    (since the return began) [s]; `end_reason` is `"returned"` instead of `"covered"`, and `is_success` requires both.
+    With `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), and
@@ -137,7 +136,7 @@ class Explore(UnknownWorldTask):
     def call_back(self) -> None:
         """End exploration, and require the robot to return; ValueError without `return_home=True`."""
         if not self.return_home:
-            raise ValueError("the robot can be called back with return_home=True alone")
+            raise ValueError("call_back needs return_home=True")
         self.is_returning = True
 
     def reset(
@@ -205,14 +204,14 @@ class ExploreTeam(Explore):
 
     ## Description
     `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
-    Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Robots observe and collide with each other.
-    Beams that end at a teammate's estimated pose are not mapped.
+    Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Beams that end at a teammate's estimated pose
+    are not mapped.
 
     ## Action Space
-    `Box(-1, 1, (num_robots, 2), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the limits.
+    `Box(-1, 1, (num_robots, 2), float32)`, one action of `Explore` per robot.
 
     ## Observation Space
-    `Dict`, egocentric, one row per robot (fresh arrays each step):
+    `Dict`, egocentric, one row per robot:
 
     | key | space | meaning |
     |---|---|---|

@@ -45,16 +45,16 @@ class FollowRoute(Task):
     """Follow a route with localization by map, wheel encoders and compass.
 
     ## Description
-    A differential-drive robot starts at the beginning of a route, with a map from an earlier manual drive. Each step is
-    one control period. An extended Kalman filter fuses AMCL, at a lower rate and with latency, with wheel encoders and
-    a compass. The defaults repeat the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8
-    m/s, with 17 control periods per second.
+    A differential-drive robot follows a route on a map from an earlier manual drive. Each step is one control period.
+    An extended Kalman filter fuses AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults
+    repeat the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control
+    periods per second.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
 
     ## Observation Space
-    `Dict` (fresh arrays each step):
+    `Dict`:
 
     | key | space | meaning |
     |---|---|---|
@@ -79,9 +79,9 @@ class FollowRoute(Task):
 
     ## Information
     Each step: `progress` (fraction of the route), `deviation` (to the left [m]), `pose_error` (position [m], heading
-    [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (reported by AMCL), `time` [s], `rewards`
-    (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or `"time_limit"`). With `randomize`
-    also `randomized` (drawn values by name).
+    [rad]), `path_length` [m], `collisions` (contacts), `is_lost` (reported by AMCL), `time` [s], `rewards`,
+    `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or `"time_limit"`). With `randomize` also
+    `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`; `robot` is `"mpo_500"` and `control_hz` 17 by default), and
@@ -124,7 +124,7 @@ class FollowRoute(Task):
             raise ValueError(f"map_latency must be finite and not negative, got {self.map_latency!r}")
         spread = self.start_spread
         if len(spread) != 2 or not all(0 <= std < math.inf for std in spread):
-            raise ValueError(f"start_spread must be two numbers that are not negative, got {spread!r}")
+            raise ValueError(f"start_spread must be two non-negative numbers, got {spread!r}")
         super().attach(robot, control_period, physics)
         self._world = self.world if isinstance(self.world, World) else load_world(self.world)
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
@@ -156,7 +156,7 @@ class FollowRoute(Task):
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
         """Return the robot's start near the beginning of the route; ValueError if `start` is given."""
         if start is not None:
-            raise ValueError("a route has its own start; make another environment")
+            raise ValueError("the start of a route cannot change at a reset; make another environment")
         spread, turn = self.start_spread
         offset = Pose2D(*(rng.standard_normal(3) * (spread, spread, turn)).tolist())
         self.starts = [self.map_pose.compose(offset)]

@@ -129,12 +129,13 @@ class GeodesicDistance:
     """True geodesic distance to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Compute distances to a goal, world frame; ValueError if not reachable.
+        """Compute distances to a goal, world frame, on blocks of `pooled` x `pooled` cells.
 
-        Blocks of `pooled` x `pooled` cells are free if any of their cells is.
+        Raises:
+            ValueError: not reachable.
         """
         if not area.is_traversable(goal):
-            raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
+            raise ValueError(f"goal {tuple(goal)} (world frame) is not reachable by the robot")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
         """Raster of the distance field."""

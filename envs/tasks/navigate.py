@@ -39,7 +39,7 @@ class Navigate(GoalTask):
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
 
     ## Observation Space
-    `Dict`, egocentric (fresh arrays each step):
+    `Dict`, egocentric:
 
     | key | space | meaning |
     |---|---|---|
@@ -58,11 +58,11 @@ class Navigate(GoalTask):
     weights.
 
     ## Starting State
-    The robot is at rest. `start`, world frame, is as in `Explore`. Goals likewise, at least `min_distance` away, or
-    given in the map frame, without theta if `heading_tolerance` is pi. With `initial_pose="known"` the localizer knows
-    the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global localization.
-    `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal without
-    a reset.
+    The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
+    away; other goals are in the map frame, and need no theta if `heading_tolerance` is pi. With `initial_pose="known"`
+    the localizer knows the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global
+    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a
+    new goal without a reset.
 
     ## Episode End
     1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.
@@ -72,9 +72,9 @@ class Navigate(GoalTask):
 
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
-    `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time`
-    [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize`
-    also `randomized` (drawn values by name).
+    `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts), `time` [s],
+    `rewards`, `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` also
+    `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and

@@ -60,14 +60,14 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     ## Description
     A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
     frame of its start. Each step is one control period. The pose estimate is odometry; with `slam`, map crops and plan
-    can be observed too. Observations contain no ground truth.
+    can be observed too. Observations contain no ground truth by default.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
     approached with its maximum accelerations.
 
     ## Observation Space
-    `Dict`, egocentric (fresh arrays each step); `observations` selects the parts:
+    `Dict`, egocentric; `observations` selects the parts:
 
     | key | space | meaning |
     |---|---|---|
@@ -82,12 +82,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     ## Rewards
     The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around static
-    obstacles), `time` (-0.2 per s), `collision` (-20 at the end of the episode; with `contact="costs"` per s in
-    contact), `reached` (10, once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0), `people`
-    (-0.6 per s, linear in the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
+    obstacles), `time` (-0.2 per s), `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s
+    in contact), `reached` (10, once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0),
+    `people` (-0.6 per s, linear in the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest. `start`, world frame, is as in `Explore`. `goal="random"` likewise, at least `min_distance`
+    The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
     away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is in the frame
     of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal
     without a reset.
@@ -99,12 +99,12 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     ## Information
     Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
-    `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
-    (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or `"time_limit"`),
-    `at_fault` (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk) [m/s3] and
-    `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`,
-    `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With
-    `randomize` also `randomized` (drawn values by name).
+    `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts), `time` [s], `rewards`,
+    `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or `"time_limit"`), `at_fault`
+    (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see
+    `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`, `hit_by_person` (contacts),
+    `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With `randomize` also `randomized` (drawn
+    values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,

@@ -76,7 +76,7 @@ def make_route_map(
     while progress.update(truth)[0] < route.length - END:
         if steps_left == 0:
             raise RuntimeError(
-                f"robot {robot.name!r} did not get along the route in world {world.name!r}: it stopped "
+                f"robot {robot.name!r} did not reach the end of the route in world {world.name!r}: it stopped "
                 f"{route.along[progress.index]:.1f} m from the start, of {route.length:.1f} m"
             )
         steps_left -= 1

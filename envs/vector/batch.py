@@ -102,8 +102,8 @@ class Batch:
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
         """Step active environments, and write their rewards and `info`.
 
-        `is_last` marks environments that this step truncates. Returns the mask of ended episodes, whose outcome is left
-        to `LidarEnv.outcome`. Masks have shape (num_envs,), bool.
+        `is_last` marks environments that this step truncates. Returns the mask of ended episodes; `LidarEnv.outcome`
+        does the rest. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)

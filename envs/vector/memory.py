@@ -15,7 +15,7 @@ WHOLE = ""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Return the parts of an observation, or of its space, by name."""
+    """Return observation parts, or their spaces, by name."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
@@ -88,7 +88,7 @@ def kind_of(value: Any) -> Any:
 
 
 def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
-    """Return names and types of the entries of `info` that records can hold."""
+    """Return the record types of `info` by name."""
     names = [name for name in info if type(name) is str and name != "final_obs" and name[:1] not in ("", "_")]
     return [(name, kind) for name in names if (kind := kind_of(info[name])) is not None]
 

@@ -150,10 +150,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step every sub-environment.
-
-        Args:
-            actions: shape (num_envs, ...).
+        """Step every sub-environment with `actions`, shape (num_envs, ...).
 
         Raises:
             ValueError: wrong shape, or outside of the action space.
@@ -203,7 +200,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Set an attribute of every sub-environment, to one value or to a list of values."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
-            raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
+            raise ValueError(f"values must be one value or a list of {self.num_envs}, got {len(values)}")
         self._check_open()
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
