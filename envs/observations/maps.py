@@ -32,7 +32,7 @@ class MapCrop:
     """
 
     def __init__(self, resolution: float, size: int = 40) -> None:
-        """Set the crop.
+        """Set resolution and size.
 
         Args:
             resolution: size of a pixel [m].

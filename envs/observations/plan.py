@@ -50,8 +50,8 @@ class Plan:
     Cosine and sine of the directions, robot frame, to points 0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x /
     (x + 5 m); visible unknown area as x / (x + 10 m2); and 1. Missing frontiers are all 0.
 
-    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Visited or
-    unreachable frontiers are excluded. Call `write` after every control period.
+    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Frontiers
+    that remain after a visit or are unreachable are excluded. Call `write` after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
@@ -95,7 +95,7 @@ class _Detection:
             return
         self._reading = robot.reading
         if navigator.navigator.is_recovering:
-            # Recovery behaviors advance with each command, which is not executed here.
+            # Recovery behaviors advance with each command, which is not executed.
             navigator.command(belief)
         navigator.navigator.note_command(Twist(*robot.action))
         for peer in robot.peers:

@@ -22,7 +22,7 @@ NEAR_RANGE = 10.0
 GOAL_MEMORY = "goal"
 """Key in `Rows.memory` of an array that begins with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
-"""Maximum teammate offset per axis [m]: half the side of `map_far`."""
+"""Maximum teammate offset per axis [m]: half of `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
 """Maximum position, velocity and radius of people [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
@@ -34,7 +34,7 @@ ROUTE_POINTS = 0.4 * np.arange(10)
 class Goal:
     """Goal relative to the estimated pose.
 
-    Distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference.
+    Distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference.
     """
 
     def __init__(self, task: Any) -> None:
@@ -66,7 +66,7 @@ def write_goals(rows, goals, tells_distance, active, out):
 class NearGoal(RowPart):
     """Goal relative to the estimated pose, with fine resolution nearby.
 
-    Distance over 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance).
+    Distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance).
     """
 
     _memory = (GOAL_MEMORY,)
@@ -86,7 +86,7 @@ class NearGoal(RowPart):
 class Home:
     """Start of the robot relative to the estimated pose.
 
-    1 while the robot has to return, else 0; distance over 32 m (at most 1), cosine and sine of the bearing.
+    1 while the robot has to return, else 0; distance / 32 m (at most 1), cosine and sine of the bearing.
     """
 
     def __init__(self, task: Any) -> None:
@@ -110,7 +110,7 @@ def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
 class PoseUncertainty:
     """Uncertainty of the pose estimate.
 
-    Standard deviations of position over 1 m and heading over pi (at most 1), and 1 if the estimator is lost.
+    Standard deviations of position / 1 m and heading / pi (at most 1), and 1 if the estimator is lost.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -123,7 +123,7 @@ class PoseUncertainty:
 
 
 class Peers:
-    """Relative poses of teammates: forward and left over 16 m, cosine and sine of the heading."""
+    """Relative poses of teammates: forward and left / 16 m, cosine and sine of the heading."""
 
     def __init__(self, num_peers: int) -> None:
         self._num_peers = num_peers
@@ -143,7 +143,7 @@ class Peers:
 class Tracks:
     """People tracked in scans, nearest first, five features each, zero-padded.
 
-    Position forward and left over 8 m, ground velocity along these axes over 2.5 m/s, radius over 1 m.
+    Position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1 m.
     """
 
     def __init__(self, num_people: int = 8) -> None:
@@ -164,7 +164,7 @@ class Tracks:
 
 
 class RouteAhead:
-    """Route points 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m."""
+    """Route points 0, 0.4, ... 3.6 m ahead, (forward, left) / 5 m from the estimated pose."""
 
     def __init__(self, task: Any) -> None:
         self._task = task

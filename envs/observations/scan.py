@@ -29,7 +29,7 @@ def scale_scans(ranges, range_max, active, scans):
 
 
 class Scan(RowPart):
-    """Ranges over the lidar's maximum range; 1 for no return, 0 for a lost beam or an obstacle too near."""
+    """Ranges / maximum range of the lidar; 1 for no return, 0 for a lost beam or an obstacle too near."""
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(0, 1, (num_beams,), float32)`."""
@@ -54,8 +54,8 @@ def scale_motions(rows, limits, active, out):
 class Limits(RowPart):
     """Limits of the robot, for policies that drive several kinds of robot.
 
-    Maximum forward speed over 2 m/s, yaw rate over 4 rad/s, accelerations over 5 m/s2 and 25 rad/s2, footprint radius
-    over 0.5 m, each at most 1.
+    Maximum forward speed / (2 m/s), yaw rate / (4 rad/s), forward acceleration / (5 m/s2), yaw acceleration / (25
+    rad/s2) and footprint radius / 0.5 m, at most 1.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -71,8 +71,8 @@ class Limits(RowPart):
 class Motion(RowPart):
     """Motion of the robot.
 
-    Forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), and time since the
-    reset over 600 s (at most 1).
+    Forward speed and yaw rate by odometry / limits, last action (2), bumper contact (0 or 1), time since the reset /
+    600 s (at most 1).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

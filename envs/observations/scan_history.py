@@ -86,7 +86,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges to the current pose of the base, and write their minima to `seen`, initially inf.
 
     Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: motion of the
-    base since `ranges`; `polar`: workspace, shape (2, n), float32.
+    base since `ranges` was measured; `polar`: workspace, shape (2, n), float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -160,7 +160,7 @@ class ScanHistory(RowPart):
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
-        """Set the scans.
+        """Set ages and resolution.
 
         Args:
             lags: ages of the scans, increasing [s].
@@ -168,7 +168,7 @@ class ScanHistory(RowPart):
             compensate: whether past scans are transformed to the current pose.
 
         Raises:
-            ValueError: lags are negative or not increasing, or `num_sectors` is not positive.
+            ValueError: `lags` negative or not increasing, or `num_sectors` not positive.
         """
         ages = list(lags) if isinstance(lags, Sequence) else []
         if not ages or not all(map(is_number, ages)) or ages[0] < 0 or ages != sorted(set(ages)):

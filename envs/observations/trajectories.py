@@ -24,9 +24,9 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
-"""Forward speeds of candidate twists over the maximum speed."""
+"""Forward speeds of candidate twists, fractions of the maximum."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
-"""Yaw rates of candidate twists over the maximum yaw rate."""
+"""Yaw rates of candidate twists, fractions of the maximum."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
 """Candidate twists as normalized actions, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
@@ -42,13 +42,13 @@ SMALL_GAP = 0.1
 MAX_POINTS, MAX_RANGE = 120, 6.0
 """Maximum number of scan points, and their maximum range [m]."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Distance within which scan points belong to a person [m], and minimum speed of this person [m/s]."""
+"""Distance from a walking person's edge to scan points of the person [m], and minimum walking speed [m/s]."""
 WALL_MARGIN = 0.02
 """Clearance to wall points [m], less if the robot is already nearer."""
 REAR_ANGLE = 0.35
 """Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
 STATE, STEPS = 9, 8
-"""Size of the people tracker's state, and index of the last control period."""
+"""Size of the people tracker's state, and index of the last processed control period."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -182,10 +182,10 @@ class Trajectories(RowPart):
     """Predicted outcomes of 66 candidate twists, eight features each.
 
     A twist is held for 0.5 s, with the robot's accelerations; then the robot drives straight. The features are time to
-    contact with a wall, and with a person at constant velocity, over 3 s (1 for no contact); nearness to walls (1 at
-    the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
-    over the distance at maximum speed; heading change over pi; minimum gap to walls within 0.5 s over 0.1 m, from -1 to
-    1, negative for contact. Reversing without a view of the rear counts as contact.
+    contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); nearness to walls (1 at the
+    footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left, /
+    distance at maximum speed; heading change / pi; minimum gap to walls within 0.5 s / 0.1 m, from -1 to 1, negative
+    for contact. Reversing without a view of the rear counts as contact.
 
     Person-sized clusters count as people from the second scan on, and as walls while standing. After the dynamic window
     approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.

@@ -25,7 +25,7 @@ AHEAD = 0.8
 MAX_DESCENT = 6.0
 """Maximum path length searched for the carrot's direction [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Planning without a limit of recoveries or searches."""
+"""Goal navigation without a limit of recoveries or searches."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,7 +44,7 @@ def find_carrot(own, x, y, lengths, ahead):
         best, best_row, best_col = np.inf, row, col
         for i in range(max(row - 1, 0), min(row + 2, lengths.shape[0])):
             for j in range(max(col - 1, 0), min(col + 2, lengths.shape[1])):
-                # If the robot is outside traversable space, include the way back.
+                # If the robot is outside free space, include the way back.
                 total = lengths[i, j] + distance(left + (j + 0.5) * side - at_x, low + (i + 0.5) * side - at_y)
                 if (i != row or j != col) and total < best:
                     best, best_row, best_col = total, i, j
@@ -82,8 +82,8 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 class PlannedCarrot:
     """Lookahead point on the path of a `GoalNavigator`, or on the straight line to the goal.
 
-    Cosine and sine of its direction, robot frame; remaining path length over the lookahead distance, at most 1. Call
-    `write` after every control period.
+    Cosine and sine of its direction, robot frame; remaining path length / lookahead distance, at most 1. Call `write`
+    after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
@@ -99,7 +99,7 @@ class PlannedCarrot:
 
     def reset(self, robot: Robot) -> None:
         self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
-        # unused: only reactive driving draws
+        # only reactive driving uses the generator
         self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
         self._reading = None
 

@@ -44,10 +44,10 @@ class Explore(UnknownWorldTask):
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's maximum range; 1 no return; 0 lost beam or obstacle too near |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | range / maximum range; 1 no return; 0 lost beam or obstacle too near |
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | map, 8 m x 8 m around the robot, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | map, 32 m x 32 m around the robot, 0.8 m per pixel |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper contact (0 or 1), time since the reset over 600 s (at most 1) |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry / limits, last action (2), bumper contact (0 or 1), time since the reset / 600 s (at most 1) |
     | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three best frontiers, see `lidarnaut.envs.observations.Plan` |
 
     Map channels: 0 occupied, 1 free, 2 visited (estimated). Axis 1 points forward, axis 2 to the left. Unknown is 0 in
@@ -71,7 +71,7 @@ class Explore(UnknownWorldTask):
 
     With `return_home=True`, the robot has to return after it reaches the target coverage; the episode terminates when
     its true position is within 0.3 m of the start. The default observation has a part `home`, `Box(-1, 1, (4,),
-    float32)`: 1 once the robot has to return, estimated distance over 32 m, cosine and sine of the bearing.
+    float32)`: 1 once the robot has to return, estimated distance / 32 m, cosine and sine of the bearing.
 
     ## Information
     Each step: `explored_fraction`, `explored_area` [m2], `pose_error` (position [m], heading [rad]), `path_length` [m],
@@ -219,7 +219,7 @@ class ExploreTeam(Explore):
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
     | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | as in `Explore` |
-    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | per teammate, by index: estimated position forward and left over 16 m, cosine and sine of the heading |
+    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | per teammate, by index: estimated position forward and left / 16 m, cosine and sine of the heading |
 
     Channel 2 of the maps is visited by any robot.
 

@@ -59,7 +59,7 @@ class FollowRoute(Task):
     | key | space | meaning |
     |---|---|---|
     | `scan` | `Box(0, 1, (num_beams,), float32)` | as in `Explore` |
-    | `route` | `Box(-1, 1, (10, 2), float32)` | route points 0, 0.4, ... 3.6 m ahead, (forward, left) of the estimated pose, over 5 m |
+    | `route` | `Box(-1, 1, (10, 2), float32)` | route points 0, 0.4, ... 3.6 m ahead, (forward, left) / 5 m from the estimated pose |
     | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore`, speeds by the filter |
 
     ## Rewards

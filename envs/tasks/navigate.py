@@ -47,15 +47,14 @@ class Navigate(GoalTask):
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 8 m x 8 m around the estimated pose, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
     | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
-    | `goal` | `Box(-1, 1, (5,), float32)` | distance over 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
-    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the position over 1 m and of the heading over pi (at most 1), 1 if the localizer is lost |
+    | `goal` | `Box(-1, 1, (5,), float32)` | distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
+    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviations of position / 1 m and heading / pi (at most 1), 1 if the localizer is lost |
 
     Map channels as in `Explore`.
 
     ## Rewards
-    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around static
-    obstacles), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes the
-    weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.02 per s),
+    `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
@@ -71,10 +70,10 @@ class Navigate(GoalTask):
     Collisions do not end the episode.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
-    `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts), `time` [s],
-    `rewards`, `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` also
-    `randomized` (drawn values by name).
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, around static obstacles) [m],
+    `progress` (driven fraction), `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions`
+    (contacts), `time` [s], `rewards`, `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With
+    `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and

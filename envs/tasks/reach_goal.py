@@ -28,7 +28,7 @@ from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
 from .starts import UnknownWorldTask
 
 CELL = 0.1
-"""Minimum cell size of the geodesic distance field [m]."""
+"""Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
 """Distance to the aim point, and displacement that updates it, with `goal_given="bearing"` [m]."""
 BENCHMARK_LIMIT = 100.0
@@ -72,7 +72,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     | key | space | meaning |
     |---|---|---|
     | `scan_history` | `Box(0, 1, (270,), float32)` | minimum ranges of 90 sectors 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
-    | `goal` | `Box(-1, 1, (4,), float32)` | distance over 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
+    | `goal` | `Box(-1, 1, (4,), float32)` | distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
     | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
 
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
@@ -81,10 +81,10 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
-    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance around static
-    obstacles), `time` (-0.2 per s), `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s
-    in contact), `reached` (10, once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0),
-    `people` (-0.6 per s, linear in the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s),
+    `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s in contact), `reached` (10,
+    once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0), `people` (-0.6 per s, linear in
+    the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
@@ -98,13 +98,13 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     3. Truncation: `time_limit` seconds have passed.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true) [m], `progress` (driven fraction),
-    `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts), `time` [s], `rewards`,
-    `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or `"time_limit"`), `at_fault`
-    (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see
-    `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`, `hit_by_person` (contacts),
-    `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With `randomize` also `randomized` (drawn
-    values by name).
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, around static obstacles) [m],
+    `progress` (driven fraction), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions`
+    (contacts), `time` [s], `rewards`, `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
+    `"time_limit"`), `at_fault` (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk)
+    [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`,
+    `hit_by_person` (contacts), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With
+    `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
     The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,

@@ -31,7 +31,7 @@ class WorldTask(Task):
     """Base of tasks with configurable worlds and starts; see `lidarnaut.envs.worlds.world_sampler`."""
 
     needs_explorable = True
-    """Whether the explorable area is computed."""
+    """Whether visible free space is computed before an episode begins."""
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these."""
     split: Literal["train", "test"] = "train"
@@ -61,7 +61,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """World sampler if no user code runs, else None; see `Task`."""
+        """World sampler for drawing ahead of time; None with user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -154,8 +154,8 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
 
-    In narrow spaces they are farther away, closer together, or out of sight. ValueError without room within eight times
-    `START_DISTANCE`.
+    In narrow spaces they are farther away, closer together, or out of sight. ValueError if there is no room within
+    eight times `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))

@@ -52,7 +52,7 @@ class Batch:
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """See `Rows.memory`."""
+        """Arrays of tasks and observations, one row per robot; see `Rows.memory`."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
         """Mask of robots that drove in the current control period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
@@ -67,7 +67,7 @@ class Batch:
         self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
         self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
         self._own_info = OWN_INFO | ({"randomized"} if hasattr(env, "randomized") else set())
-        self._names: Iterable[str] = ()  # of quantities
+        self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
         """Walls, circles and people of each environment, for kernels."""
