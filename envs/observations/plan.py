@@ -81,8 +81,6 @@ class Plan:
 
 
 class _Detection:
-    """Frontiers and paths of one robot during one episode."""
-
     def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:
         self._navigator, self._num, self._reading = navigator, num, robot.reading
         self._paths: list[np.ndarray] = []

@@ -145,14 +145,12 @@ class Coverage:
         self.area = area
         self.start = start
         self._mount = lidar.mount
-        # constant in all scans
         self._first_angle = float(lidar.mount.yaw), lidar.angle_min
         is_full_turn = bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment)
         self._beams = float(lidar.angle_increment), is_full_turn, float(lidar.range_max)
         self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
         self._cells = area.explorable.astype(np.uint8)
         self._num_explorable = int(np.count_nonzero(area.explorable))
-        # capacity for all cells
         self._pending = np.empty((self._num_explorable, 2), dtype=np.int32)
         self._num_pending = 0
         self._num_explored = 0

@@ -32,8 +32,8 @@ class Explore(UnknownWorldTask):
     """Explore an unknown world with a lidar robot.
 
     ## Description
-    A differential-drive robot with a 2D lidar explores a world without a map. Each step is one control period, in which
-    a SLAM updates map and pose estimate. Observations contain no ground truth.
+    A differential-drive robot with a 2D lidar explores a world without a map. A SLAM updates map and pose estimate in
+    each step (one control period). Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -81,7 +81,7 @@ class Explore(UnknownWorldTask):
     With `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    The arguments of all tasks (see `LidarEnv`), and
+    The arguments of `LidarEnv`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -110,7 +110,7 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """Whether `update` can be skipped without a new scan; False with `return_home` and in users' subclasses."""
+        """Whether `update` can be skipped without a new scan; False with `return_home` and in user subclasses."""
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:

@@ -45,16 +45,15 @@ class FollowRoute(Task):
     """Follow a route with localization by map, wheel encoders and compass.
 
     ## Description
-    A differential-drive robot follows a route on a map from an earlier manual drive. Each step is one control period.
-    An extended Kalman filter fuses AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults
-    repeat the experiment of Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control
-    periods per second.
+    A differential-drive robot follows a route on a map from an earlier manual drive. An extended Kalman filter fuses
+    AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults repeat the experiment of Nguyen
+    et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
 
     ## Observation Space
-    `Dict`:
+    `Dict`, egocentric:
 
     | key | space | meaning |
     |---|---|---|
@@ -84,7 +83,7 @@ class FollowRoute(Task):
     `randomized` (drawn values by name).
 
     ## Arguments
-    The arguments of all tasks (see `LidarEnv`; `robot` is `"mpo_500"` and `control_hz` 17 by default), and
+    The arguments of `LidarEnv` (`robot` is `"mpo_500"` and `control_hz` 17 by default), and
 
     | argument | default | meaning |
     |---|---|---|

@@ -117,7 +117,6 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 
 @kept_with_world
 def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
-    """Return free space in blocks of `pooled` x `pooled` cells, free if any cell is."""
     free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
     free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
     side = pooled * area.walls.resolution

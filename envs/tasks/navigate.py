@@ -32,8 +32,8 @@ class Navigate(GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
-    A differential-drive robot with a 2D lidar drives to a goal on a known map. Each step is one control period, in
-    which a localizer updates the pose estimate. Observations contain no ground truth.
+    A differential-drive robot with a 2D lidar drives to a goal on a known map. A localizer updates the pose estimate in
+    each step (one control period). Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -76,8 +76,8 @@ class Navigate(GoalTask):
     `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and
-    `reward` of `Explore`, and
+    The arguments of `LidarEnv`, `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and `reward` of
+    `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|
@@ -145,7 +145,6 @@ class Navigate(GoalTask):
         return self._path_length
 
     def _usual_time(self, length: float) -> float:
-        """Add 60 s for global localization."""
         return super()._usual_time(length) + 60.0 * (self.initial_pose == "unknown")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:

@@ -59,8 +59,8 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     ## Description
     A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
-    frame of its start. Each step is one control period. The pose estimate is odometry; with `slam`, map crops and plan
-    can be observed too. Observations contain no ground truth by default.
+    frame of its start. The pose estimate is odometry; with `slam`, map crops and plan can be observed too. Observations
+    contain no ground truth by default.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
@@ -77,14 +77,14 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
     `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training
-    (evaluated policies are marked). `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66 twists, see
-    `lidarnaut.envs.observations.Trajectories`.
+    (policies are marked as using ground truth). `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66
+    twists, see `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
     The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s),
     `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s in contact), `reached` (10,
-    once), `clearance` (-0.4 per s, linear in the gap to obstacles from 0.15 m to 0), `people` (-0.6 per s, linear in
-    the gap to the nearest person from 0.5 m to 0). `reward` changes the weights.
+    once), `clearance` (-0.4 per s at a gap of 0 to obstacles, falling linearly to 0 at 0.15 m), `people` (-0.6 per s
+    likewise, for the nearest person, to 0 at 0.5 m). `reward` changes the weights.
 
     ## Starting State
     The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
@@ -107,14 +107,14 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    The arguments of all tasks (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,
-    `map_resolution` and `reward` of `Explore`, and
+    The arguments of `LidarEnv`, `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`, `map_resolution`
+    and `reward` of `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|
     | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, without a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
-    | `goal_given` | `"pose"` | information about the goal: `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
+    | `goal_given` | `"pose"` | `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
     | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `contact` | `"ends"` | whether contact `"ends"` the episode or `"costs"` |
@@ -150,7 +150,6 @@ class ReachGoal(GoalTask, UnknownWorldTask):
 
     @property
     def _own(self) -> np.ndarray:
-        """The task's state array; see `reach_kernels`."""
         return self._rows.memory[GOAL_MEMORY][0]
 
     @property

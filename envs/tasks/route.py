@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Remaining length at the end of a completed route [m]."""
+"""Remaining route length that counts as completed [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40

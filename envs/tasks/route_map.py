@@ -104,7 +104,6 @@ def make_route_map(
 
 
 def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    """Return a motion along an arc of equal length with another turn [rad]."""
     turn = float(wrap_angle(turn))
     length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
     return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)

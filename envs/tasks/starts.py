@@ -21,9 +21,9 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Maximum distance between the starts of a team's first and other robots [m]; up to eightfold in narrow spaces."""
+"""Maximum distance of teammates from the first robot at the start [m]; up to eightfold in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
-"""Minimum gaps between footprints at the start [m], in the order of trials."""
+"""Minimum gaps between footprints at the start [m], tried in order."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -35,7 +35,7 @@ class WorldTask(Task):
     world: Any = "turtlebot3_world"
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these."""
     split: Literal["train", "test"] = "train"
-    """Seeds of a procedural family."""
+    """Seed split of a procedural family."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None
@@ -74,7 +74,7 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the area of a map around the first robot."""
+        """Crop a map to the area around the first robot."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 

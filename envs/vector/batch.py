@@ -229,7 +229,6 @@ class Batch:
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
-        """Return task quantities of a control period without a new scan."""
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
         passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}

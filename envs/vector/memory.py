@@ -49,7 +49,7 @@ class Memory:
     """Memory of the arrays, shared between processes when pickled."""
 
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
-        """Allocate the arrays; ValueError if an observation is not made of arrays."""
+        """Allocate the arrays; ValueError if an observation is not an array."""
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
         if any(shape is None for shape, _ in rows):

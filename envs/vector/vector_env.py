@@ -155,8 +155,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         Raises:
             ValueError: wrong shape, or outside of the action space.
             gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
-            gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after an interrupted call.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: as `reset`.
         """
         self._check_open()
         if not self._has_begun:
@@ -252,7 +251,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
-        """Send requests to the workers, do `work`, and return all results or raise the first error."""
         self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)

@@ -116,7 +116,6 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that can be pickled."""
     with contextlib.suppress(Exception):
         if isinstance(pickle.loads(pickle.dumps(error)), Exception):
             return error
