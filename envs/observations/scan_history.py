@@ -183,7 +183,7 @@ class ScanHistory(RowPart):
         """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
-                f"scan_history cannot make {self._num_sectors} sectors from the {robot.lidar.num_beams} beams of robot "
+                f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "
                 f"{robot.name!r}"
             )
         return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)

@@ -154,7 +154,7 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
 
-    In narrow spaces they are farther away, closer together, or out of sight. ValueError if there is no room within
+    In narrow spaces starts are farther away, closer together, or out of sight. ValueError if there is no room within
     eight times `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start

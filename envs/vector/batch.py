@@ -182,7 +182,7 @@ class Batch:
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
         """Return the map pyramid levels of all robots for a crop resolution [m per pixel]; see `MapPyramid.level`.
 
-        Words; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; block size [m].
+        Block words; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; block size [m].
         """
         side = 0.0
         if resolution not in self._levels:

@@ -69,7 +69,7 @@ class Memory:
 
 
 class Absent:
-    """Marker of an entry that is missing in `info`."""
+    """Marker of a record missing in `info`."""
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
