@@ -55,7 +55,7 @@ STATE, STEPS = 9, 8
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
 
-    A wall point is the nearest of neighbouring beams, outside of people. `frame`: x, y of the lidar, and beam
+    A wall point is the nearest of neighbouring beams, outside of walking people. `frame`: x, y of the lidar, and beam
     directions, shape (2, n), base frame.
     """
     mount_x, mount_y, directions = frame
