@@ -161,8 +161,8 @@ def test_a_robot_in_one_of_two_equal_rooms_looks_on_until_it_knows_which(room):
     [
         *(({"goal": wrong}, "goal must be") for wrong in ("kitchen", None, (0.0,), (0.0, math.nan))),
         ({"start": (0.0, 0.0, 0.0)}, "not collision-free"),
-        ({"goal": (0.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # a pillar
-        ({"goal": (9.0, 0.0, 0.0)}, "no pose that the robot can reach"),  # outside of the walls
+        ({"goal": (0.0, 0.0, 0.0)}, "is not reachable by the robot"),  # a pillar
+        ({"goal": (9.0, 0.0, 0.0)}, "is not reachable by the robot"),  # outside of the walls
     ],
 )
 def test_starts_and_goals_that_no_robot_can_take_are_refused(options, culprit):
@@ -191,7 +191,7 @@ def test_a_refused_goal_leaves_the_one_before():
         env.set_goal((-0.5, 0.5, 0.0))
     env.reset(seed=0)
     for wrong in ((0.0, 0.0, 0.0), (99.0, 99.0)):
-        with pytest.raises(ValueError, match="no pose that the robot can reach"):
+        with pytest.raises(ValueError, match="is not reachable by the robot"):
             env.set_goal(wrong)
         assert tuple(env.task.goal) == (-0.5, 0.5, 0.0)
     *_, terminated, _, info = env.step(np.zeros(2, dtype=np.float32))

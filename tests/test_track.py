@@ -124,7 +124,7 @@ def test_maps_are_made_once_and_are_aligned_with_the_world():
 
 def test_a_route_through_a_wall_is_no_route():
     path = [[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]]
-    with pytest.raises(RuntimeError, match=r"did not get along the route in world 'turtlebot3_world'"):
+    with pytest.raises(RuntimeError, match=r"did not reach the end of the route in world 'turtlebot3_world'"):
         LidarEnv(FollowRoute, **{**QUICK, "path": path}).reset(seed=0)
 
 

@@ -1,4 +1,4 @@
-"""What a policy sees, in parts that are chosen by name."""
+"""Observation parts that are selected by name."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -15,9 +15,9 @@ from .scan_history import ScanHistory
 from .trajectories import Trajectories
 
 NEAR_PIXEL = 0.2
-"""Side of a pixel of `map_near` [m]."""
+"""Size of a pixel of `map_near` [m]."""
 FAR_PIXEL = 0.8
-"""Side of a pixel of `map_far` [m]."""
+"""Size of a pixel of `map_far` [m]."""
 PARTS: dict[str, Callable[..., ObservationPart]] = {
     "scan": Scan,
     "scan_history": ScanHistory,
@@ -29,26 +29,27 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "tracks": Tracks,
     "trajectories": Trajectories,
 }
-"""Parts that every task has, by name."""
+"""Constructors of the observation parts of all tasks, by name."""
 
 Observations = Sequence[str] | Mapping[str, Any]
-"""Names of parts; or what each name stands for: a part, a class or `module:attribute` of one, or keyword arguments of
-the part that has this name, such as `{"map_near": {"resolution": 0.1, "size": 64}}`; None for its defaults."""
+"""Names of observation parts, or a mapping from names to an instance, class, import path `module:attribute`, keyword
+arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for defaults."""
 
 
 def make_parts(
     observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
 ) -> dict[str, ObservationPart]:
-    """Return the parts of an observation by name; `own`: those of the task, by name, besides `PARTS`.
+    """Return the selected observation parts by name; `own` are constructors of the task's own.
 
-    ValueError if a name is unknown, there is none, or what a name stands for is no part.
+    Raises:
+        ValueError: an unknown name, no name, or a value that is not an observation part.
     """
     table = {**PARTS, **own}
     if isinstance(observations, str) or not isinstance(observations, Iterable):
         raise ValueError(f"observations must be a sequence of names or a mapping from them, got {observations!r}")
     names = list(observations)
     if wrong := [name for name in names if not isinstance(name, str)]:
-        raise ValueError(f"observations must have names, got {wrong[0]!r}")
+        raise ValueError(f"names of observations must be strings, got {wrong[0]!r}")
     chosen = dict(observations) if isinstance(observations, Mapping) else dict.fromkeys(names)
     if not chosen:
         raise ValueError(f"observations must name at least one of {', '.join(table)}")
@@ -59,7 +60,7 @@ def make_parts(
         else:
             found = resolve(choice, table, "observation")
             if not (hasattr(found, "write") or callable(found)):
-                raise ValueError(f"observations: {name!r} must be a part or make one, got {choice!r}")
+                raise ValueError(f"observations: {name!r} must be an observation part or return one, got {choice!r}")
             parts[name] = found if hasattr(found, "write") and not isinstance(found, type) else found()
     return parts
 

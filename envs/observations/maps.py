@@ -1,4 +1,4 @@
-"""Egocentric crops of the map."""
+"""Egocentric crops of the occupancy grid."""
 
 from typing import Any
 
@@ -13,15 +13,12 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
 
 MAX_SIZE = 4096
-"""Most pixels along a side of a map crop."""
+"""Maximum number of pixels along a side of a map crop."""
 
 
 @njit(cache=True, error_model="numpy")
 def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
-    """Crop the maps around active rows to `out`, shape (n, 3, size, size), uint8; see `crop_level`.
-
-    For `levels`, `sizes`, `origins` and `side` see `Batch.levels`; `pixel` is the side of a pixel [blocks].
-    """
+    """Write the map crops of active robots to `out`, shape (n, 3, size, size), uint8; see `Batch.levels`."""
     for k in range(active.shape[0]):
         if active[k]:
             x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side
@@ -29,27 +26,27 @@ def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
 
 
 class MapCrop:
-    """The robot's map around it: axis 1 points forward, axis 2 to the left, the robot in the middle.
+    """Egocentric map crop: axis 1 points forward, axis 2 to the left, with the robot at the centre.
 
-    Channels: 0 occupied, 1 free, 2 where a robot has been. Unknown is 0 in channels 0 and 1.
+    Channels: 0 occupied, 1 free, 2 visited. Unknown is 0 in channels 0 and 1.
     """
 
     def __init__(self, resolution: float, size: int = 40) -> None:
-        """Choose what to show.
+        """Set resolution and size.
 
         Args:
-            resolution: side of a pixel [m].
-            size: pixels along each side. Both checkers of environments (Gymnasium, stable-baselines3) want 36 or more.
+            resolution: size of a pixel [m].
+            size: pixels per side; environment checkers require 36 or more.
 
         Raises:
-            ValueError: one of them is not positive, or the size not whole or beyond `MAX_SIZE`.
+            ValueError: not positive, or `size` not an integer up to `MAX_SIZE`.
         """
         if not (is_number(resolution) and resolution > 0):
             raise ValueError(f"a map crop needs a positive resolution, got {resolution!r}")
         if not (is_whole(size) and 1 <= size <= MAX_SIZE):
             raise ValueError(f"a map crop needs a whole size from 1 to {MAX_SIZE:,}, got {size!r}")
         self.resolution = resolution
-        """Side of a pixel [m]."""
+        """Size of a pixel [m]."""
         self._size = int(size)
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -57,10 +54,8 @@ class MapCrop:
         return spaces.Box(0, 255, (3, self._size, self._size), np.uint8)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the crop to `out`."""
         robot.pyramid.crop(*robot.belief.pose, self.resolution, out)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the crops of many robots; see `RowPart`."""
         levels, sizes, origins, side = batch.levels(self.resolution)
         crop_levels(levels, sizes, origins, batch.numbers, side, self.resolution / side, batch.active, out)

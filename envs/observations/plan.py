@@ -1,4 +1,4 @@
-"""Where a planner would go: paths to the frontiers that are worth most."""
+"""Observation of planned paths to the best frontiers."""
 
 import math
 
@@ -14,20 +14,19 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 LOOKAHEADS = (0.3, 0.6, 1.5)
-"""Distances along a path to the points whose directions are shown [m]. Who steers for 0.6 m alone cuts corners."""
+"""Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
-"""Numbers of a candidate."""
+"""Number of features per frontier candidate."""
 WINDOW = 60
-"""Points of a path among which the nearest one is looked for: more than a robot drives past between two calls."""
+"""Number of path points searched for the nearest one."""
 
 
 @njit(cache=True, error_model="numpy")
 def look_ahead(path, first, pose, distances, out):
-    """Write the directions of points ahead on a path, in the robot's frame; beyond its end that of its last point.
+    """Write the directions of lookahead points on a path, and return the index of the nearest path point.
 
-    `path`: shape (n, 2), float64, n > 0, map frame [m]; `first`: index from which on the point nearest to the robot is
-    looked for, which is returned; `pose`: x, y [m], theta [rad], map frame; `distances`: increasing lengths of the path
-    from there [m]; `out`: shape (2 * number of distances,), float32, written: cosine and sine of each.
+    `path`: shape (n, 2), float64, map frame [m]; `first`: index to begin the search; `pose`: (x, y, theta), map frame;
+    `distances`: increasing lookahead distances [m]; `out`: cosine and sine of each direction, robot frame, float32.
     """
     x, y, theta = pose
     nearest, best = first, np.inf
@@ -46,20 +45,17 @@ def look_ahead(path, first, pose, distances, out):
 
 
 class Plan:
-    """Ways to the frontiers that the rule `gain_over_cost` values most, nine numbers for each, the best one first.
+    """Paths to the frontiers that `gain_over_cost` ranks highest, nine features each, best first.
 
-    Cosine and sine of the direction, in the robot's frame, to the points 0.3 m, 0.6 m and 1.5 m ahead on the path; its
-    cost as x / (x + 5 m); the unknown area in view of its end as x / (x + 10 m2); and 1. All 0 where there is none.
+    Cosine and sine of the directions, robot frame, to points 0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x /
+    (x + 5 m); visible unknown area as x / (x + 10 m2); and 1. Missing frontiers are all 0.
 
-    Frontiers and paths are those of `FrontierNavigator`, found anew every `detection_time` seconds, and at once
-    when the best one is reached. In between, the paths are followed from the point nearest to the robot. Frontiers
-    that did not vanish when they were visited, or that the robot did not get to, are dropped, as they are for
-    explorers. Where none is left, all are looked for again after the time of a turn on the spot. To be written
-    after each control period.
+    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Frontiers
+    that remain after a visit or are unreachable are excluded. Call `write` after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
-        """Choose the time between two searches for frontiers [s], how many are shown, and how many rated at most."""
+        """Set the detection period [s], and the numbers of frontiers shown and evaluated."""
         if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
             raise ValueError(
                 "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "
@@ -73,37 +69,31 @@ class Plan:
         return spaces.Box(-1.0, 1.0, (WIDTH * self._num,), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Find the first frontiers of an episode."""
         navigator = FrontierNavigator(
             robot.params, robot.control_period, max_candidates=self._max, max_time=self._detection_time
         )
         self._detections[robot] = _Detection(robot, navigator, self._num)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the plan to `out`."""
         detection = self._detections[robot]
         detection.update(robot)
         detection.write(robot, out.reshape(-1, WIDTH))
 
 
 class _Detection:
-    """Frontiers and paths of one robot in one episode."""
-
     def __init__(self, robot: Robot, navigator: FrontierNavigator, num: int) -> None:
-        """Find the first frontiers, of which `num` are kept."""
         self._navigator, self._num, self._reading = navigator, num, robot.reading
         self._paths: list[np.ndarray] = []
         navigator.begin(robot.reading, robot.belief)
         self._choose(robot.belief)
 
     def update(self, robot: Robot) -> None:
-        """Process the last control period, unless that is done."""
         navigator, belief = self._navigator, robot.belief
         if robot.reading is self._reading:
             return
         self._reading = robot.reading
         if navigator.navigator.is_recovering:
-            # It counts the periods of its recoveries by the commands, which nobody carries out here.
+            # Recovery behaviors advance with each command, which is not executed.
             navigator.command(belief)
         navigator.navigator.note_command(Twist(*robot.action))
         for peer in robot.peers:
@@ -114,17 +104,15 @@ class _Detection:
             self._choose(belief)
 
     def write(self, robot: Robot, rows: np.ndarray) -> None:
-        """Write what there is to see of the frontiers, shape (num, WIDTH), float32."""
         rows[:] = 0.0
         for k, path in enumerate(self._paths):
             self._nearest[k] = look_ahead(path, self._nearest[k], tuple(robot.belief.pose), LOOKAHEADS, rows[k])
             rows[k, -3:] = self._values[k]
 
     def _choose(self, belief: Belief) -> None:
-        """Take the best of the candidates that were just found."""
         navigator, candidates = self._navigator, self._navigator.candidates
         best = np.argsort(-GainOverCost()(candidates, belief), kind="stable")[: self._num].tolist()
-        # What is to be seen lies beyond the path's end.
+        # The frontier lies beyond the viewpoint at the path's end.
         self._paths = [np.vstack([navigator.path_to(k), candidates["frontier"][k]]) for k in best]
         self._nearest = [0] * len(best)
         costs, visible = candidates["cost"][best], candidates["visible"][best]

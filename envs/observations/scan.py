@@ -1,4 +1,4 @@
-"""The scan, and the robot's own motion."""
+"""Observations of the scan, the robot's motion and its limits."""
 
 import math
 from typing import Any
@@ -12,17 +12,14 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
-"""Time since the reset that is shown as 1 [s]: the same in all worlds, whose time limits tell how large they are."""
+"""Time since the reset that is normalized to 1 [s]. Normalizing by the time limit leaks the size of the world."""
 SPEED_RANGE = 2.0
-"""Greatest forward speed of a robot that is shown as 1 [m/s]."""
+"""Maximum forward speed that is normalized to 1 [m/s]."""
 
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write to `scans` the ranges of active rows over the greatest: 1 without a return, 0 for lost beams.
-
-    Both have shape (n, num_beams), float32.
-    """
+    """Write the observation `Scan` of active robots to `scans`, shape (n, num_beams), float32."""
     scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:
@@ -32,20 +29,19 @@ def scale_scans(ranges, range_max, active, scans):
 
 
 class Scan(RowPart):
-    """Ranges over the lidar's greatest range; 1 for no return; 0 for a lost beam or an obstacle that is too near."""
+    """Ranges / maximum range of the lidar; 1 for no return, 0 for a lost beam or an obstacle too near."""
 
     def space(self, robot: RobotParams) -> spaces.Box:
         """Return `Box(0, 1, (num_beams,), float32)`."""
         return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the last scans of many robots; see `RowPart`."""
         scale_scans(batch.ranges, batch.robots[0].params.lidar.range_max, batch.active, out)
 
 
 @njit(cache=True, error_model="numpy")
 def scale_motions(rows, limits, active, out):
-    """Write what `Motion` shows of active rows to `out`, shape (n, 6), float32; limits in m/s and rad/s."""
+    """Write the observation `Motion` of active robots to `out`, shape (n, 6), float32."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -56,10 +52,10 @@ def scale_motions(rows, limits, active, out):
 
 
 class Limits(RowPart):
-    """What the robot can do, in five numbers, for policies that drive robots of several kinds.
+    """Limits of the robot, for policies that drive several kinds of robot.
 
-    Greatest forward speed over 2 m/s and yaw rate over 4 rad/s, forward acceleration over 5 m/s2 and yaw acceleration
-    over 25 rad/s2, each at most 1, and radius of the footprint over 0.5 m, at most 1.
+    Maximum forward speed / (2 m/s), yaw rate / (4 rad/s), forward acceleration / (5 m/s2), yaw acceleration / (25
+    rad/s2) and footprint radius / 0.5 m, at most 1.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -67,17 +63,16 @@ class Limits(RowPart):
         return spaces.Box(0.0, 1.0, (5,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the limits of many robots; see `RowPart`."""
         params = batch.robots[0].params
         limits = params.max_v / SPEED_RANGE, params.max_w / 4.0, params.max_acc_v / 5.0, params.max_acc_w / 25.0
         out[:] = np.minimum((*limits, params.radius / 0.5), 1.0)
 
 
 class Motion(RowPart):
-    """How the robot moves, in six numbers.
+    """Motion of the robot.
 
-    Forward speed and yaw rate by odometry over the robot's limits, the last action (2), whether the bumper is pressed
-    (0 or 1), and the time since the reset over ten minutes (at most 1).
+    Forward speed and yaw rate by odometry / limits, last action (2), bumper contact (0 or 1), time since the reset /
+    600 s (at most 1).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
@@ -85,6 +80,5 @@ class Motion(RowPart):
         return spaces.Box(-1.0, 1.0, (6,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the motions of many robots; see `RowPart`."""
         params = batch.robots[0].params
         scale_motions(batch.numbers, (params.max_v, params.max_w), batch.active, out)

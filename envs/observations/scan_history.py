@@ -1,4 +1,4 @@
-"""The last scans, pooled to sectors, as seen from where the robot is now."""
+"""Observation of recent scans, pooled to sectors."""
 
 import math
 from collections.abc import Sequence
@@ -17,23 +17,22 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 NEARNESS = 0.5
-"""Gap between footprint and obstacle that is shown as a half [m]."""
+"""Gap from footprint to obstacle that is normalized to 0.5 [m]."""
 MAX_LAG = 1000
-"""Most control periods between the oldest scan that is shown and the last one."""
-SURFACE = 0.5
-"""Neighbouring sectors whose ranges differ by less are taken to show one surface [m]."""
-WIDEST = 8
-"""Most sectors over which such a surface is drawn as seen from elsewhere."""
+"""Maximum age of an observed scan [control periods]."""
+SURFACE_STEP = 0.5
+"""Maximum range difference between neighbouring sectors on one surface [m]."""
+MAX_FILL_SECTORS = 8
+"""Maximum number of sectors across which a surface is interpolated."""
 MOTION = 3
-"""Entries of a remembered scan before its sectors: motion of the base by odometry since the scan before."""
+"""Entries of a stored scan before its ranges: motion since the previous scan."""
 
 
 class Sectors(NamedTuple):
-    """Where the sectors of a lidar are.
+    """Geometry of a lidar's sectors.
 
-    Pose of the lidar, base frame [m, rad]; beginning of the first sector, lidar frame [rad]; sectors in a radian;
-    radius of the footprint [m]; cosines and sines of the middles, lidar frame, shape (2, n), float32; and the first
-    beam of each, and where the last one ends, shape (n + 1,), int64.
+    Lidar pose, base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint radius [m]; unit
+    vectors to the sector centres, shape (2, n), float32; first beam of each sector and the number of beams, int64.
     """
 
     x: float
@@ -47,7 +46,6 @@ class Sectors(NamedTuple):
 
     @classmethod
     def of(cls, robot: RobotParams, num_sectors: int) -> "Sectors":
-        """Divide the beams of a robot's lidar among sectors."""
         lidar = robot.lidar
         beams = lidar.num_beams / num_sectors
         first = lidar.angle_min - 0.5 * lidar.angle_increment
@@ -60,10 +58,7 @@ class Sectors(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def pool_scan(ranges, beams, sectors):
-    """Write the least ranges of sectors to `sectors`, inf without a return, 0 where no beam was measured.
-
-    `beams`: see `Sectors`.
-    """
+    """Write the minimum range of each sector: inf without a return, 0 without a valid beam."""
     for k in range(sectors.shape[0]):
         nearest, is_known = np.float32(np.inf), False
         for i in range(beams[k], beams[k + 1]):
@@ -88,10 +83,10 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Write to `seen`, inf at first, the least ranges as seen from a base that has moved; no return is 1,000 km.
+    """Transform sector ranges to the current pose of the base, and write their minima to `seen`, initially inf.
 
-    What a sector shows lies in its middle, and between sectors of one surface is a straight line. `motion`: pose
-    (x, y, theta) of the base now, as seen from where it measured `ranges`; `polar`: shape (2, n), float32, workspace.
+    Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: motion of the
+    base since `ranges` was measured; `polar`: workspace, shape (2, n), float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -107,10 +102,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     for k in range(count):
         r, along = polar[0, k], polar[1, k]
         steps, change_r, change = 1, np.float32(0.0), np.float32(0.0)
-        if ranges[last] < np.inf and ranges[k] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE:
+        if ranges[last] < np.inf and ranges[k] < np.inf and abs(ranges[last] - ranges[k]) < SURFACE_STEP:
             change = polar[1, last] - along
             change -= whole * np.float32(round(change / whole))
-            if abs(change) < WIDEST:
+            if abs(change) < MAX_FILL_SECTORS:
                 steps = max(1, int(abs(change) + 0.9))
                 change_r, change = (polar[0, last] - r) / steps, change / steps
         for step in range(steps):
@@ -123,10 +118,9 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Remember the scans of active rows, and write past ones to `out`, shape (n, number of lags * sectors), float32.
+    """Store the scans of active robots, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
 
-    `memory`: shape (n, slots * (MOTION + number of sectors)), float32: a ring of scans; `lags`: shape (k,), int64, ages
-    of those to show [control periods], increasing.
+    `memory`: ring buffers, shape (n, slots * (MOTION + sectors)), float32; `lags`: ages, increasing [control periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -158,28 +152,27 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
 
 
 class ScanHistory(RowPart):
-    """The last scans, each pooled to the least ranges of equal sectors, newest first, beside each other.
+    """Recent scans, pooled to the minimum ranges of equal sectors, newest first.
 
-    A range r is shown as 0.5 m / (max(r - radius of the footprint, 0) + 0.5 m): 1 at the footprint, 0 without a return,
-    and fine where obstacles are near. A sector whose beams are all lost, or ended too near to be measured, shows 1.
-    A past scan is shifted by the robot's own odometry to where it is now, so that what has changed has moved; where it
-    did not see, the newest stands in. To be written after each control period.
+    A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
+    0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
+    Missing sectors take the newest values. Call `write` after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
-        """Choose what to show.
+        """Set ages and resolution.
 
         Args:
-            lags: ages of the scans, increasing [s]; the nearest control period counts.
-            num_sectors: sectors of each.
-            compensate: whether past scans are shifted, or shown as they were.
+            lags: ages of the scans, increasing [s].
+            num_sectors: sectors per scan.
+            compensate: whether past scans are transformed to the current pose.
 
         Raises:
-            ValueError: lags are not increasing or negative, or the number of sectors is not positive.
+            ValueError: `lags` negative or not increasing, or `num_sectors` not positive.
         """
         ages = list(lags) if isinstance(lags, Sequence) else []
         if not ages or not all(map(is_number, ages)) or ages[0] < 0 or ages != sorted(set(ages)):
-            raise ValueError(f"scan_history needs increasing lags from 0 s on, got {lags!r}")
+            raise ValueError(f"scan_history needs increasing lags of at least 0 s, got {lags!r}")
         if not (is_whole(num_sectors) and num_sectors >= 1):
             raise ValueError(f"scan_history needs a positive number of sectors, got {num_sectors!r}")
         self._ages, self._num_sectors, self._compensates = tuple(map(float, ages)), int(num_sectors), bool(compensate)
@@ -196,10 +189,9 @@ class ScanHistory(RowPart):
         return spaces.Box(0.0, 1.0, (len(self._ages) * self._num_sectors,), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode, before which all scans were as the first one."""
         lags = np.array([round(age / robot.control_period) for age in self._ages])
         if lags[-1] > MAX_LAG:
-            raise ValueError(f"scan_history can go back {MAX_LAG} control periods, got lags {self._ages} s")
+            raise ValueError(f"lags of scan_history must be at most {MAX_LAG} control periods, got {self._ages} s")
         sectors, size = Sectors.of(robot.params, self._num_sectors), MOTION + self._num_sectors
         self._shown = lags, sectors, self._compensates
         ring = robot._rows.remember(self._memory[0], (lags[-1] + 1) * size, np.float32)[robot.index].reshape(-1, size)
@@ -208,6 +200,5 @@ class ScanHistory(RowPart):
         ring[:] = ring[0]
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the scans of many robots; see `RowPart`."""
         memory = batch.memory[self._memory[0]]
         write_history(batch.numbers, batch.ranges, memory, batch.active, out, *self._shown)

@@ -1,4 +1,4 @@
-"""The carrot of `ReachGoal`: the point of a path to the goal that lies a little ahead of the robot."""
+"""Observation of a lookahead point ("carrot") on a path to the goal."""
 
 import math
 from typing import Any
@@ -21,30 +21,30 @@ from lidarnaut.envs.simulation import records as at
 from . import reach_kernels as own_at
 
 AHEAD = 0.8
-"""How far ahead on the path the carrot is by default [m]."""
-SIGHT = 6.0
-"""How far one looks down the field for the direction of the path [m]."""
-UNENDING = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Who only shows the way never gives up."""
+"""Default lookahead distance [m]."""
+MAX_DESCENT = 6.0
+"""Maximum path length searched for the carrot's direction [m]."""
+CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
+"""Goal navigation without a limit of recoveries or searches."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_carrot(own, x, y, lengths, ahead):
-    """Return the point (x, y), world frame [m], that lies `ahead` metres on the shortest path from another one.
+    """Return the point (x, y) `ahead` metres along the shortest path from a position, world frame [m].
 
-    `own`, `lengths`: see `reach_kernels.measure_goal`. Fields of distances descend in steps of 45 degrees: the farthest
-    of them to which the straight line is free has the direction of the path.
+    The direction is that of the farthest path cell with a collision-free straight line. For `own` and `lengths` see
+    `measure_goal`.
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
     left, low, side = own[own_at.FIELD_X], own[own_at.FIELD_Y], own[own_at.FIELD_SIDE]
     row, col, driven, at_x, at_y = math.floor((y - low) / side), math.floor((x - left) / side), 0.0, x, y
     found_x, found_y = own[own_at.TRUE_X], own[own_at.TRUE_Y]
-    while driven < max(SIGHT, ahead) and driven < own[own_at.LEFT]:
+    while driven < max(MAX_DESCENT, ahead) and driven < own[own_at.LEFT]:
         best, best_row, best_col = np.inf, row, col
         for i in range(max(row - 1, 0), min(row + 2, lengths.shape[0])):
             for j in range(max(col - 1, 0), min(col + 2, lengths.shape[1])):
-                # From outside of where the robot fits, the way back counts as well.
+                # If the robot is outside free space, include the way back.
                 total = lengths[i, j] + distance(left + (j + 0.5) * side - at_x, low + (i + 0.5) * side - at_y)
                 if (i != row or j != col) and total < best:
                     best, best_row, best_col = total, i, j
@@ -62,7 +62,6 @@ def find_carrot(own, x, y, lengths, ahead):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _is_free(x, y, to_x, to_y, lengths):
-    """Tell whether the robot fits along a straight line, ends in cells."""
     count = int(2.0 * max(abs(to_x - x), abs(to_y - y))) + 1
     for k in range(1, count + 1):
         if not lengths[int(y + (to_y - y) * k / count), int(x + (to_x - x) * k / count)] < np.inf:
@@ -72,7 +71,7 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write the carrots on the shortest paths of active rows to `out`, shape (n, 3), float32; see `Carrot`."""
+    """Write the observation `ShortestCarrot` of active robots to `out`, shape (n, 3), float32."""
     for k in range(rows.shape[0]):
         if active[k]:
             x, y = find_carrot(owns[k], rows[k, at.X], rows[k, at.Y], lengths[k], ahead)
@@ -81,15 +80,14 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """The point of a path to the goal a distance ahead, in three numbers.
+    """Lookahead point on the path of a `GoalNavigator`, or on the straight line to the goal.
 
-    Cosine and sine of its direction in the robot's frame; and the length of the rest of the path over that distance, at
-    most 1. The path is that of a `GoalNavigator`, which sees what the robot sees; without one, the straight line to the
-    goal. To be written after each control period.
+    Cosine and sine of its direction, robot frame; remaining path length / lookahead distance, at most 1. Call `write`
+    after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
-        """Take the task, whose goal it is, and the distance [m]; ValueError if that is not positive."""
+        """Set task and lookahead distance [m]; ValueError if not positive."""
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
         self._reading: Reading | None = None
@@ -100,14 +98,12 @@ class PlannedCarrot:
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode."""
-        self._navigator, self._path, self._index = GoalNavigator(UNENDING), np.empty((0, 2)), 0
-        # Only drives by itself are drawn, and it never drives.
+        self._navigator, self._path, self._index = GoalNavigator(CARROT_PARAMS), np.empty((0, 2)), 0
+        # only reactive driving uses the generator
         self._navigator.reset(robot.params, robot.control_period, np.random.default_rng(0))
         self._reading = None
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the carrot to `out`."""
         goal, navigator = self._task.tell_goal(robot.belief.pose)[:2], self._navigator
         if robot.reading is not self._reading:
             self._reading = robot.reading
@@ -123,30 +119,25 @@ class PlannedCarrot:
 
 
 class ShortestCarrot(PlannedCarrot):
-    """The same on the true shortest path around all that does not move.
-
-    For training: no robot knows that path, but kernels find it without planning.
-    """
+    """Lookahead point on the true shortest path around static obstacles, for training."""
 
     uses_ground_truth = True
 
     def reset(self, robot: Robot) -> None:
-        """Begin an episode."""
+        """Do nothing."""
 
     def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
-        """Write the carrot to `out`."""
         rows = truth._rows
         write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], self._task.arrays, self._ahead, ONE, out[None])
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
-        """Write the carrots of many robots; see `RowPart`."""
         write_carrots(batch.numbers, batch.memory[GOAL_MEMORY], batch.task_arrays[0], self._ahead, batch.active, out)
 
 
 CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
-"""Carrots by the path that they are on."""
+"""Carrots by source of the path."""
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Return the carrot on a path, `plan` or `shortest`, so far ahead [m]; ValueError if one is not allowed."""
+    """Return the carrot on a "plan" or "shortest" path; ValueError for other paths."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

@@ -1,4 +1,4 @@
-"""How much of an environment has been explored."""
+"""Coverage of the explorable area, and map accuracy."""
 
 import math
 from typing import NamedTuple
@@ -14,14 +14,14 @@ from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bits of a raster cell: whether it counts, whether it is known in the map, and whether a true scan has seen it."""
+"""Bits of a raster cell: explorable, known in the map, observed by a true scan."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
-"""Distance from a beam up to which its scan sees a point [raster cells]: rounding of both rasters."""
+"""Distance from a beam within which points are observed [raster cells]."""
 
 
 class Frame(NamedTuple):
-    """Where a grid lies: the position (x, y) of the corner of cell (0, 0) and the side of a cell [m]."""
+    """Origin (x, y) of a grid, and size of a cell [m]."""
 
     x: float
     y: float
@@ -29,10 +29,10 @@ class Frame(NamedTuple):
 
 
 class TrueScan(NamedTuple):
-    """A scan, and the true position (x, y) [m] of the lidar that took it, world frame."""
+    """A scan, and the true lidar position (x, y), world frame [m]."""
 
     ranges: np.ndarray
-    """Shape (num_beams,), float32 [m], as in `Reading.ranges`."""
+    """Ranges, shape (num_beams,), float32 [m]."""
     x: float
     y: float
     theta: float
@@ -40,15 +40,15 @@ class TrueScan(NamedTuple):
     increment: float
     """Angle between neighbouring beams [rad]."""
     is_full_turn: bool
-    """Whether the last beam is the first one's neighbour."""
+    """Whether the first and last beams are neighbours."""
     range_max: float
 
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Tell whether a scan sees a point (x, y) [m], world frame: a beam within `tolerance` [m] of it reaches it.
+    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
 
-    Where neighbouring beams are less than two tolerances apart, those next to them count as well.
+    If beams are less than two tolerances apart, adjacent beams count too.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -63,7 +63,7 @@ def sees(scan, x, y, tolerance):
     if is_dense and nearest < num_beams and scan.ranges[nearest] + tolerance >= distance:
         return True
     ratio = tolerance / distance
-    # An upper bound of the arc sine where that is nearly straight.
+    # upper bound of the arc sine
     spread = 1.05 * ratio if ratio < 0.5 else math.asin(ratio)
     first = math.floor((bearing - spread) / scan.increment)
     last = math.ceil((bearing + spread) / scan.increment)
@@ -79,16 +79,14 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark the raster cells under map cells as known, and those of them that a true scan sees as seen.
+    """Mark raster cells of new map cells as known, and those observed by a true scan as seen.
 
-    `new_cells`: shape (k, 2), int32, (row, column) of map cells that became known; `map_frame`: its `Frame`, map frame;
-    `start`: pose (x, y, theta) of the map frame in the world frame; `cells`: shape (height, width), uint8, written:
-    bits of the raster's cells; `frame`: its `Frame`, world frame; `scan`: `TrueScan`; `pending`: shape (n, 2), int32,
-    written: first `num_pending` (row, column) of cells that are known, and not seen. Returns how many cells became
-    explored, and how many are pending.
+    `new_cells`: (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`: bits of the
+    raster, shape (height, width), uint8; `pending`: `num_pending` cells (row, column) that are known but not seen,
+    shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
-    # From the map's cells to the raster's: one affine map, in cells.
+    # affine transform from map cells to raster cells
     scale = map_frame.resolution / frame.resolution
     c, s = math.cos(start[2]) * scale, math.sin(start[2]) * scale
     u, v = map_frame.x / map_frame.resolution, map_frame.y / map_frame.resolution
@@ -97,7 +95,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
     tolerance = TOLERANCE * frame.resolution
     count = 0
     for k in range(new_cells.shape[0]):
-        # Four points of each map cell: a lattice of half a cell leaves no raster cell out, however the map is turned.
+        # At any rotation, four points per map cell cover all raster cells.
         for quarter in range(4):
             u, v = new_cells[k, 1] + 0.25 + 0.5 * (quarter & 1), new_cells[k, 0] + 0.25 + 0.5 * (quarter >> 1)
             x, y = first_col + c * u - s * v, first_row + s * u + c * v
@@ -119,7 +117,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark the pending cells that a true scan sees, and drop them; arguments and return as for `mark_known`."""
+    """Mark pending cells that a true scan observes; arguments and return values as for `mark_known`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -136,34 +134,32 @@ def mark_seen(cells, frame, scan, pending, num_pending):
 
 
 class Coverage:
-    """Counts the explored cells of the explorable area.
+    """Explored cells of the explorable area.
 
-    A cell is explored once the map knows it where it is, and the true scan has seen it: the scan that made it known, or
-    one that was integrated later. A map that is displaced or bent gains nothing for what no scan saw.
+    A cell is explored if the map contains it at its true position, and the true scan that added it, or a later one,
+    observed it.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """Start with nothing explored; `start` is the pose of the map frame's origin in the world frame."""
+        """`start` is the pose of the map frame, world frame."""
         self.area = area
         self.start = start
         self._mount = lidar.mount
-        # What is the same in all scans: the first beam's direction in the base frame, and the end of a `TrueScan`.
         self._first_angle = float(lidar.mount.yaw), lidar.angle_min
         is_full_turn = bool(lidar.fov > 2.0 * math.pi - 1.5 * lidar.angle_increment)
         self._beams = float(lidar.angle_increment), is_full_turn, float(lidar.range_max)
         self._frame = Frame(float(area.walls.origin[0]), float(area.walls.origin[1]), float(area.walls.resolution))
         self._cells = area.explorable.astype(np.uint8)
         self._num_explorable = int(np.count_nonzero(area.explorable))
-        # Room for all; only what is written takes memory.
         self._pending = np.empty((self._num_explorable, 2), dtype=np.int32)
         self._num_pending = 0
         self._num_explored = 0
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
-        """Process what a scan, shape (num_beams,), float32 [m], from a true pose changed in a map of a resolution [m].
+        """Process a map update, and return the change of the explored area [m2], negative after corrections.
 
-        Returns:
-            Change of the explored area [m2]; negative where a map that was redrawn no longer holds a cell as known.
+        `resolution`: size of a map cell [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose, world
+        frame.
         """
         if update.window is None and not update.redrawn:
             return 0.0
@@ -185,7 +181,7 @@ class Coverage:
 
     @property
     def explored(self) -> np.ndarray:
-        """Explored cells, a raster of bool as the area's."""
+        """Mask of explored cells of the raster, bool."""
         return self._cells == EXPLORED
 
     @property
@@ -195,7 +191,7 @@ class Coverage:
 
     @property
     def explored_fraction(self) -> float:
-        """Explored part of the explorable area, from 0 to 1."""
+        """Explored fraction of the explorable area."""
         return self._num_explored / self._num_explorable
 
     def _true_scan(self, ranges: np.ndarray, pose: Pose2D) -> TrueScan:
@@ -206,11 +202,9 @@ class Coverage:
 
 
 def map_iou(grid: OccupancyGrid, area: ExplorableArea, start: Pose2D, tolerance: float = 0.1) -> float:
-    """Compare the occupied cells of a map with the true walls that can be seen.
+    """Return the intersection over union of occupied map cells and visible true walls.
 
-    Intersection over union: visible wall cells with an occupied map cell within `tolerance`, over those plus the
-    visible wall cells without one plus the occupied map cells without a wall within `tolerance` [m]. `start` is the
-    pose of the map frame's origin in the world frame.
+    Cells match within `tolerance` [m]. `start` is the pose of the map frame, world frame.
     """
     walls = area.walls
     wall = walls.data > 0

@@ -22,9 +22,9 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Distance between the robot's true position and its start at which it has returned [m]."""
+"""Distance to the start that counts as returned [m]."""
 MAX_ROBOTS = 4
-"""Robots of a team at most."""
+"""Maximum number of robots in a team."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -32,73 +32,70 @@ class Explore(UnknownWorldTask):
     """Explore an unknown world with a lidar robot.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders starts in a world that it has no map of. Each step drives
-    it for one control period; then a SLAM turns the new scan and the motion by odometry into a map and a pose. The policy
-    sees what the robot senses and estimates, never ground truth. The task is to explore the whole world.
+    A differential-drive robot with a 2D lidar explores a world without a map. A SLAM updates map and pose estimate in
+    each step (one control period). Observations contain no ground truth.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. Actions
-    outside are an error, or clipped with `clip_actions=True`, as unbounded Gaussian policies need.
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
+    Actions outside raise an error; `clip_actions=True` clips them.
 
     ## Observation Space
-    `Dict`, everything seen from the robot (fresh arrays each step); `observations` chooses the parts:
+    `Dict`, egocentric; `observations` selects the parts:
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | range / maximum range; 1 no return; 0 lost beam or obstacle too near |
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | map, 8 m x 8 m around the robot, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | map, 32 m x 32 m around the robot, 0.8 m per pixel |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
-    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three frontiers that are worth most, nine numbers for each: directions 0.3 m, 0.6 m and 1.5 m ahead on the path (cosine, sine), cost, unknown area in view, 1; see `lidarnaut.envs.observations.Plan` |
+    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry / limits, last action (2), bumper contact (0 or 1), time since the reset / 600 s (at most 1) |
+    | `plan` (not by default) | `Box(-1, 1, (27,), float32)` | paths to the three best frontiers, see `lidarnaut.envs.observations.Plan` |
 
-    Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left. Unknown is 0 in
+    Map channels: 0 occupied, 1 free, 2 visited (estimated). Axis 1 points forward, axis 2 to the left. Unknown is 0 in
     channels 0 and 1.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `explored` (1 per m2 of explorable cells that became explored: the map knows
-    the cell where it is, and the true scan that made it known, or a later one, has seen it; a map that is displaced or bent
-    gains nothing), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once, when the
-    target coverage is reached); with `return_home=True` also `returned` (10, once). `reward` changes the weights.
+    The sum of `info["rewards"]`: `explored` (1 per m2 of cells newly mapped at their true position and observed by a
+    true scan), `time` (-0.02 per s), `collision` (-0.5 per s in contact), `completed` (10, once); with
+    `return_home=True` also `returned` (10, once). `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest and has no map yet. `start="random"` draws its pose uniformly over where it fits, clear of
-    people on fixed routes, `start="spawn"` takes the world's first spawn pose, a tuple `(x, y, theta)` is taken as it is. Procedural
-    families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` chooses for one episode.
+    The robot is at rest with an empty map. `start="random"` draws a collision-free pose uniformly, clear of people on
+    fixed routes; `start="spawn"` is the world's first spawn pose; a tuple `(x, y, theta)` is in the world frame.
+    Procedural families draw a new world at each reset. `reset(options={"world": ..., "start": ...})` sets one episode.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
     2. Truncation: `time_limit` seconds have passed.
 
-    Collisions cost, and do not end the episode.
+    Collisions do not end the episode.
 
-    With `return_home=True` the target coverage ends exploration, not the episode: the robot is called back to its start,
-    and termination is when it is within 0.3 m of it, by ground truth. The default observation then has a part `home`,
-    `Box(-1, 1, (4,), float32)`: 1 once the robot is called back, distance to the start by its own estimate over 32 m,
-    cosine and sine of the bearing; and the reward a term `returned`.
+    With `return_home=True`, the robot has to return after it reaches the target coverage; the episode terminates when
+    its true position is within 0.3 m of the start. The default observation has a part `home`, `Box(-1, 1, (4,),
+    float32)`: 1 once the robot has to return, estimated distance / 32 m, cosine and sine of the bearing.
 
     ## Information
-    Each step: `explored_fraction` (of the explorable area), `explored_area` [m2], `pose_error` (position [m],
-    heading [rad]), `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards` (terms), `is_success`; at the
-    end also `map_iou`, `area_left` (explorable and unknown) [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` each step also
-    `returned` and `time_home` (since the robot was called back) [s]; `end_reason` is `"returned"` in place of `"covered"`,
-    and `is_success` asks for both. With `randomize` each step also `randomized`: what the episode has drawn, by name.
+    Each step: `explored_fraction`, `explored_area` [m2], `pose_error` (position [m], heading [rad]), `path_length` [m],
+    `collisions` (contacts), `time` [s], `rewards`, `is_success`; at the end also `map_iou`, `area_left` (unexplored)
+    [m2] and `end_reason` (`"covered"` or `"time_limit"`). With `return_home=True` also `returned` and `time_home`
+    (since the return began) [s]; `end_reason` is `"returned"` instead of `"covered"`, and `is_success` requires both.
+    With `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), and
+    The arguments of `LidarEnv`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, or a `World`; or a list of these, one of which is drawn for each episode |
-    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures) and `"gmapping"` for one robot, `"odometry"` (maps at the pose by odometry), `"truth"` (maps at the true pose), or a SLAM of your own, see `lidarnaut.envs.slam.make_slam` |
+    | `world` | `"turtlebot3_world"` | library world, procedural family (such as `rooms`), path of a world YAML or of a `map_server` YAML, a `World`, or a list of these to draw from |
+    | `slam` | `"hector"` | `"hector"`, `"tinyslam"`, `"graph"` (loop closures), `"gmapping"` (one robot), `"odometry"` or `"truth"` (mapping at odometry or true poses), or your own, see `lidarnaut.envs.slam.make_slam` |
     | `target_coverage` | `0.99` | explored fraction that ends the episode |
     | `start` | `"random"` | see Starting State |
-    | `split` | `"train"` | which seeds of a procedural family: `"train"` or `"test"` |
-    | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` leaves it to the family |
-    | `difficulty` | `None` | of the worlds of `clutter`, from 0 to 1; `None` draws it for each |
-    | `num_worlds` | `None` | how many worlds a procedural family has, each of which is made once, which makes resets faster; `None` draws without end |
-    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `lidarnaut.envs.task.Rewards` |
-    | `map_resolution` | `0.05` | side of a map cell [m] |
-    | `return_home` | `False` | whether the robot is to come back to its start after exploring, see Episode End; for one robot |
+    | `split` | `"train"` | seeds of a procedural family: `"train"` or `"test"` |
+    | `world_size` | `None` | outer size (x, y) of a procedural world [m]; `None` for the family's default |
+    | `difficulty` | `None` | difficulty of `clutter` worlds, from 0 to 1; `None` draws it |
+    | `num_worlds` | `None` | number of worlds of a procedural family, for faster resets; `None` for no limit |
+    | `reward` | `None` | changed weights by name, or a subclass of `lidarnaut.envs.task.Rewards` |
+    | `map_resolution` | `0.05` | size of a map cell [m] |
+    | `return_home` | `False` | whether the robot has to return, see Episode End; one robot |
 
     ## Version History
     * v0: first version
@@ -113,11 +110,10 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """True but for robots that return, and for subclasses of the user's own; see `Task`."""
+        """Whether `update` can be skipped without a new scan; False with `return_home` and in user subclasses."""
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         if not (is_number(self.target_coverage) and 0 < self.target_coverage <= 1):
             raise ValueError(f"target_coverage must lie in (0, 1], got {self.target_coverage!r}")
         if self.return_home and self.num_robots > 1:
@@ -126,11 +122,10 @@ class Explore(UnknownWorldTask):
             self.measures = (*EXPLORATION, *RETURN)  # type: ignore[assignment,misc]
             self.weights = {**self.weights, "returned": 10.0}
         self.is_returning = False
-        """Whether the robot is to come back to its start now; with `return_home=True` alone."""
+        """Whether the robot has to return to its start now."""
         super().attach(robot, control_period, physics)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the start as "home" and the peers of a team as "teammates"; see `Task`."""
         parts: dict[str, Callable[..., ObservationPart]] = {}
         if self.return_home:
             parts["home"] = partial(Home, self)
@@ -139,21 +134,15 @@ class Explore(UnknownWorldTask):
         return parts
 
     def call_back(self) -> None:
-        """End exploration where no frontier is left, and call the robot back to its start.
-
-        Raises:
-            ValueError: without `return_home=True`.
-        """
+        """End exploration, and require the robot to return; ValueError without `return_home=True`."""
         if not self.return_home:
-            raise ValueError("the robot can be called back with return_home=True alone")
+            raise ValueError("call_back needs return_home=True")
         self.is_returning = True
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; see `Task`."""
         self.coverage = Coverage(self.area, self.map_pose, simulator.robot.lidar)
-        """The true coverage."""
         for robot, pose in zip(robots, self.starts, strict=True):
             self._cover(robot, pose)
         self.end_reason = None
@@ -162,7 +151,6 @@ class Explore(UnknownWorldTask):
         return self.area.usual_time_limit(self.robot.max_v)
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Count what was explored, and see whether that is all; see `Task`."""
         self._time_home += period * self.is_returning
         gained = 0.0
         for k, robot in enumerate(robots):
@@ -186,11 +174,9 @@ class Explore(UnknownWorldTask):
         self._quantities["returned"] = float(self.end_reason == "returned")
 
     def quantities(self) -> dict[str, float]:
-        """Return explored area [m2], time [s], time in contact [s] of all robots, and what was achieved just now."""
         return self._quantities
 
     def metrics(self) -> dict[str, Any]:
-        """Return how much is explored, and whether the robot has returned and how long that took; see `Task`."""
         fraction = self.coverage.explored_fraction
         metrics = {"explored_fraction": fraction, "explored_area": self.coverage.explored_area}
         if not self.return_home:
@@ -203,7 +189,6 @@ class Explore(UnknownWorldTask):
         }
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return the agreement of the map with the visible walls, and the area that is not explored [m2]."""
         area = self.coverage.area
         left = area.area - self.coverage.explored_area
         return {"map_iou": map_iou(self._robots[0].belief.grid, area, self.map_pose), "area_left": left}
@@ -218,52 +203,49 @@ class ExploreTeam(Explore):
     """Explore an unknown world with a team of lidar robots that share one map.
 
     ## Description
-    `Explore` with one to four equal robots. They start near each other and know their relative poses, as in
-    Umari and Mukhopadhyay (2017). Each tracks its own pose, by matching its scans to the map that all of them integrate
-    their scans into. They see each other, and they collide with each other. Beams that end at a peer, by the poses that the
-    robots tell each other, are left out of the map. With one robot everything equals `Explore`.
+    `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
+    Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Beams that end at a teammate's estimated pose
+    are not mapped.
 
     ## Action Space
-    `Box(-1, 1, (num_robots, 2), float32)`: a row per robot, forward speed and yaw rate (counter-clockwise) as fractions
-    of its limits.
+    `Box(-1, 1, (num_robots, 2), float32)`, one action of `Explore` per robot.
 
     ## Observation Space
-    `Dict`, a row per robot of what `Explore` shows, everything seen from that robot (fresh arrays each step):
+    `Dict`, egocentric, one row per robot:
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_robots, num_beams), float32)` | ranges, peers among what they hit |
+    | `scan` | `Box(0, 1, (num_robots, num_beams), float32)` | ranges, including returns from teammates |
     | `map_near` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 8 m x 8 m around each robot |
     | `map_far` | `Box(0, 255, (num_robots, 3, 40, 40), uint8)` | the shared map, 32 m x 32 m around each robot |
-    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | each robot's own motion, last action, bumper, time since the reset over 600 s (at most 1) |
-    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | four numbers for each of the others, in the order of their indices: estimated position ahead and to the left over 16 m, cosine and sine of the heading; only with two or more robots |
+    | `motion` | `Box(-1, 1, (num_robots, 6), float32)` | as in `Explore` |
+    | `teammates` | `Box(-1, 1, (num_robots, 4 * (num_robots - 1)), float32)` | per teammate, by index: estimated position forward and left / 16 m, cosine and sine of the heading |
 
-    Channel 2 of the maps shows where any of the robots has been.
+    Channel 2 of the maps is visited by any robot.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`, which are those of `Explore` for the team as a whole: `explored` (each
-    cell once, by whichever robot), `time`, `collision` (for each robot that touches anything, peers included), `completed`.
+    The sum of `info["rewards"]`, as in `Explore`: `explored` (each cell once per team), `time`, `collision` (per robot
+    in contact, also with robots), `completed`.
 
     ## Starting State
-    The robots are at rest and have no map yet; the frame of their map begins where robot 0 starts. `start` says where
-    that is, as in `Explore`; the others start within 2 m of it, in its line of sight and 0.5 m apart, with any heading,
-    or, where there is no room for that, further away, closer together, or out of its line of sight. One pose per robot,
-    `((x, y, theta), ...)`, is taken as it is.
+    The robots are at rest with an empty map, whose frame begins at robot 0. `start` sets the pose of robot 0 as in
+    `Explore`; the others start within 2 m, in its line of sight and 0.5 m apart, with random headings; in narrow spaces
+    farther away, closer together, or out of sight. One pose per robot, `((x, y, theta), ...)`, is used as given.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
     2. Truncation: `time_limit` seconds have passed.
 
     ## Information
-    That of `Explore`, of which `pose_error`, shape (num_robots, 2), `path_length` and `collisions` have a row per robot.
+    As in `Explore`; `pose_error`, shape (num_robots, 2), `path_length` and `collisions` per robot.
 
     ## Arguments
-    Those of `Explore` but for `return_home`, and
+    The arguments of `Explore` except `return_home`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `num_robots` | `2` | robots, 1 to 4 |
-    | `start` | `"random"` | also a pose for each robot, see Starting State |
+    | `num_robots` | `2` | number of robots, 1 to 4 |
+    | `start` | `"random"` | also one pose per robot |
 
     ## Version History
     * v0: first version
@@ -274,7 +256,6 @@ class ExploreTeam(Explore):
     num_robots: int = 2
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         if self.num_robots not in range(1, MAX_ROBOTS + 1):
             raise ValueError(f"num_robots must be a whole number from 1 to {MAX_ROBOTS}, got {self.num_robots!r}")
         super().attach(robot, control_period, physics)

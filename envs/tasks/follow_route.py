@@ -1,4 +1,4 @@
-"""Following a route by a pose that is fused from map, encoders and compass."""
+"""Task of following a route."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -37,69 +37,66 @@ AMCL_PARAMS = AmclParams(
     update_min_d=0.2,
     update_min_a=0.1,
 )
-"""A map with cells of 0.02 m and a lidar with smaller errors deserve a sharper sensor model than Nav2's defaults."""
+"""AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
 
 
 @dataclass(kw_only=True, eq=False)
 class FollowRoute(Task):
-    """Follow a route with a robot that is localized by a map, its wheels and a compass.
+    """Follow a route with localization by map, wheel encoders and compass.
 
     ## Description
-    A differential-drive robot starts at the beginning of a route, with a map that was made beforehand by driving the route
-    by hand. Each step drives it for one control period. A localizer (AMCL) then finds it on the map, at a lower rate and
-    with latency; encoders measure its speed, a compass its heading; and an extended Kalman filter fuses them into the pose
-    in which the robot sees the route. The task is to follow the route to its end. The defaults repeat the experiment of
-    Nguyen et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s, with 17 control periods per second.
+    A differential-drive robot follows a route on a map from an earlier manual drive. An extended Kalman filter fuses
+    AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults repeat the experiment of Nguyen
+    et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
 
     ## Observation Space
-    `Dict` (fresh arrays each step):
+    `Dict`, egocentric:
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
-    | `route` | `Box(-1, 1, (10, 2), float32)` | points of the route 0, 0.4, ... 3.6 m ahead, as (forward, left) of the estimated pose, over 5 m |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by the filter over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | as in `Explore` |
+    | `route` | `Box(-1, 1, (10, 2), float32)` | route points 0, 0.4, ... 3.6 m ahead, (forward, left) / 5 m from the estimated pose |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore`, speeds by the filter |
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s off it),
-    `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything), `completed` (10, once). `reward` changes the
-    weights. Progress and deviation are the true ones, not the estimated ones.
+    The sum of `info["rewards"]`: `progress` (1 per m along the route), `deviation` (-2 per m and s), `time` (-0.02 per
+    s), `collision` (-0.5 per s in contact), `completed` (10, once), by the true pose. `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest at the beginning of the route, off by a normal draw with the standard deviations
-    `start_spread`; the filter assumes that it starts exactly there.
+    The robot is at rest at the beginning of the route, with normally distributed errors of standard deviations
+    `start_spread`, unknown to the filter.
 
     ## Episode End
-    1. Termination: the end of the route is reached.
+    1. Termination: the robot reaches the end of the route.
     2. Termination: the robot is `max_deviation` away from the route.
     3. Truncation: `time_limit` seconds have passed.
 
     Collisions do not end the episode.
 
     ## Information
-    Each step: `progress` (share of the route driven), `deviation` (to the left of the route [m]), `pose_error` (position
-    [m], heading [rad]), `path_length` [m], `collisions` (contacts so far), `is_lost` (whether the localizer says that it
-    is), `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or
-    `"time_limit"`). With `randomize` each step also `randomized`: what the episode has drawn, by name.
+    Each step: `progress` (fraction of the route), `deviation` (to the left [m]), `pose_error` (position [m], heading
+    [rad]), `path_length` [m], `collisions` (contacts), `is_lost` (reported by AMCL), `time` [s], `rewards`,
+    `is_success`; at the end also `end_reason` (`"completed"`, `"strayed"` or `"time_limit"`). With `randomize` also
+    `randomized` (drawn values by name).
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`; `robot` is `"mpo_500"` and `control_hz` 17 by default), and
+    The arguments of `LidarEnv` (`robot` is `"mpo_500"` and `control_hz` 17 by default), and
 
     | argument | default | meaning |
     |---|---|---|
     | `world` | `"workshop_hall"` | library world, path of a world YAML or of a `map_server` YAML, or a `World` |
-    | `path` | `None` | points (x, y) in the world frame [m]; `None` is the rectangle of 78 m from the world's first spawn |
-    | `fusion` | `"full"` | what is fused into the pose: `"full"` (map, encoders, compass if there is one), `"encoder_compass"`, `"encoder"`, or `"amcl"` (the localizer's own) |
-    | `slam` | `"tinyslam"` | which SLAM makes the map |
-    | `map_seed` | `0` | seed of the drive that makes the map |
-    | `map_resolution` | `0.02` | side of a map cell [m] |
-    | `map_latency` | `0.1` | latency of the localizer [s] |
+    | `path` | `None` | points (x, y), world frame [m]; `None` for the rectangle from the world's first spawn |
+    | `fusion` | `"full"` | inputs of the pose estimate: `"full"` (map, encoders, compass if available), `"encoder_compass"`, `"encoder"`, or `"amcl"` |
+    | `slam` | `"tinyslam"` | SLAM that makes the map |
+    | `map_seed` | `0` | seed of the mapping drive |
+    | `map_resolution` | `0.02` | size of a map cell [m] |
+    | `map_latency` | `0.1` | latency of AMCL [s] |
     | `max_deviation` | `2.0` | distance from the route that ends the episode [m] |
     | `start_spread` | `(0.02, 0.02)` | see Starting State [m, rad] |
-    | `reward` | `None` | weights of the reward terms that are to be others, by name, or a subclass of `lidarnaut.envs.task.Rewards` |
+    | `reward` | `None` | changed weights by name, or a subclass of `lidarnaut.envs.task.Rewards` |
 
     ## Version History
     * v0: first version
@@ -121,55 +118,51 @@ class FollowRoute(Task):
     reward: Any = None
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         check_positive(max_deviation=self.max_deviation, map_resolution=self.map_resolution)
         if not 0 <= self.map_latency < math.inf:
             raise ValueError(f"map_latency must be finite and not negative, got {self.map_latency!r}")
         spread = self.start_spread
         if len(spread) != 2 or not all(0 <= std < math.inf for std in spread):
-            raise ValueError(f"start_spread must be two numbers that are not negative, got {spread!r}")
+            raise ValueError(f"start_spread must be two non-negative numbers, got {spread!r}")
         super().attach(robot, control_period, physics)
         self._world = self.world if isinstance(self.world, World) else load_world(self.world)
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
-        """The route in the map frame."""
+        """The route, map frame."""
 
     def default_observations(self) -> Sequence[str]:
-        """Return scan, route and motion; see `Task`."""
         return ("scan", "route", "motion")
 
     def make_estimator(self) -> FusedPose:
-        """Return the Kalman filter over AMCL, encoders and compass; see `Task`."""
         self._fused = FusedPose(self.robot, Amcl(self.robot.lidar, AMCL_PARAMS), self.fusion, self.map_latency)
         return self._fused
 
     @property
     def route_ahead(self) -> np.ndarray:
-        """Points of the route that are still to drive, shape (n, 2), float64, map frame [m]; for pictures."""
+        """Remaining route points, shape (n, 2), float64, map frame [m]."""
         return self.route.points[self.route_progress.index :]
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the route; see `Task`."""
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route; ValueError if another one is asked for."""
+        """Return the route's world; ValueError for another world."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robot starts, near the beginning of the route; ValueError if elsewhere is asked for."""
+        """Return the robot's start near the beginning of the route; ValueError if `start` is given."""
         if start is not None:
-            raise ValueError("a route has its own start; make another environment")
+            raise ValueError("the start of a route cannot change at a reset; make another environment")
         spread, turn = self.start_spread
         offset = Pose2D(*(rng.standard_normal(3) * (spread, spread, turn)).tolist())
         self.starts = [self.map_pose.compose(offset)]
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map, which the first episode makes, and its origin as the start; see `Task`."""
+        """Return the map, made on first use, with its origin as the initial pose."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)
@@ -179,16 +172,14 @@ class FollowRoute(Task):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; see `Task`."""
         (self._one,) = robots
         self.end_reason = None
         self.route_progress, self._true_progress = Progress(self.route), Progress(self.route_world)
         self._follow(self.starts[0], self._one)
-        # Twice the time that the route takes at full speed, and half a minute.
+        # twice the time at maximum speed, plus 30 s
         return 30.0 + 2.0 * self.route.length / self.robot.max_v
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Measure how far the robot came; see `Task`."""
         pose, before = simulator.states[0].pose, self._driven
         self._follow(pose, robots[0])
         away = distance(*(self._true_progress.route.points[self._true_progress.index] - pose[:2]))
@@ -205,11 +196,9 @@ class FollowRoute(Task):
         }
 
     def quantities(self) -> dict[str, float]:
-        """Return progress [m], deviation times time [m s], time [s], time in contact [s], and whether it is over."""
         return self._quantities
 
     def metrics(self) -> dict[str, Any]:
-        """Return how far the robot came; see `Task`."""
         return {
             "progress": self._driven / self.route.length,
             "deviation": self._deviation,

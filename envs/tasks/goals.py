@@ -1,4 +1,4 @@
-"""Goals: which one, the true distance to it, the known map, the localizer."""
+"""Tasks with a goal, geodesic distance, and localizers."""
 
 import math
 from abc import abstractmethod
@@ -24,27 +24,26 @@ from lidarnaut.envs.worlds.world import kept_with_world
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
-"""Names of the localizers. "odometry" and "truth" add up the motions that they are given, from the true start."""
+"""Names of localizers. "odometry" and "truth" integrate motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
 class GoalTask(WorldTask):
-    """A task with a goal: chosen for an episode, and set anew from where the robot is."""
+    """Base of tasks with a goal."""
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """`"random"`, `"world"` for the world's own, or (x, y, theta), map frame; (x, y) where no heading is asked for.
-    Once an episode has begun, that of the episode."""
+    """`"random"`, `"world"` for the world's own goal, or (x, y, theta) or (x, y), map frame. During an episode, its
+    goal."""
     goal_tolerance: float = 0.3
     """Distance from the goal that counts as reached [m]."""
     min_distance: float = 1.0
-    """Least distance from the start to a random goal [m]."""
+    """Minimum distance from the start to a random goal [m]."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         check_positive(goal_tolerance=self.goal_tolerance, min_distance=self.min_distance)
         self._goal = self._read_goal(self.goal)
         super().attach(robot, control_period, physics)
@@ -52,7 +51,6 @@ class GoalTask(WorldTask):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; see `Task`."""
         (self._one,), self._rows, self._true_pose = robots, simulator.rows, self.starts[0]
         goal = self._read_goal(options.get("goal", self._goal))
         if goal == "random":
@@ -66,10 +64,10 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return how long it usually takes to get there [s].
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return its usual time limit [s].
 
         Raises:
-            ValueError: if the goal is not finite, or no pose that the robot can reach.
+            ValueError: not finite or not reachable.
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
@@ -83,7 +81,6 @@ class GoalTask(WorldTask):
             raise
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
-        """Return the argument `goal`, with heading 0 for (x, y); ValueError if it is not allowed."""
         if isinstance(goal, str) and goal in ("random", "world"):
             return goal
         needs_heading = getattr(self, "heading_tolerance", math.pi) < math.pi
@@ -96,22 +93,22 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Measure the path from where the robot is to a new goal, and return its length [m]."""
+        """Return the path length to a new goal [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return four times what a path of a length [m] takes at full speed, and half a minute [s]."""
+        """Return the usual time limit for a path length [m]: four times the time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Return a localizer by its name; ValueError if this or the preset of AMCL is unknown."""
+    """Return a localizer; ValueError for an unknown name or preset."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:
-    """Return the map that a perfect exploration would leave: free where one can see, walls, and all else unknown."""
+    """Return the map of a perfect exploration."""
     walls = area.walls
     data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
     data[walls.data > 0] = OCCUPIED
@@ -120,7 +117,6 @@ def known_map(area: ExplorableArea) -> OccupancyGrid:
 
 @kept_with_world
 def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
-    """Return where the robot fits, by blocks of `pooled` x `pooled` cells of the area, of which one is enough."""
     free = np.pad(area.traversable, [(0, -size % pooled) for size in area.traversable.shape])
     free = np.logical_or.reduce([free[i::pooled, j::pooled] for i in range(pooled) for j in range(pooled)])
     side = pooled * area.walls.resolution
@@ -129,18 +125,19 @@ def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
 
 
 class GeodesicDistance:
-    """True distance to a goal around everything that does not move."""
+    """True geodesic distance to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
-        """Measure distances from free space to a goal, world frame; ValueError if the robot does not fit there.
+        """Compute distances to a goal, world frame, on blocks of `pooled` x `pooled` cells.
 
-        Of blocks of `pooled` x `pooled` cells of the area, one in which the robot fits is enough.
+        Raises:
+            ValueError: not reachable.
         """
         if not area.is_traversable(goal):
-            raise ValueError(f"goal {tuple(goal)} (world frame) is no pose that the robot can reach")
+            raise ValueError(f"goal {tuple(goal)} (world frame) is not reachable by the robot")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
-        """The raster on which distances are known."""
+        """Raster of the distance field."""
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
@@ -148,11 +145,11 @@ class GeodesicDistance:
 
     @property
     def lengths(self) -> np.ndarray:
-        """Distances of all cells, shape of the raster, float32 [m]; inf where the robot does not fit."""
+        """Distances of all raster cells, float32 [m]; inf outside free space."""
         return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
-        """Return the distance from a pose (world frame) to the goal [m]; where the robot does not fit, the last one."""
+        """Return the distance from a pose, world frame, to the goal [m]; outside free space the last value."""
         cell = self.grid.cells(np.array(pose[:2]))
         if self.grid.contains(cell):
             length = float(self._field.cost(cell))
@@ -161,9 +158,9 @@ class GeodesicDistance:
 
 
 def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = 1.0) -> Pose2D:
-    """Draw a collision-free goal (world frame), at least `min_distance` [m] from the start in a straight line.
+    """Draw a collision-free goal, world frame, at least `min_distance` [m] away in a straight line.
 
-    In a world too small for that, the farthest of a hundred.
+    If 100 draws are nearer, return the farthest.
     """
     drawn: list[Pose2D] = []
     away = [0.0]

@@ -1,4 +1,4 @@
-"""Navigation: reach a goal on a known map."""
+"""Task of navigation on a known map."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -24,7 +24,7 @@ from lidarnaut.envs.worlds import load_map
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
-"""Standard deviations of the initial pose that a localizer is given, per axis [m] and of the heading [rad]."""
+"""Standard deviations of the localizer's initial pose: position per axis [m], heading [rad]."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -32,68 +32,65 @@ class Navigate(GoalTask):
     """Drive to a goal on a known map.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders has a map of the world. Each step drives it for one
-    control period; then a localizer turns the new scan and the motion by odometry into a pose on that map. The policy
-    sees what the robot senses and estimates, never ground truth. The task is to get to a goal.
+    A differential-drive robot with a 2D lidar drives to a goal on a known map. A localizer updates the pose estimate in
+    each step (one control period). Observations contain no ground truth.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
 
     ## Observation Space
-    `Dict`, everything seen from the robot (fresh arrays each step):
+    `Dict`, egocentric:
 
     | key | space | meaning |
     |---|---|---|
-    | `scan` | `Box(0, 1, (num_beams,), float32)` | range over the lidar's greatest range; 1 no return; 0 beam lost or obstacle too near |
+    | `scan` | `Box(0, 1, (num_beams,), float32)` | as in `Explore` |
     | `map_near` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 8 m x 8 m around the estimated pose, 0.2 m per pixel |
     | `map_far` | `Box(0, 255, (3, 40, 40), uint8)` | known map, 32 m x 32 m around the estimated pose, 0.8 m per pixel |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
-    | `goal` | `Box(-1, 1, (5,), float32)` | distance to the goal over 32 m (at most 1), cosine and sine of its bearing, cosine and sine of the turn to its heading |
-    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviation of the estimated position over 1 m and of the heading over pi (at most 1), 1 if the localizer says that it is lost |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
+    | `goal` | `Box(-1, 1, (5,), float32)` | distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference |
+    | `pose_uncertainty` | `Box(0, 1, (3,), float32)` | standard deviations of position / 1 m and heading / pi (at most 1), 1 if the localizer is lost |
 
-    Map channels: 0 occupied, 1 free, 2 where the robot has been by its own estimate. Axis 1 points forward, axis 2 to the left.
-    Unknown is 0 in channels 0 and 1.
+    Map channels as in `Explore`.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
-    all that does not move, became shorter), `time` (-0.02 per s), `collision` (-0.5 per s in contact with anything),
-    `reached` (10, once). `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.02 per s),
+    `collision` (-0.5 per s in contact), `reached` (10, once). `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the
-    world's first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is; goals likewise, at least `min_distance` away,
-    in the map's frame if given; `(x, y)` is enough where `heading_tolerance` is pi. With `initial_pose="known"` the localizer is given the start with an error of 0.1 m and 5
-    degrees (standard deviations); with `"unknown"` the robot can be anywhere on the map. It looks at scans from the first step on. `reset(options={"goal": (x, y,
-    theta), "world": ..., "start": ...})` chooses for one episode, `set_goal` sets a further goal without a reset.
+    The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
+    away; other goals are in the map frame, and need no theta if `heading_tolerance` is pi. With `initial_pose="known"`
+    the localizer knows the start with standard deviations of 0.1 m and 5 degrees; `"unknown"` means global
+    localization. `reset(options={"goal": (x, y, theta), "world": ..., "start": ...})` sets one episode, `set_goal` a
+    new goal without a reset.
 
     ## Episode End
-    1. Termination: the robot's true base pose is within `goal_tolerance` of the goal, and its heading within
-       `heading_tolerance` of the goal's.
+    1. Termination: the robot's true pose is within `goal_tolerance` and `heading_tolerance` of the goal.
     2. Truncation: `time_limit` seconds have passed.
 
     Collisions do not end the episode.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of that path that is driven), `pose_error`
-    (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions` (contacts so far), `time` [s], `rewards`
-    (terms), `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With `randomize` each step also
-    `randomized`: what the episode has drawn, by name.
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, around static obstacles) [m],
+    `progress` (driven fraction), `pose_error` (position [m], heading [rad]), `is_lost`, `path_length` [m], `collisions`
+    (contacts), `time` [s], `rewards`, `is_success`; at the end also `end_reason` (`"reached"` or `"time_limit"`). With
+    `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and `reward` of `Explore`, and
+    The arguments of `LidarEnv`, `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds` and `reward` of
+    `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|
     | `localizer` | `"amcl"` | `"amcl"`, `"odometry"` or `"truth"` |
     | `amcl` | `"default"` | preset of AMCL, or `AmclParams` |
-    | `initial_pose` | `"known"` | whether the localizer is given where the robot starts: `"known"` or `"unknown"` |
-    | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` takes the map that a perfect exploration would give |
-    | `map_pose` | `(0, 0, 0)` | pose of the map's frame in the world |
-    | `goal` | `"random"` | see Starting State; `"world"` takes the world's own, of the spawn nearest to the start |
-    | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
+    | `initial_pose` | `"known"` | whether the localizer knows the start: `"known"` or `"unknown"` |
+    | `map` | `None` | path of a `map_server` YAML or an `OccupancyGrid`; `None` for the map of a perfect exploration |
+    | `map_pose` | `(0, 0, 0)` | pose of the map frame, world frame |
+    | `goal` | `"random"` | see Starting State; `"world"` for the world's goal of the nearest spawn |
+    | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
-    | `heading_tolerance` | `pi` | turn from the goal's heading that counts as reached [rad]; any by default. Below pi, `pursuit`, `dwb` and `mppi` turn to it |
-    | `map_resolution` | `0.05` | side of a cell of the perfect map [m] |
+    | `heading_tolerance` | `pi` | heading difference that counts as reached [rad]; `pursuit`, `dwb` and `mppi` turn to the goal's heading below pi |
+    | `map_resolution` | `0.05` | size of a cell of the perfect map [m] |
 
     ## Version History
     * v0: first version
@@ -109,7 +106,6 @@ class Navigate(GoalTask):
     heading_tolerance: float = math.pi
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         if self.initial_pose not in ("known", "unknown"):
             raise ValueError(f"initial_pose must be 'known' or 'unknown', got {self.initial_pose!r}")
         if self.initial_pose == "unknown" and self.localizer != "amcl":
@@ -125,25 +121,22 @@ class Navigate(GoalTask):
         super().attach(robot, control_period, physics)
 
     def make_estimator(self) -> Estimator:
-        """Return the localizer on the known map; see `Task`."""
         return make_localizer(self.localizer, self.robot.lidar, self.amcl)
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the goal, and the pose's uncertainty as "pose_uncertainty"; see `Task`."""
         return {"goal": partial(Goal, self), "pose_uncertainty": PoseUncertainty}
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return what the localizer may know of the start, and the map; see `Task`."""
         grid = known_map(self.area) if self._map is None else self._map
         if self.initial_pose == "unknown":
             return Prior(None, grid)
         pose = self.map_pose.between(self.starts[0])
         std = np.array([INITIAL_STD, INITIAL_STD, INITIAL_STD_THETA])
-        given = Pose2D(*(pose + std * rng.standard_normal(3)))
-        cell = grid.cells(np.array(given[:2]))
+        prior_pose = Pose2D(*(pose + std * rng.standard_normal(3)))
+        cell = grid.cells(np.array(prior_pose[:2]))
         if self.localizer != "amcl" or not grid.contains(cell) or grid.data[tuple(cell)] != 0:
-            given = pose
-        return Prior(given, grid, np.diag(std**2))
+            prior_pose = pose
+        return Prior(prior_pose, grid, np.diag(std**2))
 
     def _measure_path(self) -> float:
         self._geodesic = GeodesicDistance(self.area, self._true_goal)
@@ -152,11 +145,9 @@ class Navigate(GoalTask):
         return self._path_length
 
     def _usual_time(self, length: float) -> float:
-        """Add a minute where the robot is to find out where it is [s]."""
         return super()._usual_time(length) + 60.0 * (self.initial_pose == "unknown")
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Measure how far the robot came; see `Task`."""
         self._true_pose = simulator.states[0].pose
         before, self._path_left = self._path_left, self._geodesic.length(self._true_pose)
         self.end_reason = "reached" if self._is_at_goal() else None
@@ -168,11 +159,9 @@ class Navigate(GoalTask):
         }
 
     def quantities(self) -> dict[str, float]:
-        """Return progress [m], time [s], time in contact [s], and whether the goal is reached."""
         return self._quantities
 
     def metrics(self) -> dict[str, Any]:
-        """Return how far it is to the goal; see `Task`."""
         pose, goal = self._true_pose, self._true_goal
         return {
             "distance_to_goal": distance(pose.x - goal.x, pose.y - goal.y),

@@ -1,4 +1,4 @@
-"""Reaching a goal in an unknown world."""
+"""Task of reaching a goal in an unknown world."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -28,13 +28,13 @@ from .reach_kernels import END_REASONS, measure_goal, update_goal, update_goals
 from .starts import UnknownWorldTask
 
 CELL = 0.1
-"""Side of the cells of the geodesic distance, or of those of the traversable area where these are larger [m]."""
-TOLD_RANGE, TOLD_STEP = 2.0, 0.5
-"""With `goal_given="bearing"` controllers get a point this far away towards the goal, anew once it moves by a step [m]."""
+"""Approximate cell size of the geodesic distance field [m]."""
+AIM_RANGE, AIM_STEP = 2.0, 0.5
+"""Distance to the aim point, and displacement that updates it, with `goal_given="bearing"` [m]."""
 BENCHMARK_LIMIT = 100.0
-"""Time limit in worlds that belong to a benchmark, BARN's [s]."""
+"""Time limit of BARN's worlds [s]."""
 BARN_SPEED = 2.0
-"""Speed at which the ideal time of a benchmark's world is counted [m/s]."""
+"""Speed of the ideal time in BARN's worlds [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,
@@ -43,14 +43,14 @@ QUANTITIES = {
     "clearance": own_at.CLEARANCE,
     "people": own_at.PEOPLE,
 }
-"""Entries of the task's row by reward term."""
+"""Indices of reward quantities in the task's state array."""
 METRICS = {
     "distance_to_goal": own_at.DISTANCE,
     "geodesic_distance": own_at.LEFT,
     "progress": own_at.SHARE,
     "is_success": own_at.SUCCESS,
 }
-"""Entries of the task's row by what `info` tells."""
+"""Indices of metrics in the task's state array."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -58,42 +58,39 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """Drive to a goal in an unknown world.
 
     ## Description
-    A differential-drive robot with a 2D lidar and wheel encoders is to get to a goal in a world of which it has no map, in
-    the frame in which it starts, past walls and people. Each step drives it for one control period. Its pose follows
-    odometry; with `slam` a SLAM finds it, and map crops and plan can be observed. The policy sees what the robot senses and
-    estimates, never ground truth.
+    A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
+    frame of its start. The pose estimate is odometry; with `slam`, map crops and plan can be observed too. Observations
+    contain no ground truth by default.
 
     ## Action Space
-    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits. The robot
-    approaches them with its greatest accelerations, `max_acc_v` and `max_acc_w` of its parameters.
+    `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
+    approached with its maximum accelerations.
 
     ## Observation Space
-    `Dict`, everything seen from the robot (fresh arrays each step); `observations` chooses the parts:
+    `Dict`, egocentric; `observations` selects the parts:
 
     | key | space | meaning |
     |---|---|---|
-    | `scan_history` | `Box(0, 1, (270,), float32)` | least distances in 90 sectors around, 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
-    | `goal` | `Box(-1, 1, (4,), float32)` | distance to the goal over 10 m (at most 1), cosine and sine of its bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
-    | `motion` | `Box(-1, 1, (6,), float32)` | forward speed and yaw rate by odometry over the limits, last action (2), bumper pressed (0 or 1), time since the reset over 600 s (at most 1) |
+    | `scan_history` | `Box(0, 1, (270,), float32)` | minimum ranges of 90 sectors 0, 0.2 and 0.4 s ago, as 0.5 m / (distance to the footprint + 0.5 m); see `lidarnaut.envs.observations.ScanHistory` |
+    | `goal` | `Box(-1, 1, (4,), float32)` | distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance); with `goal_given="bearing"` cosine and sine alone |
+    | `motion` | `Box(-1, 1, (6,), float32)` | as in `Explore` |
 
-    Also to choose: `carrot` (`Box(-1, 1, (3,))`), the point 0.8 m ahead on the path of a navigator that plans by what the
-    robot sees; see `lidarnaut.envs.tasks.carrot`. `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training:
-    policies evaluated with it are marked. `trajectories` (`Box(-inf, inf, (66, 8))`): what driving by each of 66 twists would lead to, see
-    `lidarnaut.envs.observations.Trajectories`.
+    Optional parts: `carrot` (`Box(-1, 1, (3,))`), a point 0.8 m ahead on a planned path, see
+    `lidarnaut.envs.tasks.carrot`; `{"carrot": {"path": "shortest"}}` takes the true shortest path, for training
+    (policies are marked as using ground truth). `trajectories` (`Box(-inf, inf, (66, 8))`), predicted outcomes of 66
+    twists, see `lidarnaut.envs.observations.Trajectories`.
 
     ## Rewards
-    The sum of the terms in `info["rewards"]`: `progress` (1 per m by which the true geodesic distance to the goal, around
-    all that does not move, became shorter), `time` (-0.2 per s), `collision` (-20 for the contact that ends the episode;
-    with `contact="costs"` per s in contact), `reached` (10, once), `clearance` (-0.4 per s, times the share by which the gap
-    between footprint and obstacles is below 0.15 m), `people` (-0.6 per s, times the share by which the gap to the nearest
-    person is below 0.5 m). `reward` changes the weights.
+    The sum of `info["rewards"]`: `progress` (1 per m of decrease of the true geodesic distance), `time` (-0.2 per s),
+    `collision` (-20 for contact, which ends the episode; with `contact="costs"` per s in contact), `reached` (10,
+    once), `clearance` (-0.4 per s at a gap of 0 to obstacles, falling linearly to 0 at 0.15 m), `people` (-0.6 per s
+    likewise, for the nearest person, to 0 at 0.5 m). `reward` changes the weights.
 
     ## Starting State
-    The robot is at rest. `start="random"` draws its pose uniformly over where it fits, `start="spawn"` takes the world's
-    first spawn pose, a tuple `(x, y, theta)` (world frame) is taken as it is. `goal="random"` likewise, at least
-    `min_distance` away; `goal="world"` is the world's own, of the spawn nearest to the start; a tuple (x, y) or
-    (x, y, theta) is in the frame of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` chooses for one
-    episode, `set_goal` sets a further goal without a reset.
+    The robot is at rest. For `start` see `Explore`. `goal="random"` draws a collision-free goal at least `min_distance`
+    away; `goal="world"` is the world's goal of the nearest spawn; a tuple `(x, y)` or `(x, y, theta)` is in the frame
+    of the start. `reset(options={"goal": (x, y), "world": ..., "start": ...})` sets one episode, `set_goal` a new goal
+    without a reset.
 
     ## Episode End
     1. Termination: the robot's true base is within `goal_tolerance` of the goal.
@@ -101,25 +98,25 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     3. Truncation: `time_limit` seconds have passed.
 
     ## Information
-    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, geodesic) [m], `progress` (share of that
-    path that is driven), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions` (contacts so far),
-    `time` [s], `rewards` (terms), `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
-    `"time_limit"`), `at_fault` (whether the robot drove into what ended it; not where a person walked into it faster),
-    `jerk` (mean of forward jerk) [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also
-    `hit_wall`, `hit_person`, `hit_by_person` (contacts so far), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With `randomize` each step
-    also `randomized`: what the episode has drawn, by name.
+    Each step: `distance_to_goal` (true, straight) [m], `geodesic_distance` (true, around static obstacles) [m],
+    `progress` (driven fraction), `pose_error` (position [m], heading [rad]), `path_length` [m], `collisions`
+    (contacts), `time` [s], `rewards`, `is_success`; at the end also `end_reason` (`"reached"`, `"wall"`, `"person"` or
+    `"time_limit"`), `at_fault` (contact, unless a faster person walked into the robot), `jerk` (mean of forward jerk)
+    [m/s3] and `barn_metric` (see `lidarnaut.envs.measures.barn_metric`), with people also `hit_wall`, `hit_person`,
+    `hit_by_person` (contacts), `intrusion_time` [s], `least_gap` [m] and `least_time_to_collision` [s]. With
+    `randomize` also `randomized` (drawn values by name).
 
     ## Arguments
-    Those that all tasks share (see `LidarEnv`), `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`,
-    `map_resolution` and `reward` of `Explore`, and
+    The arguments of `LidarEnv`, `world`, `start`, `split`, `world_size`, `difficulty`, `num_worlds`, `map_resolution`
+    and `reward` of `Explore`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `slam` | `"odometry"` | where the pose comes from: `"odometry"` or `"truth"`, neither of which keeps a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
+    | `slam` | `"odometry"` | source of the pose: `"odometry"` or `"truth"`, without a map, or a SLAM, see `lidarnaut.envs.slam.make_slam` |
     | `goal` | `"random"` | see Starting State |
-    | `goal_given` | `"pose"` | information about the goal: `"pose"`, or `"bearing"` without the distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` get a point 2 m away in its direction, anew once it has moved by 0.5 m |
+    | `goal_given` | `"pose"` | `"pose"`, or `"bearing"` without distance; then `pursuit`, `dwb`, `mppi` and the planned `carrot` aim at a point 2 m away in its direction, updated after 0.5 m |
     | `goal_tolerance` | `0.3` | distance from the goal that counts as reached [m] |
-    | `min_distance` | `1.0` | least distance from the start to a random goal [m] |
+    | `min_distance` | `1.0` | minimum distance from the start to a random goal [m] |
     | `contact` | `"ends"` | whether contact `"ends"` the episode or `"costs"` |
 
     ## Version History
@@ -135,7 +132,6 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     contact: Literal["ends", "costs"] = "ends"
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         if self.goal_given not in ("pose", "bearing"):
             raise ValueError(f"goal_given must be 'pose' or 'bearing', got {self.goal_given!r}")
         if self.contact not in ("ends", "costs"):
@@ -143,44 +139,38 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         super().attach(robot, control_period, physics)
 
     def make_estimator(self) -> Estimator:
-        """Return dead reckoning, or a SLAM; see `Task`."""
         is_reckoned = isinstance(self.slam, str) and self.slam in ("odometry", "truth")
         return DeadReckoning() if is_reckoned else super().make_estimator()
 
     def default_observations(self) -> Sequence[str]:
-        """Return past scans, goal and motion; see `Task`."""
         return ("scan_history", "goal", "motion")
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the goal, and the carrot; see `Task`."""
         return {"goal": partial(NearGoal, self.goal_given == "pose"), "carrot": partial(make_carrot, self)}
 
     @property
     def _own(self) -> np.ndarray:
-        """The task's row; see `reach_kernels`."""
         return self._rows.memory[GOAL_MEMORY][0]
 
     @property
     def end_reason(self) -> str | None:  # type: ignore[override]
-        """Why the task has ended the episode; None while it has not."""
         return END_REASONS[int(self._own[own_at.END])]
 
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode; see `Task`."""
         simulator.rows.remember(GOAL_MEMORY, own_at.SIZE)[:] = 0.0
-        self._told = ORIGIN
+        self._aim = ORIGIN
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal that controllers are given at an estimated pose, map frame; see `TOLD_RANGE`."""
+        """Return the goal for controllers, map frame: the true goal, or an aim point with `goal_given="bearing"`."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
-        told = pose._replace(x=pose.x + TOLD_RANGE * math.cos(bearing), y=pose.y + TOLD_RANGE * math.sin(bearing))
-        self._told = told if math.dist(told[:2], self._told[:2]) > TOLD_STEP else self._told
-        return self._told
+        aim = pose._replace(x=pose.x + AIM_RANGE * math.cos(bearing), y=pose.y + AIM_RANGE * math.sin(bearing))
+        self._aim = aim if math.dist(aim[:2], self._aim[:2]) > AIM_STEP else self._aim
+        return self._aim
 
     def _measure_path(self) -> float:
         own, row = self._own, self._rows.numbers[0]
@@ -197,29 +187,24 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super()._usual_time(length) if self._world.optimal_length is None else BENCHMARK_LIMIT
 
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Measure how far the robot came; see `Task`."""
         update_goal(self._rows.numbers[0], self._own, self.arrays[0], self._world.segments, self._world.circles)
 
     def update_rows(self, batch: Any) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]:
-        """Measure how far many robots came; see `Task`."""
         owns = batch.memory[GOAL_MEMORY]
-        update_goals(batch.numbers, owns, batch.task_arrays[0], batch.around, batch.active)
+        update_goals(batch.numbers, owns, batch.task_arrays[0], batch.surroundings, batch.active)
         quantities, metrics = ({name: owns[:, k] for name, k in names.items()} for names in (QUANTITIES, METRICS))
         return quantities, metrics, owns[:, own_at.END] > 0.0
 
     def quantities(self) -> dict[str, float]:
-        """Return progress [m], time [s], contact, whether the goal is reached, and nearness times time [s]."""
         own = self._own.tolist()
         return {name: own[k] for name, k in QUANTITIES.items()}
 
     def metrics(self) -> dict[str, Any]:
-        """Return how far it is to the goal; see `Task`."""
         own = self._own.tolist()
         metrics: dict[str, Any] = {name: own[k] for name, k in METRICS.items()}
         return metrics | {"is_success": metrics["is_success"] > 0.0}
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return how smoothly the robot drove, and BARN's metric; see `Task`."""
         own, row = self._own, self._rows.numbers[0]
         length = self._world.optimal_length
         ideal = own[own_at.LENGTH] / self.robot.max_v if length is None else length / BARN_SPEED

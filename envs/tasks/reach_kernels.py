@@ -1,4 +1,4 @@
-"""What `ReachGoal` knows of an episode: a row of numbers, which one kernel updates for one environment or many."""
+"""State array of `ReachGoal`, updated by kernels for one or many environments."""
 
 import math
 
@@ -12,37 +12,39 @@ from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
-"""The goal, map frame and world frame [m]."""
+"""State array indices of the goal, map frame and world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""Distance that counts as reached [m], 1 if contact ends the episode, corner and side of a cell of the geodesic field
-[m], and geodesic distance from where the goal was set [m]."""
+"""State array indices of goal tolerance [m], 1 if contact ends the episode, origin and cell size of the distance field
+[m],
+initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Quantities of the last period; see `ReachGoal.weights`."""
+"""State array indices of reward quantities of the last period; see `ReachGoal.weights`."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""Index of the end reason, straight and geodesic distance to the goal [m], share of the path driven, 1 at the goal."""
+"""State array indices of end reason, straight and geodesic distance [m], driven fraction, 1 at the goal."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
-"""Time at which the robot had moved [s], 0 before; jerk summed over periods [m/s3]; forward speed and acceleration of
-the controller [m/s, m/s2]."""
+"""State array indices of the time of first motion [s], summed absolute jerk [m/s3], last commanded forward speed [m/s]
+and
+acceleration [m/s2]."""
 SIZE = 24
-"""Number of these entries."""
+"""Length of the state array."""
 END_REASONS = (None, "reached", "wall", "person")
-"""By `END`."""
+"""Names of end reasons, indexed by entry `END`."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
-"""Gap to a person from which on nearness is free of charge [m]."""
-MARGIN = 0.15
-"""Clearance from which on nearness to obstacles is free of charge [m]."""
+"""Gap to a person below which the reward decreases [m]."""
+NEAR_OBSTACLE = 0.15
+"""Clearance to obstacles below which the reward decreases [m]."""
 MOVED = 0.1
-"""Path after which a robot counts as moving [m]; the clock of BARN's metric starts there."""
+"""Path length that counts as moving [m] and starts the clock of BARN's metric."""
 
 
 @njit(cache=True, error_model="numpy")
 def measure_goal(row, own, lengths):
-    """Measure where the goal is from a robot's row: `DISTANCE`, `LEFT`, `SHARE`, `SUCCESS` of the task's row `own`.
+    """Update `DISTANCE`, `LEFT`, `SHARE` and `SUCCESS` of the state array `own` from the robot's record `row`.
 
-    `lengths`: shape (height, width), float32, geodesic distances of the cells of a raster [m], inf where the robot does
-    not fit. The least sum of those of the cells around the robot and the straight line there counts; where it fits in
-    none of them, the last value.
+    `lengths`: geodesic distances of raster cells, shape (height, width), float32 [m], inf outside free space. The
+    distance is the minimum over neighbouring cells plus the straight line to their centre; if all are inf, the last
+    value.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -61,9 +63,9 @@ def measure_goal(row, own, lengths):
 
 @njit(cache=True, error_model="numpy")
 def update_goal(row, own, lengths, segments, circles):
-    """Bring the task's row up to date after a control period; see `measure_goal`.
+    """Update the state array after a control period.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), float64: all that rests [m].
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
     """
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     before, touched = own[LEFT], row[at.TOUCHED] > 0.0
@@ -74,9 +76,9 @@ def update_goal(row, own, lengths, segments, circles):
         own[END] = AT_PERSON if row[at.TOUCHED_BY] >= BY_ROBOT else AT_WALL
         own[SUCCESS], own[COLLISION] = 0.0, 1.0
     near = np.empty(segments.shape[0] + 1, dtype=np.int64)
-    num_near = select_near(x, y, radius + MARGIN, segments, near)
+    num_near = select_near(x, y, radius + NEAR_OBSTACLE, segments, near)
     free = clearance(x, y, segments[near[:num_near]], circles) - radius
-    own[CLEARANCE] = period * min(max((MARGIN - free) / MARGIN, 0.0), 1.0)
+    own[CLEARANCE] = period * min(max((NEAR_OBSTACLE - free) / NEAR_OBSTACLE, 0.0), 1.0)
     own[PEOPLE] = period * min(max((NEAR_PERSON - row[at.PERSON_GAP]) / NEAR_PERSON, 0.0), 1.0)
     if own[MOVED_AT] == 0.0 and row[at.PATH_LENGTH] >= MOVED:
         own[MOVED_AT] = row[at.TIME]
@@ -86,8 +88,8 @@ def update_goal(row, own, lengths, segments, circles):
 
 
 @njit(cache=True, error_model="numpy")
-def update_goals(rows, owns, lengths, around, active):
-    """Bring the rows of tasks of active environments up to date; `around`: see `step_rows`, `lengths`: a list, too."""
+def update_goals(rows, owns, lengths, surroundings, active):
+    """Update the state arrays of active environments; for `surroundings` see `step_rows`."""
     for i in range(active.shape[0]):
         if active[i]:
-            update_goal(rows[i], owns[i], lengths[i], around[i][0], around[i][1])
+            update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

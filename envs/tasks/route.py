@@ -1,4 +1,4 @@
-"""Routes to follow: points with their headings, and where along them a robot is."""
+"""Routes, progress along a route, and pure pursuit."""
 
 import math
 from dataclasses import dataclass
@@ -10,30 +10,30 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""This near to its end a route counts as driven [m]."""
+"""Remaining route length that counts as completed [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""Points ahead among which the nearest is looked for: a route that crosses or closes itself is driven in order."""
+"""Number of points searched for the nearest one, so that crossing routes are driven in order."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A path to drive, from its first to its last point."""
+    """A path with headings and arc lengths."""
 
     points: np.ndarray
-    """Shape (n, 2), float64 [m]."""
+    """Points of the route, shape (n, 2), float64 [m]."""
     headings: np.ndarray
-    """Shape (n,), float64, direction of the route at each point [rad]."""
+    """Direction of the route at each point, shape (n,), float64 [rad]."""
     along: np.ndarray
-    """Shape (n,), float64, length of the route from the start to each point [m]."""
+    """Arc length from the start to each point, shape (n,), float64 [m]."""
 
     @classmethod
     def of(cls, corners: np.ndarray) -> "Route":
         """Return the route along a polyline, shape (n, 2), n > 1 [m].
 
         Raises:
-            ValueError: the shape is another, or something is not finite or of no length.
+            ValueError: wrong shape, non-finite points or zero length.
         """
         corners = np.asarray(corners, dtype=np.float64)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or not np.isfinite(corners).all():
@@ -54,21 +54,20 @@ class Route:
 
     @property
     def start(self) -> Pose2D:
-        """Pose at the beginning."""
+        """Pose at the beginning of the route."""
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
-        """Return the same route in another frame, given in the frame of this one."""
+        """Transform the route to `frame`, a pose in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
 
 def rectangle(start: Pose2D) -> np.ndarray:
-    """Return the route of Nguyen et al. (2021): 78 m around a rectangle, counter-clockwise from the end of a corner.
+    """Return the 78 m rectangle of Nguyen et al. (2021), counter-clockwise, shape (n, 2), float64 [m].
 
-    Its corners are arcs of 1 m: a robot with two driven wheels does not take a sharp corner at speed, as the paper's
-    mecanum robot may. `start` is where the first long side begins, 24 m long with its corners. Shape (n, 2), float64
-    [m], points `SPACING` apart in the corners; the last equals the first.
+    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start` begins the first long
+    side.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side
@@ -84,16 +83,15 @@ def rectangle(start: Pose2D) -> np.ndarray:
 
 
 class Progress:
-    """Where along a route a robot is; never decreases, and never jumps to where the route crosses itself."""
+    """Progress along a route; never decreases or jumps at crossings."""
 
     def __init__(self, route: Route) -> None:
-        """Begin at the start of the route."""
         self.route = route
         self.index = 0
-        """Of the nearest point, looking ahead from the last one."""
+        """Index of the nearest route point."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Return how far along the route a pose is, and how far to the left of it [m]."""
+        """Return arc length along the route and offset to the left of a pose [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -102,15 +100,15 @@ class Progress:
         return float(route.along[self.index]), float(c * dy - s * dx)
 
     def ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the points of the route that lie so far ahead, the last one where it ends: shape (n, 2) [m]."""
+        """Return the route points at lookahead distances [m], shape (n, 2), at most the last point."""
         target = self.route.along[self.index] + distances
         return points_at(self.route.points, self.route.along, target)
 
 
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
-    """Return the twist with a speed [m/s] that leads to the route `lookahead` metres on, by pure pursuit.
+    """Return the pure pursuit twist at a speed [m/s] and lookahead distance [m].
 
-    `progress` must be up to date with the pose of the robot, in the frame of the route.
+    Call `progress.update(pose)` before; `pose` is in the frame of the route.
     """
     x, y = pose.inverse().transform(progress.ahead(np.array([lookahead])))[0]
     return Twist(speed, speed * 2.0 * y / max(x * x + y * y, 1e-6))

@@ -1,4 +1,4 @@
-"""The map that a robot drives a route by: made beforehand, by driving the route by hand and mapping meanwhile."""
+"""Map of a route, made by an earlier manual drive."""
 
 import functools
 import math
@@ -18,25 +18,25 @@ from lidarnaut.envs.worlds import World
 from .route import END, Progress, Route, steer
 
 PRESET = Path(__file__).parent / "route_map.yaml"
-"""Params of TinySLAM for a drive whose headings a compass tells: candidates need not be spread far."""
+"""TinySLAM parameters for a drive with a compass."""
 LOOKAHEAD = 0.6
-"""Lookahead on the route of the operator who drives by hand [m]."""
+"""Lookahead distance of manual driving [m]."""
 UPDATE_DISTANCE = 0.2
-"""A scan is mapped once the robot is this far from where the last one was [m]..."""
+"""Minimum distance between mapped scans [m]."""
 UPDATE_ANGLE = 0.15
-"""... or has turned by this much since [rad]."""
+"""Minimum turn between mapped scans [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteMap:
-    """What remains of the drive."""
+    """Result of the mapping drive."""
 
     grid: OccupancyGrid
-    """The map; its frame is the pose at the start of the route."""
+    """Map in the frame of the start of the route."""
     north: float
-    """What the compass reads in the direction of the map's x axis [rad]; NaN without a compass."""
+    """Compass heading of the map's x axis [rad]; NaN without a compass."""
     poses: np.ndarray
-    """Shape (n, 3), float64: poses that the SLAM estimated, map frame [m, m, rad]."""
+    """Estimated poses, shape (n, 3), float64, map frame [m, m, rad]."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -50,15 +50,11 @@ def make_route_map(
     control_period: float,
     seed: int,
 ) -> RouteMap:
-    """Drive a route by hand, map it, and return the map; drives that have been made are kept.
+    """Drive a route manually, map it with a SLAM, and return the map; cached.
 
-    The operator sees the robot, and keeps it on the route. The SLAM gets what the robot senses: its wheels measure how
-    far it has gone, its compass, if it has one, in which direction. It does not get every scan: one that matches each
-    to the one before, which it has just integrated, follows that one's noise.
-
-    `path`: the route's points in the world frame, as bytes of a float64 array of shape (n, 2) [m]; `resolution`: side
-    of a map cell [m]; `control_period`: time between two scans [s]; `seed`: of the drive's noise. RuntimeError if the
-    robot does not get to the end of the route.
+    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, since matching each scan to the
+    previous one would follow its noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
+    `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
@@ -75,12 +71,12 @@ def make_route_map(
     beliefs = [mapper.update(reading, ORIGIN).pose]
     headings = [reading.heading]
     progress, truth, motion, heading = Progress(route), route.start, ORIGIN, reading.heading
-    # Twice the time that the route takes at full speed, and some to speed up.
+    # twice the time at maximum speed, plus 30 s
     steps_left = round((2.0 * route.length / robot.max_v + 30.0) / control_period)
     while progress.update(truth)[0] < route.length - END:
         if steps_left == 0:
             raise RuntimeError(
-                f"robot {robot.name!r} did not get along the route in world {world.name!r}: it stopped "
+                f"robot {robot.name!r} did not reach the end of the route in world {world.name!r}: it stopped "
                 f"{route.along[progress.index]:.1f} m from the start, of {route.length:.1f} m"
             )
         steps_left -= 1
@@ -94,7 +90,7 @@ def make_route_map(
         if math.hypot(motion.x, motion.y) < UPDATE_DISTANCE and abs(motion.theta) < UPDATE_ANGLE:
             continue
         if uses_compass:
-            # The compass measures the heading itself; by turns alone, an error of the matcher would stay.
+            # Absolute headings correct earlier matching errors.
             turned = reading.heading - headings[0] - mapper.belief.pose.theta
             motion = motion._replace(theta=float(wrap_angle(turned)))
         beliefs.append(mapper.update(reading, motion).pose)
@@ -108,18 +104,17 @@ def make_route_map(
 
 
 def _turned(motion: Pose2D, turn: float) -> Pose2D:
-    """Return a motion along an arc as long as before that turns by another angle [rad]."""
     turn = float(wrap_angle(turn))
     length = math.copysign(math.hypot(motion.x, motion.y), motion.x)
     return Pose2D(length * math.cos(0.5 * turn), length * math.sin(0.5 * turn), turn)
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
-    """Mark unknown cells within `radius` [m] of where the robot drove as free: lidars do not see what is below them."""
+    """Mark unknown cells within `radius` [m] of the driven path as free, since lidars miss the floor."""
     reach = math.ceil(radius / grid.resolution)
-    around = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
-    around = around[np.hypot(*around.T) * grid.resolution <= radius]
-    cells = (grid.cells(poses[:, :2])[:, None] + around).reshape(-1, 2)
+    disc = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
+    disc = disc[np.hypot(*disc.T) * grid.resolution <= radius]
+    cells = (grid.cells(poses[:, :2])[:, None] + disc).reshape(-1, 2)
     rows, columns = cells[grid.contains(cells)].T
     driven = grid.data[rows, columns]
     grid.data[rows, columns] = np.where(driven == UNKNOWN, FREE, driven)

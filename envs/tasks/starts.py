@@ -1,4 +1,4 @@
-"""In which world an episode runs, and where robots start."""
+"""World and starts of an episode."""
 
 import math
 from collections.abc import Iterable
@@ -21,38 +21,35 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Robots start this near to the first one, if there is room; otherwise up to eight times as far [m]."""
+"""Maximum distance of teammates from the first robot at the start [m]; up to eightfold in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
-"""Least gaps between the footprints of two robots at the start [m]: each is tried where there is no room for the ones
-before."""
+"""Minimum gaps between footprints at the start [m], tried in order."""
 
 
 @dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """A task whose worlds and starts users choose; see `lidarnaut.envs.worlds.world_sampler` for what is raised."""
+    """Base of tasks with configurable worlds and starts; see `lidarnaut.envs.worlds.world_sampler`."""
 
     needs_explorable = True
-    """Whether what can be seen from where the robot fits is worked out before an episode begins."""
+    """Whether visible free space is computed before an episode begins."""
     world: Any = "turtlebot3_world"
-    """Library world, procedural family, path of a world YAML or of a `map_server` YAML, or a `World`; or several."""
+    """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these."""
     split: Literal["train", "test"] = "train"
-    """Which seeds of a procedural family."""
+    """Seed split of a procedural family."""
     world_size: tuple[float, float] | None = None
-    """Outer size (x, y) of a procedural world [m]; None leaves it to the family."""
+    """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None
-    """Difficulty of the worlds of `clutter`, from 0 to 1; None draws it for each."""
+    """Difficulty of `clutter` worlds, from 0 to 1; None draws it."""
     num_worlds: int | None = None
-    """How many worlds of a procedural family there are, each of which is made once; None draws without end."""
+    """Number of worlds of a procedural family; None for no limit."""
     start: Any = "random"
-    """`"random"`, `"spawn"`, a pose (x, y, theta), or one for each robot of a team; world frame."""
+    """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame."""
     map_resolution: float = 0.05
-    """Side of a map cell [m]."""
+    """Size of a map cell [m]."""
     reward: Any = None
-    """Weights of reward terms that differ from the task's, or terms of one's own; see
-    `lidarnaut.envs.task.Rewards.of`."""
+    """Changed weights of reward terms, or a subclass; see `lidarnaut.envs.task.Rewards.of`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         super().attach(robot, control_period, physics)
         check_positive(map_resolution=self.map_resolution)
         self._start = read_start(self.start, self.num_robots)
@@ -64,32 +61,27 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """The sampler of worlds if it and `draw_world` are the package's own; see `Task`."""
+        """World sampler for drawing ahead of time; None with user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return `world`, or for None the usual one, and compute its explorable area; see `Task`."""
-        # Size and difficulty are for those of several worlds which take them.
+        # Size and difficulty apply to worlds that accept them.
         drawn = (self._sample if world is None else self._sampler([world]))(rng)
         area = explorable_area(drawn, self.robot, self.map_resolution)
         if self.needs_explorable:
-            _ = area.explorable  # here, since worlds are drawn ahead of time
+            _ = area.explorable  # worlds are drawn ahead of time
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the area of a map around the given pose of the first robot; see `Task`."""
+        """Crop a map to the area around the first robot."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start: where asked, and the rest of a team around the first; see `Task`.
-
-        Raises:
-            ValueError: if a robot does not fit there, or there is no room for the others.
-        """
+        """Return the starts, with missing robots near the first; ValueError if one is not collision-free."""
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
-        """The true part of the world that can be reached."""
+        """Reachable area of the true world."""
         robot, area = self.robot, self.area
         wanted = self._start if start is None else read_start(start, self.num_robots)
         if wanted == "random":
@@ -111,18 +103,17 @@ class WorldTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownWorldTask(WorldTask):
-    """A task in a world that the robots map with a SLAM, in a map frame that begins where the first one starts."""
+    """Base of tasks in a world mapped by a SLAM, in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
-    """SLAM in the loop, see `lidarnaut.envs.slam.make_slam`."""
+    """SLAM, see `lidarnaut.envs.slam.make_slam`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Check the arguments; see `Task`."""
         super().attach(robot, control_period, physics)
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Return a SLAM; ValueError if there is none of this name, or it cannot share a map with a team."""
+        """Return the SLAM; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
@@ -130,18 +121,13 @@ class UnknownWorldTask(WorldTask):
         return slam
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return where the robots start; see `Task`."""
         starts = super().choose_starts(world, start, rng)
         self.map_pose = starts[0]
         return starts
 
 
 def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
-    """Return the argument `start` of environments: `"random"`, `"spawn"`, or the pose of one or all robots of a team.
-
-    Raises:
-        ValueError: if it is none of them.
-    """
+    """Return the argument `start`: "random", "spawn", or poses of one or all robots; ValueError otherwise."""
     if isinstance(start, str) and start in ("random", "spawn"):
         return start
     poses = [start] if is_pose(start) else list(start) if isinstance(start, Iterable) else []
@@ -152,7 +138,6 @@ def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
 
 
 def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D) -> str:
-    """Say why a pose is not traversable."""
     if world.map is not None and (where := class_at(world.map, pose)) != FREE_SPACE:
         return where
     cell = area.walls.cells(np.array(pose[:2]))
@@ -167,13 +152,10 @@ def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D
 def draw_starts(
     area: ExplorableArea, world: World, robot: RobotParams, first: Pose2D, num_robots: int, rng: np.random.Generator
 ) -> list[Pose2D]:
-    """Draw where the robots start: near the first one, in sight of it, apart from each other.
+    """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
 
-    Where there is no room for that, they start further from the first one, then nearer to each other, then out of
-    its sight. `first` is its pose, world frame, and `num_robots` counts it.
-
-    Raises:
-        ValueError: there is no room for all of them within eight times `START_DISTANCE`, however close to each other.
+    In narrow spaces starts are farther away, closer together, or out of sight. ValueError if there is no room within
+    eight times `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))
@@ -198,7 +180,6 @@ def draw_starts(
 
 
 def _in_sight(area: ExplorableArea, pose: Pose2D, x: float, y: float) -> bool:
-    """Tell whether the straight line from a pose to (x, y), world frame [m], crosses no wall."""
     walls = area.walls
     (row, col), (goal_row, goal_col) = walls.cells(np.array([pose[:2], (x, y)])).tolist()
     num_steps = max(abs(goal_row - row), abs(goal_col - col), 1)

@@ -1,4 +1,4 @@
-"""Many environments as one: shards of them in worker processes."""
+"""Vector environments with worker processes."""
 
 from functools import partial
 from typing import Any
@@ -18,7 +18,6 @@ __all__ = [
 
 
 def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **arguments: Any) -> LidarVectorEnv:
-    """Make a vector environment of the environments that an entry point names, kinematic unless said."""
     return LidarVectorEnv(load_env_creator(entry_point), num_envs, physics=physics, **arguments)
 
 

@@ -1,7 +1,4 @@
-"""Sub-environments whose physics, sensing and odometry are one kernel call, and whose common numbers are columns.
-
-What the kernel leaves, each sub-environment does itself, in the cache that it needs for it: see `LidarEnv.finish`.
-"""
+"""Sub-environments stepped together by kernels."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -21,14 +18,14 @@ from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
 from .memory import SCALARS, Arrays, Records
 
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
-"""Entries of `info` that are not the task's."""
+"""Entries of `info` common to all tasks."""
 MOST_POSITIONS = 256
-"""Positions of robots without a map that are kept for their trails before their objects get them."""
+"""Number of robot positions buffered before they are added to trails."""
 
 
 @njit(cache=True)
 def repeat(item, count):
-    """Return a list for kernels that holds an item so many times; see `put`."""
+    """Return a Numba list with `count` references to an item."""
     items = List()
     for _ in range(count):
         items.append(item)
@@ -37,28 +34,27 @@ def repeat(item, count):
 
 @njit(cache=True)
 def put(items, i, item):
-    """Set an item. Numba keeps these two compiled, where what a list does by itself is compiled by every process."""
+    """Set an item of a Numba list; cached, unlike list methods."""
     items[i] = item
 
 
 class Batch:
-    """Environments of which all are fused; see `LidarEnv.is_fused`."""
+    """Environments stepped together by kernels; see `LidarEnv.is_fused`."""
 
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
-        """Move the environments' rows to arrays that they share; `arrays` are those of the shard."""
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """The robots, environment by environment; the arrays below have a row for each."""
+        """Robots of all environments in order."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """See `Rows.memory`."""
+        """Arrays of tasks and observations, one row per robot; see `Rows.memory`."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Which robots have driven in this period."""
+        """Mask of robots that drove in the current control period."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
@@ -71,22 +67,22 @@ class Batch:
         self._positions = np.empty((len(self.robots), MOST_POSITIONS, 4))
         self._counts = np.zeros((len(self.robots), 2), dtype=np.int64)
         self._own_info = OWN_INFO | ({"randomized"} if hasattr(env, "randomized") else set())
-        self._names: Iterable[str] = ()  # of quantities
+        self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
-        self.around: Any = None
-        """Walls, circles and `People.arrays` of each environment, as a list for kernels."""
+        self.surroundings: Any = None
+        """Walls, circles and people of each environment, for kernels."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Take over what kernels read of environments whose objects may have changed: rows, worlds, time limits."""
+        """Update simulation state, worlds and time limits of environments with new objects."""
         envs, num_robots = self._envs, self._num_robots
-        if self.around is None:
-            self.around = repeat(_around(envs[0]), len(envs))
+        if self.surroundings is None:
+            self.surroundings = repeat(_surroundings(envs[0]), len(envs))
             self.task_arrays = [repeat(each, len(envs)) for each in envs[0].task.arrays]
         for i in indices:
             env, robots = envs[i], slice(i * num_robots, (i + 1) * num_robots)
             memory = {name: kept[robots] for name, kept in self.memory.items()}
             env.rows.share(self.numbers[robots], self.ranges[robots], self._draws[robots], memory)
-            put(self.around, i, _around(env))
+            put(self.surroundings, i, _surroundings(env))
             for arrays, array in zip(self.task_arrays, env.task.arrays, strict=True):
                 put(arrays, i, array)
             self._is_new[robots], self._counts[robots] = True, 0
@@ -104,10 +100,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step active environments, at least one, by their rows of the actions; note rewards and `info`.
+        """Step active environments, and write their rewards and `info`.
 
-        `active`, `is_last`: shape (num_envs,), bool; the latter's episodes end with this step. Returns True for active
-        environments whose episodes are over, shape (num_envs,): their outcome is left to `LidarEnv.outcome`.
+        `is_last` marks environments that this step truncates. Returns the mask of ended episodes; `LidarEnv.outcome`
+        does the rest. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -140,19 +136,17 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Bring the objects of environments up to date whose tasks have been at rest."""
+        """Update the Python objects of environments that only kernels have stepped."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
     def _finish(self, indices: Sequence[int]) -> None:
-        """Do what the kernels of a control period leave, for the objects of environments."""
         if self._has_no_maps:
             self._extend_trails(indices)
         for i in indices:
             self._envs[i].locate() if self._updates_rows else self._envs[i].finish()
 
     def _extend_trails(self, indices: Sequence[int]) -> None:
-        """Let the robots of environments remember the positions that kernels have noted."""
         for i in indices:
             robots = range(i * self._num_robots, (i + 1) * self._num_robots)
             for k, robot, truth in zip(robots, self._envs[i].robots, self._envs[i].truths, strict=True):
@@ -161,7 +155,6 @@ class Batch:
                 self._counts[k] = 0
 
     def _drive(self, active: np.ndarray) -> None:
-        """Drive and sense, up to what the `FLAGS` of the rows ask for."""
         numbers, envs = self.numbers, self._envs
         actions = np.clip(self._arrays.actions, -1.0, 1.0).reshape(-1, 2)
         numbers[:, at.ACTION_V : at.ACTION_W + 1] = actions
@@ -170,15 +163,13 @@ class Batch:
             monitor.slow_down(numbers[:, at.COMMAND_V : at.COMMAND_W + 1], self.ranges, self.active)
         for i in np.flatnonzero(active & (numbers[:: self._num_robots, at.DRAW] == BLOCK - 1)).tolist():
             envs[i].rows.draw_ahead(envs[i].simulator.rngs)
-        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.around)
+        step_rows(numbers, self._draws, self.ranges, active, self._num_robots, self.surroundings)
 
     @property
     def _times(self) -> np.ndarray:
-        """Time since the resets, shape (num_envs,) [s]."""
         return self.numbers[:: self._num_robots, at.TIME]
 
     def _observe(self, indices: Sequence[int]) -> None:
-        """Write the observations of environments."""
         for name, part in self._envs[0].parts.items():
             out = self._arrays.observations[name]
             if self._part_writes_rows[name]:
@@ -189,10 +180,9 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the levels of the robots' maps for crops of so many metres per pixel; see `MapPyramid.level`.
+        """Return the map pyramid levels of all robots for a crop resolution [m per pixel]; see `MapPyramid.level`.
 
-        Their words; their rows and columns, shape (n, 2), int64; corners of the maps, shape (n, 2), float64 [m]; and
-        the side of a block [m].
+        Block words; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; block size [m].
         """
         side = 0.0
         if resolution not in self._levels:
@@ -214,10 +204,7 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """Write rewards and records of environments that go on.
-
-        `columns`: quantities and metrics of the tasks; None takes quantities from the objects of those in `chosen`.
-        """
+        """`columns`: quantities and metrics; None reads quantities from the `chosen` environments' objects."""
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
         self._names = next(iter(rows.values()), self._names)
@@ -236,19 +223,17 @@ class Batch:
                 terms = tasks[i].rewards.terms(row)
                 self._arrays.rewards[i] = total(terms)
                 records.note(i, {"rewards": terms}, ("rewards",))
-        told = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
-        told |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
-        for name, column in told.items():
+        info_columns = {"time": self._times, "path_length": numbers[:, at.PATH_LENGTH]} | metrics
+        info_columns |= {"pose_error": pose_errors(numbers), "collisions": numbers[:, at.COLLISIONS]}
+        for name, column in info_columns.items():
             records.rows[name][where] = column.reshape(len(going), *records.rows.dtype[name].shape)[where]
 
     def _at_rest(self) -> dict[str, np.ndarray]:
-        """Return the quantities of tasks at rest as columns; see `Task.rests_between_scans`."""
         touching = (self.numbers[:, at.TOUCHED] > 0.0).reshape(len(self._envs), -1).sum(axis=1)
         passed = {"time": np.full(len(touching), self._period), "collision": self._period * touching}
         return {name: passed.get(name, np.zeros(len(touching))) for name in self._names}
 
     def _note_metrics(self, chosen: list[int], records: Records) -> None:
-        """Note the metrics of the tasks of environments."""
         rows = [self._envs[i].task.metrics() for i in chosen]
         for name in dict.fromkeys(itertools.chain(records.kinds, *rows)) if rows else ():
             if name in self._own_info:
@@ -261,13 +246,12 @@ class Batch:
                     records.note(i, row, (name,))
 
 
-def _around(env: Any) -> tuple[Any, ...]:
-    """Return what is around the robots of an environment; own copies of its world, which may be read-only."""
+def _surroundings(env: Any) -> tuple[Any, ...]:
     return np.array(env.world.segments), np.array(env.world.circles), env.simulator.crowd.arrays
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
-    """Return True if the first class with one of these methods has `by_rows`, and its module begins with `of`."""
+    """Return True if the first class with one of these methods defines `by_rows`, in a module that begins with `of`."""
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
     return by_rows in vars(kind) and kind.__module__.startswith(of)

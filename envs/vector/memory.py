@@ -1,4 +1,4 @@
-"""Memory that the processes of a vector environment share, and the records that they send each other."""
+"""Shared memory of vector environments, and records of `info`."""
 
 import ctypes
 import math
@@ -9,51 +9,47 @@ import numpy as np
 from gymnasium import spaces
 
 Extras = dict[int, dict[str, Any]]
-"""By sub-environment: entries of `info` that its record does not hold, such as `end_reason` and `final_info`."""
+"""Entries of `info` that records cannot hold, by sub-environment."""
 WHOLE = ""
-"""Name of an observation that is no `Dict`."""
+"""Key of an observation that is not a `Dict`."""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Return an observation, or its space, by the names of its parts."""
+    """Return observation parts, or their spaces, by name."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
 
 
 def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
-    """Return the observation that has these parts."""
+    """Return the observation with these parts."""
     return parts[WHOLE] if WHOLE in parts else dict(parts)
 
 
 class Arrays(NamedTuple):
-    """What sub-environments read and write in place, one row each."""
+    """Arrays of a vector environment, one row per sub-environment."""
 
     observations: dict[str, np.ndarray]
-    """Shape (num_envs, ...) each."""
+    """Observations by name, shape (num_envs, ...)."""
     actions: np.ndarray
-    """Shape (num_envs, ...)."""
+    """Actions, shape (num_envs, ...)."""
     rewards: np.ndarray
-    """Shape (num_envs,), float64."""
+    """Rewards, shape (num_envs,), float64."""
     terminated: np.ndarray
-    """Shape (num_envs,), bool."""
+    """Termination flags, shape (num_envs,), bool."""
     truncated: np.ndarray
-    """Shape (num_envs,), bool."""
+    """Truncation flags, shape (num_envs,), bool."""
 
     def rows(self, share: slice) -> "Arrays":
-        """Return some of the rows."""
         observations = {name: array[share] for name, array in self.observations.items()}
         return Arrays(observations, *(array[share] for array in self[1:]))
 
 
 class Memory:
-    """Memory for the arrays of so many sub-environments, which processes may share: pickling does not copy it."""
+    """Memory of the arrays, shared between processes when pickled."""
 
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
-        """Take memory for observations and actions of these spaces, and for what a step returns.
-
-        It is shared by processes of a `multiprocessing` context. ValueError if an observation is not made of arrays.
-        """
+        """Allocate the arrays; ValueError if an observation is not an array."""
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
         if any(shape is None for shape, _ in rows):
@@ -65,7 +61,6 @@ class Memory:
         self._buffers = [bytearray(k) if context is None else context.RawArray(ctypes.c_uint8, k) for k in sizes]
 
     def arrays(self) -> Arrays:
-        """Return the arrays, which show this memory."""
         views = [
             np.frombuffer(buffer, dtype, math.prod(shape)).reshape(shape)
             for buffer, (shape, dtype) in zip(self._buffers, self._layout, strict=True)
@@ -74,18 +69,15 @@ class Memory:
 
 
 class Absent:
-    """Stands in extras for an entry of the records that `info` lacks."""
+    """Marker of a record missing in `info`."""
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""Codes of scalars in records. `np.bool_` is not one of them: Gymnasium puts it in arrays of objects."""
+"""Type codes of scalars in records. `np.bool_` is excluded because Gymnasium puts it in object arrays."""
 
 
 def kind_of(value: Any) -> Any:
-    """Return the type of a value in records, which Gymnasium's vector environments give its array; None for no type.
-
-    Types have the forms that `np.dtype` takes: code of a scalar, code and shape of an array, `kinds_of` of a dict.
-    """
+    """Return the record type of a value, an argument of `np.dtype`; None if records cannot hold the value."""
     if (code := SCALARS.get(type(value))) is not None:
         return None if type(value) is int and not -(2**63) <= value < 2**63 else code
     if isinstance(value, dict):
@@ -96,19 +88,19 @@ def kind_of(value: Any) -> Any:
 
 
 def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
-    """Return names and types of the entries of an info dict that fit records."""
+    """Return the record types of `info` by name."""
     names = [name for name in info if type(name) is str and name != "final_obs" and name[:1] not in ("", "_")]
     return [(name, kind) for name in names if (kind := kind_of(info[name])) is not None]
 
 
 class Records:
-    """The `info` of sub-environments: records of the entries of fixed types (`kind_of`), and extras for all others."""
+    """The `info` of sub-environments: records of entries with fixed types, and extras for the rest."""
 
     def __init__(self, num_envs: int, kinds: Sequence[tuple[str, Any]]) -> None:
         self.kinds, self.rows, self.extras = dict(kinds), np.zeros(num_envs, [*kinds]), Extras()
 
     def note(self, i: int, info: Mapping[str, Any], names: Iterable[str] | None = None) -> None:
-        """Note entries of some names, which `info` may lack, or all of them."""
+        """Store the named entries of `info`, or all."""
         for name in dict.fromkeys([*self.kinds, *info]) if names is None else names:
             kind = self.kinds.get(name)
             if kind is not None and kind_of(info.get(name)) == kind:
@@ -118,12 +110,11 @@ class Records:
 
 
 def _to_record(value: Any, kind: Any) -> Any:
-    """Return a value as it is assigned to a record."""
     return tuple(_to_record(value[name], one) for name, one in kind) if isinstance(kind, list) else value
 
 
 def from_record(value: Any) -> Any:
-    """Return a value of a record as `info` held it."""
+    """Return a value of a record in its original type."""
     if value.dtype.names:
         return {name: from_record(value[name]) for name in value.dtype.names}
     return value.item() if isinstance(value, np.bool_ | np.float64 | np.int64) else value

@@ -1,4 +1,4 @@
-"""A share of a vector environment's sub-environments, stepped one after the other in one process."""
+"""Sub-environments stepped by one process."""
 
 import contextlib
 import os
@@ -16,8 +16,7 @@ from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
-"""Held while a thread prepares an episode, and by whoever forks: a forked process would get the locks that the thread
-holds then, the compiler's for example, without the thread that releases them."""
+"""Held during preparation of an episode and during forks, so that no fork inherits locks of the preparing thread."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
@@ -25,10 +24,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shard:
-    """Sub-environments in this process: fused ones as a `Batch`, others and wrapped ones one after the other.
-
-    Worlds of coming episodes are drawn ahead of time in a thread.
-    """
+    """Sub-environments of one process. A thread draws their next worlds."""
 
     def __init__(
         self,
@@ -38,15 +34,10 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Make the sub-environments.
-
-        `make_env` makes one, which may have Gymnasium's wrappers; see `lidarnaut.envs.core.LidarEnv` for what a shard
-        calls. `memory`: of all sub-environments' arrays; `share`: rows of the shard's; see `LidarVectorEnv` for the
-        rest.
-        """
+        """Make the sub-environments. `share` selects their rows in `memory`."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
-        for env in self._inner:  # each would hold bounds of its own for every pixel
+        for env in self._inner:  # separate spaces would each store pixel bounds
             env.observation_space = self._inner[0].observation_space
         self._arrays = arrays = memory.arrays().rows(share)
         self._mode = autoreset_mode
@@ -63,11 +54,7 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes of the sub-environments in `mask`, of which each has a seed.
-
-        Returns:
-            Records of `info`, shape (num_envs,), zeros outside of `mask`, and extras.
-        """
+        """Start episodes in `mask`; return records of `info`, shape (num_envs,), zero outside `mask`, and extras."""
         self._records.extras = {}
         for i, seed in enumerate(seeds):
             if mask[i]:
@@ -78,14 +65,14 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Hold entries of such kinds in records from now on; call it after the first reset of all sub-environments."""
+        """Set the record types after the first reset."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)
         self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
-        """Step every sub-environment with its row of the actions; returns as `reset`."""
+        """Step every sub-environment; return values as for `reset`."""
         arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
         records.extras = {}
         self._steps += ~ended
@@ -108,7 +95,6 @@ class Shard:
         return records.rows, records.extras
 
     def _outcome(self, i: int, is_last: bool) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Step a sub-environment, but for one of a batch, which has been stepped; see `LidarEnv.outcome`."""
         env, action = self.envs[i], self._arrays.actions[i].copy()  # wrappers may keep it
         if self._is_wrapped:
             observation, *outcome = env.step(action)
@@ -120,38 +106,34 @@ class Shard:
         return env.outcome(is_last)
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
-        """Call a method of every sub-environment, or return an attribute that is none."""
+        """Call a method of every sub-environment, or return an attribute."""
         with self._objects():
             found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
 
     def set_attr(self, name: str, values: Sequence[Any]) -> None:
-        """Set an attribute of every sub-environment."""
         with self._objects():
             for env, value in zip(self.envs, values, strict=True):
                 env.set_wrapper_attr(name, value)
 
     @contextlib.contextmanager
     def _objects(self) -> Iterator[None]:
-        """Bring the sub-environments' objects up to date, which may be changed then."""
         if self._batch is not None:
             self._batch.catch_up()
         try:
             yield
-        finally:  # some may have been changed before it failed
+        finally:  # also after an error
             self._bind(range(len(self.envs)))
 
     def close(self) -> None:
-        """Close the sub-environments."""
         self._preparer.shutdown(wait=True, cancel_futures=True)
         for env in self.envs:
             env.close()
 
     def _reset(self, i: int, seed: int | None, options: dict[str, Any] | None) -> dict[str, Any]:
-        """Start an episode and return its first info."""
         env, preparation = self.envs[i], self._preparations[i]
         if preparation is not None and not preparation.cancel():
-            with _preparing:  # Not `wait`: in a forked process it would wait for a thread that is not there.
+            with _preparing:  # not `wait`: a forked process lacks the thread
                 pass
         observation, info = env.reset(seed=seed, options=options)
         self._write(i, observation)
@@ -167,7 +149,6 @@ class Shard:
             row[...] = parts[name]
 
     def _bind(self, indices: Sequence[int]) -> None:
-        """Let kernels step the sub-environments if nothing forbids it; some may have new objects."""
         if not self._records.kinds:
             return
         changed = [self.envs[i] for i in (range(len(self.envs)) if self._batch is None else indices)]
@@ -179,7 +160,6 @@ class Shard:
         self._batch.bind(indices)
 
     def _close_episode(self, i: int, info: dict[str, Any]) -> None:
-        """Take note of an episode's last info, and start the next one where that is due at once."""
         if self._mode == AutoresetMode.SAME_STEP:
             final = whole_of({name: row.copy() for name, row in self._rows[i].items()})
             self._records.extras[i] = {"final_obs": final, "final_info": info}
@@ -190,6 +170,6 @@ class Shard:
 
 
 def _prepare(env: Any) -> None:
-    """Prepare an episode. Errors are left to the reset, which draws another world then."""
+    """After an error, `reset` draws another world."""
     with _preparing, contextlib.suppress(Exception):
         env.prepare()

@@ -1,4 +1,4 @@
-"""Many environments as one: shards of them in worker processes, with shared memory for what is large."""
+"""Vector environment with worker processes and shared memory."""
 
 import functools
 import itertools
@@ -22,15 +22,14 @@ from .shard import Shard
 from .workers import Worker
 
 MAX_ENVS = 100_000
-"""Most sub-environments."""
+"""Maximum number of sub-environments."""
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
-    """Many environments of one kind, stepped together.
+    """Vector environment of lidar robots.
 
-    Sub-environment i does exactly, to the last bit, what a single environment does that is seeded with seed + i.
-    Observations are fresh arrays each step. `info` holds arrays with an entry per sub-environment, each with its mask
-    (`_time` beside `time`), as Gymnasium's other vector environments have it.
+    Sub-environment i is identical to a single environment with seed + i. Observations are fresh arrays each step.
+    `info` holds arrays with masks, as in Gymnasium.
     """
 
     def __init__(
@@ -48,23 +47,22 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Start the workers.
 
         Args:
-            make_env: class of the sub-environments, a `LidarEnv` or what offers the same methods to a shard.
+            make_env: class of the sub-environments, such as `LidarEnv`.
             num_envs: number of sub-environments.
-            autoreset_mode: when a sub-environment whose episode has ended starts the next one: with the step after
-                (`NEXT_STEP`), at once (`SAME_STEP`), or when `reset` is called with a `reset_mask` (`DISABLED`).
-            max_episode_steps: number of steps that truncates an episode, besides the time limit; None or -1 for none.
-            num_workers: processes that step sub-environments, this one among them; 0 is the same as 1. None takes as
-                many as there are cores that this process may use.
-            context: how processes are started, "fork", "forkserver" or "spawn"; None for Python's default.
-            env_wrappers: what wraps each sub-environment, the first innermost: Gymnasium's wrappers, or functions that
-                make one. Gymnasium's own `make_vec` refuses the name `wrappers`; `lidarnaut.envs.vector.make_vec` takes
-                it.
-            **arguments: of the sub-environments.
+            autoreset_mode: reset after an episode in the next step (`NEXT_STEP`), in the same step (`SAME_STEP`), or by
+                `reset` with a `reset_mask` (`DISABLED`).
+            max_episode_steps: steps until truncation, besides the time limit; None or -1 for no limit.
+            num_workers: number of processes, including the current one; 0 equals 1, None is the number of available
+                cores.
+            context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
+            env_wrappers: wrappers of each sub-environment, innermost first. `lidarnaut.envs.vector.make_vec` takes them
+                as `wrappers`.
+            **arguments: arguments of the sub-environments.
 
         Raises:
-            ValueError: if an argument is not among the allowed values.
+            ValueError: an argument is not allowed.
         """
-        self.closed = True  # until there is something to close
+        self.closed = True  # until the workers have started
         if not is_whole(num_envs) or not 1 <= num_envs <= MAX_ENVS:
             raise ValueError(f"num_envs must be whole and from 1 to {MAX_ENVS:,}, got {num_envs!r}")
         if max_episode_steps == -1:  # as in `gymnasium.make`
@@ -94,7 +92,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
-        """Of the records of `info`; None before the first reset."""
+        """Record type of `info`; None before the first reset."""
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
@@ -103,7 +101,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             functools.partial(Shard, make_one, memory, share, self.autoreset_mode, max_episode_steps)
             for share in self._shares
         ]
-        # This process takes the first shard itself: it has nothing else to do while the others step.
+        # This process steps the first shard itself.
         self._workers = [Worker(multiprocessing_context, maker) for maker in makers[1:]]
         self._shard = makers[0]()
         self.closed = False
@@ -114,14 +112,14 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         """Start episodes.
 
         Args:
-            seed: of sub-environment 0, sub-environment i gets `seed + i`; or one for each.
-            options: of the sub-environments' `reset`; "reset_mask", shape (num_envs,), bool, selects some of them.
+            seed: seed of sub-environment 0, seed + i for sub-environment i; or one seed each.
+            options: options of `reset`; "reset_mask", shape (num_envs,), bool, selects sub-environments.
 
         Raises:
-            ValueError: if there are not as many seeds as sub-environments, or the mask selects none.
-            gymnasium.error.ResetNeeded: if the mask leaves out some where no episodes have begun.
+            ValueError: wrong number of seeds, or an empty mask.
+            gymnasium.error.ResetNeeded: the mask excludes sub-environments without an episode.
             gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after a call that was interrupted.
+            RuntimeError: after an interrupted call.
         """
         seeds: list[Any] = [None] * self.num_envs
         if is_whole(seed):
@@ -138,7 +136,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._check_open()
         if not (self._has_begun or mask.all()):
             raise gymnasium.error.ResetNeeded("the first reset must start all sub-environments")
-        self._has_begun = False  # unless all of them succeed
+        self._has_begun = False  # unless all succeed
         shares = [(seeds[share], mask[share].tolist(), options or None) for share in self._shares]
         results = self._call("reset", shares)
         info = self._info(results, mask)
@@ -152,17 +150,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def step(
         self, actions: np.ndarray
     ) -> tuple[dict[str, np.ndarray], np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Step every sub-environment.
-
-        Args:
-            actions: shape (num_envs, ...), in the single action space each.
+        """Step every sub-environment with `actions`, shape (num_envs, ...).
 
         Raises:
-            ValueError: if actions have the wrong shape or lie outside of the action space.
-            gymnasium.error.ResetNeeded: if no episodes have begun, or one has ended and nothing resets it, or a step
-                has failed.
-            gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after a call that was interrupted.
+            ValueError: wrong shape, or outside of the action space.
+            gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: as `reset`.
         """
         self._check_open()
         if not self._has_begun:
@@ -173,7 +166,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             ended = np.flatnonzero(arrays.terminated | arrays.truncated).tolist()
             if ended:
                 raise gymnasium.error.ResetNeeded(f"sub-environments {ended} have ended; reset them with a reset_mask")
-        self._has_begun = False  # unless all succeed: where one fails, others have gone on
+        self._has_begun = False  # unless all succeed
         with interrupts_delayed():
             results = self._exchange(itertools.repeat(b"s"), self._shard.step)
             self._has_begun = True
@@ -181,49 +174,47 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Draw every sub-environment; arrays (height, width, 3), uint8, for `rgb_array`."""
+        """Return images of all sub-environments, shape (height, width, 3), uint8."""
         return self.call("render") if self.render_mode is not None else None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every sub-environment, or return an attribute that is none."""
+        """Call a method of every sub-environment, or return an attribute."""
         self._check_open()
         return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
 
     @property
     def np_random_seed(self) -> Any:
-        """The seeds of the sub-environments, a tuple."""
+        """Seeds of the sub-environments."""
         return self.get_attr("np_random_seed")
 
     @property  # type: ignore[misc]
     def np_random(self) -> Any:
-        """The generators of the sub-environments, a tuple; those of worker processes are copies."""
+        """Generators of the sub-environments; copies for worker processes."""
         return self.get_attr("np_random")
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
-        """Return an attribute of every sub-environment."""
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment: to each its own of a list or tuple, or all to the same value."""
+        """Set an attribute of every sub-environment, to one value or to a list of values."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
-            raise ValueError(f"values must be one, or {self.num_envs} of them, got {len(values)}")
+            raise ValueError(f"values must be one value or a list of {self.num_envs}, got {len(values)}")
         self._check_open()
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Refuse to be copied or pickled (TypeError); a copy of a connection to a worker would close the original's."""
+        """Raise TypeError, since a copy would close the connections to the workers."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"
         )
 
     def close_extras(self, **kwargs: Any) -> None:
-        """Stop the workers."""
         self._shard.close()
         for worker in self._workers if os.getpid() == self._owner else ():
-            if self._is_under_way:  # it may be at work for long, or wait for the rest of a message
-                worker.process.kill()  # whatever handler it has inherited
+            if self._is_under_way:  # it may be busy or wait for a message
+                worker.process.kill()  # ignores inherited signal handlers
             worker.close()
 
     def _check_open(self) -> None:
@@ -235,12 +226,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             raise RuntimeError("the vector environment was interrupted in a call; close it and make another one")
 
     def _check_actions(self, actions: Any) -> np.ndarray:
-        """Return actions as an array of the right type, checked once for all sub-environments."""
         space = self.single_action_space
         actions = read_action(actions)
         if actions.shape != (self.num_envs, *space.shape):  # type: ignore[misc]
             raise ValueError(f"actions must have shape {(self.num_envs, *space.shape)}, got {actions.shape}")  # type: ignore[misc]
-        if self._is_wrapped:  # the wrappers and what they wrap know what is allowed
+        if self._is_wrapped:  # wrappers may change the action space
             return actions.astype(space.dtype, copy=False)
         if isinstance(space, spaces.Discrete):
             if not np.issubdtype(actions.dtype, np.integer):
@@ -257,13 +247,11 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return actions
 
     def _call(self, method: str, shares: Sequence[tuple[Any, ...]]) -> list[Any]:
-        """Call a method of every shard, each with arguments of its own, and return the results."""
-        requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before any of them is sent
+        requests = [pickle.dumps((method, share)) for share in shares[1:]]  # before the first send
         return self._exchange(requests, lambda: getattr(self._shard, method)(*shares[0]))
 
     def _exchange(self, requests: Iterable[bytes], work: Callable[[], Any]) -> list[Any]:
-        """Send the workers their requests, do the own share, and return all results, or raise the first error."""
-        self._is_under_way = True  # and stays so where Ctrl-C, or what else is no `Exception`, ends this method
+        self._is_under_way = True  # remains True after Ctrl-C
         for worker, request in zip(self._workers, requests, strict=False):
             worker.send(request)
         try:
@@ -281,7 +269,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return whole_of({name: array.copy() for name, array in self._arrays.observations.items()})
 
     def _info(self, results: Sequence[tuple[np.ndarray, Extras]], mask: np.ndarray) -> dict[str, Any]:
-        """Return the `info` of the sub-environments in `mask`, by the rules of Gymnasium's vector environments."""
         records = np.concatenate([records for records, _ in results])
         shares = zip(self._shares, results, strict=True)
         extras = {share.start + i: extra for share, (_, found) in shares for i, extra in found.items()}
@@ -289,13 +276,12 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         unfit = [name for name in names if any(name in extra for extra in extras.values())]
         info = _columns(records, mask, unfit)
         for i in np.flatnonzero(mask).tolist() if unfit else sorted(extras):
-            entries = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
-            self._add_info(info, {name: value for name, value in entries.items() if value is not Absent}, i)
+            env_info = {name: from_record(records[i][name]) for name in unfit} | extras.get(i, {})
+            self._add_info(info, {name: value for name, value in env_info.items() if value is not Absent}, i)
         return info
 
 
 def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None, arguments: dict[str, Any]) -> Any:
-    """Return a sub-environment; one with wrappers has its steps counted as `gymnasium.make` has it."""
     env = make_env(**arguments)
     if max_episode_steps is not None and (wrappers or env is not env.unwrapped):
         env = gymnasium.wrappers.TimeLimit(env, int(max_episode_steps))
@@ -305,14 +291,13 @@ def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None,
 
 
 def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
-    """Return `gymnasium.make_vec`'s environment, whose sub-environments may be wrapped; see `LidarVectorEnv`."""
+    """Return `gymnasium.make_vec(...)` with wrapped sub-environments."""
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)
 
 
 def _columns(records: np.ndarray, mask: np.ndarray, without: Sequence[str] = ()) -> dict[str, Any]:
-    """Return records as a dict of arrays with their masks, except for the entries named in `without`."""
     info: dict[str, Any] = {}
     for name in records.dtype.names or ():
         if name not in without:

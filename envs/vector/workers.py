@@ -1,4 +1,4 @@
-"""Worker processes, each with a shard."""
+"""Worker processes of vector environments."""
 
 import contextlib
 import multiprocessing
@@ -21,29 +21,29 @@ from .memory import Extras
 from .shard import Shard
 
 SPIN_TIME = 0.002
-"""How long a process waits for the others before it sleeps [s]."""
+"""Time of busy waiting for a message [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 _processes = weakref.WeakSet[Any]()
-if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers when it exits
+if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers at exit
     os.register_at_fork(after_in_child=lambda: multiprocessing.process._children.difference_update(_processes))  # type: ignore[attr-defined]
 
 
 class Worker:
-    """A process with a shard."""
+    """Process with a shard."""
 
     def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
         self._pipe, far_end = context.Pipe()
         self.process = context.Process(target=serve, args=(far_end, make_shard), daemon=True)
         try:
             self.process.start()
-        except ConnectionError as error:  # of a fork server, which has imported the script
+        except ConnectionError as error:  # fork server that has imported the script
             raise RuntimeError(f"no worker process could be started{UNGUARDED}") from error
         _processes.add(self.process)
         far_end.close()
         self.close = weakref.finalize(self, _stop, self._pipe, self.process, os.getpid())
 
     def send(self, request: bytes) -> None:
-        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # `receive` tells that the worker has died
+        with contextlib.suppress(BrokenPipeError, ConnectionResetError):  # `receive` reports it
             self._pipe.send_bytes(request)
 
     def receive(self, dtype: np.dtype | None) -> Any:
@@ -67,9 +67,9 @@ class Worker:
 
 
 def _stop(pipe: Any, process: Any, owner: int) -> None:
-    if os.getpid() != owner:  # a process forked from the owner, which ends or collects its copy
+    if os.getpid() != owner:  # a forked process does not own the worker
         return
-    # Not only closed: workers that were forked later hold copies of this end.
+    # Closing is not enough: later forks hold copies of this end.
     with contextlib.suppress(OSError):
         pipe.send_bytes(b"q")
     pipe.close()
@@ -79,23 +79,23 @@ def _stop(pipe: Any, process: Any, owner: int) -> None:
 
 
 def receive(pipe: Connection) -> bytes:
-    """Return the next message, awake for a while: to be woken takes as long as a robot takes for its step."""
+    """Return the next message, with busy waiting: waking up takes as long as a step."""
     if hasattr(select, "poll"):  # not on Windows
         poll = select.poll()
         poll.register(pipe.fileno(), select.POLLIN)
         end = time.perf_counter() + SPIN_TIME
         while not poll.poll(0) and time.perf_counter() < end:
-            os.sched_yield()  # the other process may share this core
+            os.sched_yield()  # may run on this core
     return pipe.recv_bytes()
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Answer a vector environment's calls until it sends b"q" or is gone; what a worker process runs.
+    """Serve requests in a worker process until b"q".
 
-    Each answer is one byte, "." for a step without extras, "+" for a pickled result, "!" for an error, and its bytes.
+    First byte of an answer: "." records, "+" pickled result, "!" error.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the parent closes its workers.
-    multiprocessing.current_process().daemon = False  # users' code may have processes of its own
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
+    multiprocessing.current_process().daemon = False  # user code may start processes
     follow_parent()
     shard: Shard | None = None
     with contextlib.suppress(EOFError, ConnectionError):
@@ -116,7 +116,6 @@ def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
 
 
 def _portable(error: Exception) -> Exception:
-    """Return an error that pickles and unpickles: the same, or one that says the same."""
     with contextlib.suppress(Exception):
         if isinstance(pickle.loads(pickle.dumps(error)), Exception):
             return error

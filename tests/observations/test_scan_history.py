@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.observations.scan_history import SURFACE, WIDEST, Sectors, pool_scan, shift_sectors
+from lidarnaut.envs.observations.scan_history import MAX_FILL_SECTORS, SURFACE_STEP, Sectors, pool_scan, shift_sectors
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import ExploreTeam
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
@@ -59,8 +59,8 @@ def slow_shift(ranges, motion, sectors):
     for k in range(count):
         (r, at), (r0, at0), steps = polar[k], polar[k - 1], 1
         change = (at0 - at + 0.5 * whole) % whole - 0.5 * whole if math.isfinite(ranges[k - 1]) else 0.0
-        are_near = math.isfinite(ranges[k]) and abs(ranges[k - 1] - ranges[k]) < SURFACE
-        if are_near and abs(change) < WIDEST:
+        are_near = math.isfinite(ranges[k]) and abs(ranges[k - 1] - ranges[k]) < SURFACE_STEP
+        if are_near and abs(change) < MAX_FILL_SECTORS:
             steps = max(1, int(abs(change) + 0.9))
         for step in range(steps):
             sector = math.floor(at + step / steps * change) % round(whole)

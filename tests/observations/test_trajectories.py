@@ -9,14 +9,14 @@ from lidarnaut.envs.observations.trajectories import (
     END,
     HOLD,
     HORIZON,
-    MARGIN,
     NUMBERS,
     SMALL_GAP,
     STEP,
     TURN,
     TWISTS,
+    WALL_MARGIN,
     find_walls,
-    look_ahead,
+    predict_outcomes,
 )
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarVectorEnv
@@ -30,7 +30,7 @@ CROWD = {"world": "hall", "people": 12, "physics": "kinematic", "contact": "cost
 
 def shown(now=(0.0, 0.0), points=NOTHING, people=NOBODY, limits=LIMITS, sees_behind=True):
     out = np.empty((len(TWISTS), NUMBERS), dtype=np.float32)
-    look_ahead(
+    predict_outcomes(
         now, (*limits, sees_behind), np.asarray(points, dtype=float), np.asarray(people, dtype=float), TWISTS, out
     )
     return out
@@ -54,7 +54,7 @@ def slow_times(now, points, people, twist):
             if time <= HOLD + 1e-9
             else points[(points - (x, y)) @ (v * math.cos(theta), v * math.sin(theta)) > 0]
         )
-        if len(ahead) and np.hypot(*(ahead - (x, y)).T).min() < radius + MARGIN:
+        if len(ahead) and np.hypot(*(ahead - (x, y)).T).min() < radius + WALL_MARGIN:
             wall = min(wall, time)
         if (np.hypot(*(people[:, :2] + time * people[:, 2:4] - (x, y)).T) < people[:, 4] + radius).any():
             person = min(person, time)
