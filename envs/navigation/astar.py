@@ -1,8 +1,7 @@
-"""The search for cheapest paths over a costmap: A* to one goal, Dijkstra's algorithm to everywhere.
+"""Path search on a costmap: A* to one goal, or Dijkstra's algorithm to all cells.
 
-Lengths are integers, so that equal paths are equal exactly, ties break the same way everywhere, and a reference
-implementation must agree to the last unit: a straight step over a free cell measures `70 * 16`, a diagonal one
-`99 * 16` (99/70 is the root of two to 5e-5).
+Lengths are integers, which makes ties and results reproducible: a straight step over a free cell has length `70 * 16`,
+a diagonal step `99 * 16` (99/70 is the root of two to 5e-5).
 """
 
 from typing import NamedTuple
@@ -13,45 +12,46 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a step to one of the four nearest cells."""
+"""Length of a straight step, before the cell weight is applied."""
 DIAGONAL = 99
-"""Length of a step to one of the four next ones."""
+"""Length of a diagonal step, before the cell weight is applied."""
 SCALE = 16
-"""Units into which the length of a step is divided, to weight it with costs."""
+"""Weight of a free cell; weights are integer multiples of 1 / `SCALE`."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
-"""Steps (rows, columns): the diagonal one with index `k + 4` lies between the straight ones `k` and `k + 1`."""
+"""Steps (row, column). The diagonal step `k + 4` lies between the straight steps `k` and `k + 1`."""
 NO_STEP = 255
-"""In place of the step into a cell that none leads into."""
+"""Predecessor value of a cell without a predecessor."""
 ALL_STEPS = np.uint8(255)
-"""A bit for each of `STEPS`."""
+"""Bit mask of all `STEPS`."""
 ONWARD = np.full(256, ALL_STEPS)
-"""By the step that led into a cell, the bits of those that lead onward: that one, and of a diagonal one its parts."""
+"""Bit masks of the onward steps after each step: the step itself and, for a diagonal step, its straight components."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
-"""By a set of steps, a bit for each of `STEPS`: the first one in it."""
+"""Index of the first step in each bit mask of `STEPS`."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
-"""Travel cost of cells that cannot be reached."""
+"""Travel cost of unreached cells."""
 NO_GOAL = (-1, -1)
-"""In place of a goal, to search everywhere."""
+"""Goal value for a search to all reachable cells."""
 COST_WEIGHT = 3.0
-"""How many times its length a step over a free cell of the highest cost costs more than one over a free one."""
+"""Additional cost of a step over a cell of cost `COST_MAX_FREE`, in multiples of a step over a free cell."""
 NUM_BUCKETS = 1 << 15
-"""Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
+"""Number of queue buckets for a search with a goal: a power of two, larger than the maximum increase of the estimated
+total cost per step."""
 BUCKET_SHIFT = 8
-"""Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve
-each other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
+"""Without a goal, a bucket spans 2**8 cost units: less than any step, so cells in a bucket cannot improve each other
+(Dinic 1978). Finer buckets would mostly be empty."""
 NUM_COARSE_BUCKETS = 1 << 7
-"""Buckets that are used without a goal: more than a step is long, and few enough to stay in the nearest cache."""
+"""Number of queue buckets for a search without a goal: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
-"""Greatest weight that may be asked for."""
+"""Maximum `cost_weight` of `step_weights`."""
 ESCAPE_WEIGHT = 10.0
-"""The same for cells where the footprint touches an obstacle; only a robot that is in them already crosses them.
-Greater than any other, which is how the search tells them."""
+"""Cost weight of cells at which the footprint touches an obstacle. Only a robot that starts in such cells may cross
+them. The search identifies these cells by the weight, which is therefore larger than `MAX_COST_WEIGHT`."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Tabulate what a unit of length costs in a cell of each cost: shape (256,), uint8; 0 where no robot may go."""
+    """Return the weight of a unit of length for each cell cost, shape (256,), uint8; 0 if not traversable."""
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -64,23 +64,23 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the length of the shortest path over free cells."""
+    """Return the octile distance: length of the shortest path over free cells."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
 class Expansion(NamedTuple):
-    """State of a search. Arrays over the raster are flat, with a border of one cell."""
+    """State of a search. Rasters are flat arrays with a border of one cell."""
 
     travel: np.ndarray
-    """Shape ((height + 2) * (width + 2),), int32: travel costs, `UNREACHED` where the search has not come."""
+    """Travel costs, shape ((height + 2) * (width + 2),), int32; `UNREACHED` for unvisited cells."""
     predecessor: np.ndarray
-    """Same shape, uint8: index into `STEPS` of the step that led into a cell."""
+    """Index into `STEPS` of the step into each cell, shape ((height + 2) * (width + 2),), uint8."""
     heads: np.ndarray
-    """Shape (NUM_BUCKETS,), int32: first entry of each bucket of the queue, -1 for none."""
+    """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for an empty bucket."""
     counters: np.ndarray
-    """Shape (4,), int64: level (total of the current bucket), number of entries so far, entries waiting in the queue,
-    and whether the search started in a lethal cell."""
+    """Counters, shape (4,), int64: cost level of the current bucket, number of queue entries, number of waiting
+    entries, and 1 if the start cell is lethal."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
@@ -88,7 +88,7 @@ LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 @njit(cache=True, error_model="numpy")
 def new_expansion(height, width):
-    """Return a search over a raster that has not begun."""
+    """Return the state of a new search over a raster of `height` x `width` cells."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
@@ -96,7 +96,7 @@ def new_expansion(height, width):
 
 @njit(cache=True, error_model="numpy")
 def begin(expansion, entries, costs, start, goal):
-    """Start a search over at a cell, in time that grows with what the last one has reached; see `_expand`."""
+    """Start a new search at a cell; reset only the cells that the previous search reached."""
     (row, col), stride = start, costs.shape[1] + 2
     starts_inside = costs[row, col] == COST_LETHAL
     level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
@@ -115,18 +115,17 @@ def begin(expansion, entries, costs, start, goal):
 
 @njit(cache=True, error_model="numpy")
 def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
-    """Search on until the goal is reached, or all cells that cost at most `limit`; return the next `counters`.
+    """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
 
-    A robot whose footprint touches something at the start may drive on through such cells, of weight `touching`, until
-    it is out of them, and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's
-    (1969): a ring of buckets, one per estimated total, last in first out, so that ties go to the path that has come
-    farthest. Where all cells around one cost the same, only steps that lead onward are tried: the pruning of jump point
-    search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is
-    found from the cell before, at no higher cost.
+    If the footprint touches an obstacle at the start, the path may cross cells of weight `touching` until it first
+    leaves them. A diagonal step requires both adjacent straight cells to be open. The queue is Dial's (1969) ring of
+    buckets, one per estimated total cost, last in first out. If all cells around a cell have equal costs, only onward
+    steps are tried, as in jump point search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps",
+    2011).
 
-    `entries`: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written, as
-    is `expansion`; where it is full, the search stops early. `open_weights`: shape ((height + 2) * (width + 2),),
-    uint8, 0 in the border; `stride`: width of the raster and its border; `goal`: (row, column) or `NO_GOAL`.
+    `queue`: shape (n, 2), int32, cell and next entry of the bucket, written; the search stops early if the queue is
+    full. `open_weights`: shape ((height + 2) * (width + 2),), uint8, 0 in the border. `stride`: raster width plus 2.
+    `goal`: (row, column) or `NO_GOAL`.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
@@ -135,12 +134,12 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     shift, mask = (0, NUM_BUCKETS - 1) if has_goal else (BUCKET_SHIFT, NUM_COARSE_BUCKETS - 1)
     level, num_entries, num_waiting = counters[LEVEL], np.uint64(counters[NUM_ENTRIES]), counters[NUM_WAITING]
     starts_inside = counters[STARTS_INSIDE] == 1
-    # Indices are unsigned: signed ones might be negative, and each would be checked for it.
+    # Unsigned indices avoid Numba's check for negative indices.
     right, up = np.uint64(1), np.uint64(stride)
     straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
     shut = np.int32(touching)
     row, col = np.int64(0), np.int64(0)
-    # Room for eight more is left before a cell is expanded: an array that may change in the loop would slow it down.
+    # Eight entries must be free before an expansion: an array that grows inside the loop would slow it down.
     while num_waiting > 0 and np.int64(num_entries) + 8 <= entries.shape[0]:
         while heads[np.uint64(level & mask)] < 0:
             level += 1
@@ -155,7 +154,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if has_goal:
             row, col = np.int64(node // up) - 1, np.int64(node % up) - 1
         if (here + (octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
-            # A cheaper path has come to this cell since it was queued.
+            # The entry is outdated: a cheaper path has reached the cell.
             continue
         if has_goal and row == goal_row and col == goal_col:
             break
@@ -174,8 +173,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if not escaping:
             a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
             ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
-        # The steps that lead somewhere at less cost than before, as bits and without branches, which would often be
-        # mispredicted.
+        # Steps that lower a neighbour's cost, as bits: branches would often be mispredicted.
         steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
         steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
         steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4
@@ -205,10 +203,10 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, entries, open_weights, costs, weights, goal, limit):
-    """Go on with a search over costs; see `_expand`. Returns `entries`, or a larger array instead."""
+    """Continue a search; see `_expand`. Returns `queue`, enlarged if necessary."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
-        # Written here, and not there: LLVM drops stores behind the loop of `_expand`.
+        # Written here because LLVM drops stores after the loop of `_expand`.
         level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
         counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
         if num_entries + 8 <= entries.shape[0]:
@@ -218,10 +216,11 @@ def expand(expansion, entries, open_weights, costs, weights, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def search(costs, weights, start_row, start_col, goal_row, goal_col):
-    """Spread over costs, shape (height, width), uint8, from a start to a goal; everywhere if `goal_row` is negative.
+    """Return travel costs and predecessors from a start to a goal, or to all cells if `goal_row` is negative.
 
-    Returns travel costs, shape (height + 2, width + 2), int32, and the index into `STEPS` of the step that led to each
-    cell, same shape, uint8; both with a border of one cell. They are final along the path to the goal.
+    `costs`: shape (height, width), uint8. Returns travel costs, shape (height + 2, width + 2), int32, and the index
+    into `STEPS` of the step into each cell, same shape, uint8, both with a border of one cell. With a goal, only the
+    values along the path are final.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)

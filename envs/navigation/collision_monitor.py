@@ -1,4 +1,4 @@
-"""A last check of commands: slows a robot down so that it can stop short of what its lidar sees."""
+"""Collision monitor: slows commands down so that the robot can stop before scanned obstacles."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from lidarnaut.envs.navigation.obstacles import scan_points, stoppable_share
 from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
-"""Share of the robot's greatest deceleration that is counted on."""
+"""Fraction of the robot's maximum deceleration assumed for braking."""
 MARGIN = 0.02
-"""Distance from what the lidar sees that is kept [m]: its ranges are noisy, and wheels slip."""
+"""Distance kept from scanned obstacles [m], for range noise and wheel slip."""
 CHECKS = 2
-"""How often a command is slowed down: slower at the same yaw rate, it is another arc."""
+"""Number of passes: a slower command at an equal yaw rate follows a different arc."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -28,22 +28,24 @@ def _slow_down(commands, ranges, active, directions, mount, radius, braking, per
 
 
 class CollisionMonitor:
-    """Slows commanded twists down, as Nav2's collision monitor does with `action_type: approach`.
+    """Limits forward speeds near obstacles, like Nav2's collision monitor with `action_type: approach`.
 
-    Yaw rates stay as they are, unlike there: a circular footprint can always turn, and a policy that is stopped has to.
-    What the last scan shows is taken to rest. Where the lidar does not see, nothing is slowed down.
+    Unlike in Nav2, yaw rates are unchanged: a circular footprint can always turn. Scanned obstacles are assumed static.
+    Obstacles outside the lidar's view are ignored.
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:
-        """Prepare for a robot that is commanded every `period` seconds."""
+        """Create a monitor for a robot with a control period `period` [s]."""
         lidar = robot.lidar
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         self._numbers: Any = lidar.directions, mount, robot.radius + MARGIN, BRAKING * robot.max_acc_v, period
 
     def slow_down(self, commands: np.ndarray, ranges: np.ndarray, active: np.ndarray) -> None:
-        """Rewrite the commands of active robots.
+        """Limit the commands of active robots, in place.
 
-        `commands`: shape (n, 2), float64, forward speed and yaw rate [m/s, rad/s]; `ranges`: shape (n, num_beams),
-        float32, last scans [m]; `active`: shape (n,), bool.
+        Args:
+            commands: shape (n, 2), float64, forward speed and yaw rate [m/s, rad/s].
+            ranges: shape (n, num_beams), float32, last scans [m].
+            active: shape (n,), bool.
         """
         _slow_down(commands, ranges, active, *self._numbers)

@@ -1,6 +1,6 @@
-"""The critics of DWB: kernels that roll twists out in the robot's frame and judge where they lead.
+"""Critics of DWB: kernels that roll out twists in the base frame and score the trajectories.
 
-Everything lies on a square raster in the base frame, the robot in the middle of its middle cell, x along columns.
+Rasters are square, with the robot in the centre of the middle cell and x along columns.
 """
 
 import math
@@ -15,21 +15,20 @@ from lidarnaut.envs.geometry.rows import write_row
 from .costmap import COST_INSCRIBED
 
 ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
-"""Columns of the scores."""
+"""Columns of the scores, one per critic."""
 NUM_CRITICS = 7
-"""How many there are."""
 
 
 AHEAD = 0.1
-"""Distance of the point in front of the robot that alignment looks at [m]."""
+"""Distance of the alignment point in front of the robot [m] (DWB's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
-"""Speed up to which the robot counts as stopped at the goal, and may turn [m/s]."""
+"""Maximum forward speed that counts as stopped at the goal [m/s]."""
 SLOWING_FACTOR = 5.0
-"""Price of speed there."""
+"""Cost factor of the squared speed while the robot stops at the goal."""
 
 
 class Motion(NamedTuple):
-    """How twists are rolled out: the velocity now, its greatest changes, for how long, and in which steps."""
+    """Parameters of rollouts: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
 
     v: float
     w: float
@@ -41,36 +40,35 @@ class Motion(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """The local costmap, and what is computed from it."""
+    """Local costmap and rasters derived from it."""
 
     costs: np.ndarray
-    """Shape (side, side), uint8."""
+    """Costs, shape (side, side), uint8."""
     squared: np.ndarray
-    """Same shape, uint16: squared distance to the nearest obstacle [cells2], up to the inflation's reach."""
+    """Squared distances to the nearest obstacle, shape (side, side), uint16 [cells2], limited by the inflation radius."""
     steps: np.ndarray
-    """Shape (3, side, side), int32: to the path, to the end of it in reach, and to a point a little farther on; see
-    `spread`."""
+    """Steps to the path, to the end of the path within reach, and to a point beyond that end, shape (3, side, side),
+    int32; see `spread`."""
     resolution: float
     """Side of a cell [m]."""
 
 
 class Ending(NamedTuple):
-    """What the goal and alignment critics look at; see `RotateToGoal` and `PathAlign` of DWB."""
+    """Inputs of the goal and alignment critics; see `RotateToGoal` and `PathAlign` of DWB."""
 
     is_near: bool
-    """Whether the robot is within the tolerance of a goal with a heading."""
+    """True if the robot is within tolerance of a goal with a heading."""
     heading: float
-    """That heading in the base frame [rad]."""
+    """Goal heading, base frame [rad]."""
     aligns: bool
-    """Whether the robot is far enough from the goal to align with the path."""
+    """True if the robot is far enough from the goal to align with the path."""
 
 
 @njit(cache=True, error_model="numpy")
 def roll_out(v, w, motion, poses):
-    """Follow a commanded twist from the origin, with the speeds ramped from what they are now.
+    """Simulate a commanded twist from the origin with acceleration limits; return the number of poses.
 
-    Writes (x, y, heading) after each step, base frame [m, m, rad], to `poses`, shape (n, 3), float64, and returns how
-    many there are.
+    Writes the pose after each step to `poses`, shape (n, 3), float64: x, y, heading, base frame [m, m, rad].
     """
     turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
     metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
@@ -83,7 +81,7 @@ def roll_out(v, w, motion, poses):
         speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
         rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
         if rate * dt == turn:
-            # Once the yaw rate is reached, the direction turns on evenly.
+            # At a constant yaw rate, the direction is rotated incrementally.
             c, s = c * step_c - s * step_s, s * step_c + c * step_s
         else:
             turn = rate * dt
@@ -98,10 +96,10 @@ def roll_out(v, w, motion, poses):
 
 @njit(cache=True, error_model="numpy")
 def spread(costs, distances, seeds):
-    """Count the steps to the four nearest cells that lead to any seed around what the robot would touch.
+    """Compute the number of 4-connected steps from each cell to the nearest seed, around obstacles.
 
-    `distances`, shape (n, n), int32, is written: steps; n * n where the robot would touch something; n * n + 1 where
-    nothing leads. `seeds` are indices of cells, none of them twice.
+    Writes `distances`, shape (n, n), int32: number of steps; n * n for cells in collision; n * n + 1 for unreachable
+    cells. `seeds`: distinct cell indices on the flat raster.
     """
     side = costs.shape[0]
     size = side * side
@@ -131,7 +129,7 @@ def spread(costs, distances, seeds):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def cell_of(x, y, side, resolution):
-    """Return the index of the cell of (x, y), base frame [m], on the flat raster; -1 outside."""
+    """Return the flat index of the cell at (x, y), base frame [m]; -1 outside the raster."""
     half = 0.5 * side
     col, row = math.floor(x / resolution + half), math.floor(y / resolution + half)
     return row * side + col if 0 <= row < side and 0 <= col < side else -1
@@ -139,7 +137,7 @@ def cell_of(x, y, side, resolution):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_to_goal(v, poses, num_steps, motion, ending):
-    """Return what a trajectory costs near the goal: first stop, then turn; NaN if it does neither."""
+    """Return the cost near the goal, where the robot must first stop, then turn; NaN for other trajectories."""
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
@@ -150,10 +148,10 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
 
 @njit(cache=True, error_model="numpy")
 def meets_people(poses, num_steps, people, sim_time, radius):
-    """Tell whether a footprint of a radius [m] would touch people who walk on as they do.
+    """Return True if the footprint would touch people who keep their velocity.
 
-    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`; `sim_time`: time that the trajectory takes
-    [s].
+    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`. `sim_time`: duration of the trajectory [s].
+    `radius`: footprint radius [m].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]
@@ -168,9 +166,9 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 @njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
-    """Return the cost of a trajectory's last cell; NaN if it touches something, or leads off the raster.
+    """Return the cost of a trajectory's last cell; NaN for a collision or outside the raster.
 
-    A robot that touches something already, by noise, may still do what does not bring it nearer.
+    A robot that already touches an obstacle, by noise, may move away from it.
     """
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
@@ -189,7 +187,7 @@ def _clearance_cost(poses, num_steps, rasters):
 
 @njit(cache=True, error_model="numpy")
 def _steps_at(distances, x, y, resolution, must_lead):
-    """Look up a raster of steps; NaN, where `must_lead`, for cells that do not lead to its seeds."""
+    """Return the number of steps at (x, y); NaN for cells without a path to the seeds, if `must_lead`."""
     side = distances.shape[0]
     size = side * side
     cell = cell_of(x, y, side, resolution)
@@ -199,11 +197,10 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 @njit(cache=True, error_model="numpy")
 def judge(twists, banned, motion, ending, rasters, people, radius, scores):
-    """Score twists, shape (n, 2) [m/s, rad/s], by every critic; lower is better, NaN is out of the question.
+    """Score twists by every critic; lower is better, NaN rejects a twist.
 
-    `people` are those of `meets_people`, `radius` is that of the footprint [m].
-    `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth. `scores`, shape (n, 7), is
-    written; see `ROTATE_TO_GOAL` and its neighbours.
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: True for signs that would oscillate: v < 0, v > 0, w < 0, w > 0.
+    `people`, `radius`: see `meets_people`. Writes `scores`, shape (n, 7), with columns from `ROTATE_TO_GOAL` on.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]

@@ -1,8 +1,8 @@
-"""Frontiers: where what is known to be free borders on what is unknown (Yamauchi, 1997), and what is seen of them.
+"""Frontiers: free cells that border on unknown cells (Yamauchi, 1997), and their visibility.
 
-Kernels share four arrays: `joined`, shape (height, width), int8, occupancy; `ignored` and `frontier`, same shape, bool;
-and `tile_counts`, shape (tile rows, tile columns), int32, the number of frontier cells in each tile, kept up to date.
-Cells are (row, column), distances count cells.
+Kernels share four arrays: `occupancy`, shape (height, width), int8; `ignored` and `frontier`, same shape, bool; and
+`tile_counts`, shape (tile rows, tile columns), int32, number of frontier cells per tile. Cells are (row, column),
+distances are in cells.
 """
 
 import math
@@ -21,12 +21,12 @@ TILE = 32
 
 @njit(cache=True, error_model="numpy")
 def update_frontier(joined, ignored, frontier, tile_counts, window):
-    """Mark free cells with an unknown cell among their eight neighbours, in a `Window`, but for ignored ones."""
+    """Update the frontier in a `Window`: free cells with an unknown 8-neighbour, except ignored cells."""
     top, left, bottom, right = window
     height, width = joined.shape
     first, last = max(left - 1, 0), min(right + 1, width)
-    # The least value in the three rows around a cell, then the least of three columns, is negative exactly where one of
-    # the nine cells is unknown. Whole rows, so that the compiler vectorises it.
+    # The minimum of a 3 x 3 neighbourhood is negative if one of its cells is unknown. Processing whole rows lets the
+    # compiler vectorise the loop.
     lowest = np.zeros(last - first + 2, dtype=np.int8)
     for row in range(top, bottom):
         above = joined[max(row - 1, 0), first:last]
@@ -44,7 +44,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
 
 
 def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
-    """Return which cells of a map are free with an unknown one among their eight neighbours: its shape, bool."""
+    """Return True for free map cells with an unknown 8-neighbour: shape (height, width), bool."""
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
@@ -54,7 +54,7 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def ignore_around(ignored, frontier, tile_counts, cells):
-    """Ignore cells and their eight neighbours as frontier from now on; cells: shape (n, 2), int64, (row, column)."""
+    """Ignore cells and their 8-neighbours as frontier cells; `cells`: shape (n, 2), int64, (row, column)."""
     height, width = ignored.shape
     for k in range(cells.shape[0]):
         for row in range(max(cells[k, 0] - 1, 0), min(cells[k, 0] + 2, height)):
@@ -67,7 +67,7 @@ def ignore_around(ignored, frontier, tile_counts, cells):
 
 @njit(cache=True, error_model="numpy")
 def _flood(frontier, left, row, col, cells, count):
-    """Move the frontier cells that are connected to one to `cells`, from row `count` on; return the next row."""
+    """Move a connected group of frontier cells to `cells`, from row `count` on; return the next free row."""
     height, width = frontier.shape
     frontier[row, col] = False
     left[row // TILE, col // TILE] -= 1
@@ -88,12 +88,12 @@ def _flood(frontier, left, row, col, cells, count):
 
 @njit(cache=True, error_model="numpy")
 def frontier_groups(frontier, tile_counts):
-    """Group frontier cells that touch, also diagonally, in time that grows with their number.
+    """Group frontier cells into 8-connected components, in time proportional to their number.
 
-    Returns cells, shape (n, 2), int64, group after group; and where each group begins, followed by n.
+    Returns cells, shape (n, 2), int64, sorted by group, and the start index of each group followed by n.
     """
     height, width = frontier.shape
-    # Frontier cells of each tile that are in no group yet: where none are left, the rest of the tile need not be read.
+    # Ungrouped frontier cells per tile: the rest of a tile is skipped once none is left.
     left = tile_counts.copy()
     cells = np.empty((left.sum(), 2), dtype=np.int64)
     starts = [0]
@@ -114,10 +114,9 @@ def frontier_groups(frontier, tile_counts):
 
 @njit(cache=True, error_model="numpy")
 def _split(cells, first, last, extent, parts, count):
-    """Split the cells from `first` to `last` - 1 in place, until no part's bounding box is longer than `extent`.
+    """Split the cells from `first` to `last` - 1 in place, until no part's bounding box exceeds `extent`.
 
-    Writes the first cell of each part, and the cell after its last, from row `count` of `parts` on, and returns how
-    many there are now.
+    Writes start and end index of each part to `parts`, from row `count` on, and returns the next free row.
     """
     stack = [(first, last)]
     while len(stack) > 0:
@@ -147,10 +146,10 @@ def _split(cells, first, last, extent, parts, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups of frontier cells, from `frontier_groups`, into parts that are no longer than `extent` [cells].
+    """Split groups of frontier cells, from `frontier_groups`, into parts of at most `extent` [cells].
 
-    Reorders cells within the groups; groups of less than `least` cells are left out. Returns shape (m, 4), int64: first
-    cell of each part, cell after its last, size of its group [cells], and which group.
+    Cells are reordered within groups. Groups with fewer than `least` cells are omitted. Returns shape (m, 4), int64:
+    start and end index of each part, size of its group [cells], and index of its group.
     """
     parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0
@@ -164,9 +163,9 @@ def split_groups(cells, starts, extent, least):
 
 @njit(cache=True, error_model="numpy")
 def _count_unknown(data, cells, others, radius):
-    """Count the unknown cells within `radius` cells of both cells of a pair; outside of `data` all are unknown.
+    """Count the unknown cells within `radius` of both cells of each pair; cells outside `data` are unknown.
 
-    `cells` and `others` have the shape (n, 2), int64, (row, column); what is returned has the shape (n,), int64.
+    `cells`, `others`: shape (n, 2), int64, (row, column). Returns shape (n,), int64.
     """
     height, width = data.shape
     counts = np.zeros(len(cells), dtype=np.int64)
@@ -185,10 +184,10 @@ def _count_unknown(data, cells, others, radius):
 def information_gain(
     grid: OccupancyGrid, points: np.ndarray, radius: float, shared_with: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the unknown area within `radius` [m] of points, shape (n, 2), map frame [m]: shape (n,), float64 [m2].
+    """Return the unknown area within `radius` [m] of each point: shape (n,), float64 [m2].
 
-    What lies outside the map is unknown. With `shared_with`, shape (2,), map frame [m], only what lies within the
-    radius of that point as well counts.
+    `points`: shape (n, 2), map frame [m]. Cells outside the map are unknown. With `shared_with`, shape (2,), map frame
+    [m], only area within the radius of that point counts as well.
     """
     cells = grid.cells(points)
     others = cells if shared_with is None else np.broadcast_to(grid.cells(shared_with), cells.shape)
@@ -198,7 +197,7 @@ def information_gain(
 
 @njit(cache=True, error_model="numpy")
 def is_visible(data, row0, col0, row1, col1):
-    """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
+    """Return True if no occupied cell of `data` (occupancy, shape (height, width), int8) is between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0), 1)
     d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
     for k in range(1, steps):
@@ -210,9 +209,9 @@ def is_visible(data, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def is_frontier_near(data, block, ignored, row, col, reach):
-    """Tell whether there is a frontier cell within `reach` of a planning cell, on the map as it is now.
+    """Return True if a frontier cell is within `reach` of a planning cell, on the current map.
 
-    `data`, shape (rows, cols), int8, is the map itself, with `block` x `block` of its cells in a planning cell.
+    `data`: occupancy of the map, shape (rows, cols), int8. `block`: side of a planning cell [map cells].
     """
     height, width = ignored.shape
     top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
@@ -244,9 +243,9 @@ def frontier_near(frontier, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_in_sight(joined, frontier, at, view, reach):
-    """Return the frontier cells within `reach` that are in view with no obstacle between: shape (k, 2), int64.
+    """Return the frontier cells within `reach`, in the field of view and in line of sight: shape (k, 2), int64.
 
-    `at` is the viewpoint (row, column), with fractions; `view` its middle and half of the angle in view [rad].
+    `at`: fractional position of the viewpoint (row, column). `view`: centre and half width of the field of view [rad].
     """
     row, col = math.floor(at[0]), math.floor(at[1])
     cells = frontier_near(frontier, row, col, reach)

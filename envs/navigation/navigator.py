@@ -1,7 +1,7 @@
-"""The one navigator: drives a robot along paths, recovers when there is no progress, and reports the progress.
+"""Navigator: drives a robot along paths, triggers recovery behaviors, and reports progress.
 
-Each control period: `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
-turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended.
+Each control period, call `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
+turns once on the spot. `update` returns `DRIVING`, or how the drive has ended.
 
     navigator = Navigator(robot, control_period)
     navigator.reset(reading)
@@ -33,13 +33,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
-"""Points of other robots that are taken at most."""
+"""Maximum number of obstacle points on other robots."""
 NOTHING = (math.nan, math.nan)
-"""No view is asked for at the goal."""
+"""Missing position (x, y)."""
 
 
 class NavigatorArrays(NamedTuple):
-    """What kernels need to drive; see `lidarnaut.envs.navigation.navigator_kernels`."""
+    """Arrays of a navigator for kernels; see `lidarnaut.envs.navigation.navigator_kernels`."""
 
     records: np.ndarray
     path: np.ndarray
@@ -49,7 +49,7 @@ class NavigatorArrays(NamedTuple):
 
 
 class Navigator:
-    """Drives a robot to one goal at a time. Velocities come from the wheel encoders."""
+    """Drives a robot to one goal at a time, with velocities from odometry."""
 
     def __init__(
         self,
@@ -59,10 +59,10 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Prepare for a robot; drives take at most `max_time` [s], but for a recovery, which is finished."""
+        """Create a navigator; `max_time`: maximum duration of a drive [s], extended by a running recovery."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        """Robot and params as scalars, see `navigator_numbers`."""
+        """Kernel constants as scalars; see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -71,7 +71,7 @@ class Navigator:
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
-        """Velocity by odometry."""
+        """Current velocity by odometry."""
         self.motion = ORIGIN
         """Motion by odometry since the last reading."""
 
@@ -87,41 +87,41 @@ class Navigator:
 
     @property
     def record(self) -> Any:
-        """The state, of type `NAVIGATOR`; a view also after unpickling."""
+        """State record of type `NAVIGATOR`; a live view."""
         return self._records[0]
 
     @property
     def arrays(self) -> NavigatorArrays:
-        """The same, path, obstacles and constants, for kernels that drive."""
+        """State, path, obstacles and constants for kernels."""
         return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        """Remaining path, shape (n, 2), map frame [m]; None without a path."""
         return self._path[self.record["index"] :] if self.has_goal else None
 
     @property
     def has_goal(self) -> bool:
-        """Whether the robot is driving to a goal."""
+        """True while the robot drives to a goal."""
         return bool(self.record["has_goal"])
 
     @property
     def goal(self) -> tuple[float, float]:
-        """Where the robot is going (x, y), map frame [m]."""
+        """Goal (x, y), map frame [m]."""
         return float(self.record["goal_x"]), float(self.record["goal_y"])
 
     @property
     def is_recovering(self) -> bool:
-        """Whether the robot backs up or spins, and no goal can change that."""
+        """True while the robot backs up or spins."""
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
     def note_command(self, twist: Twist) -> None:
-        """Take note of a twist that is commanded in place of what `command` returns."""
+        """Record a commanded twist that replaces the result of `command`."""
         self.record["forward"] = int(twist.v >= 0.0)
 
     @property
     def obstacles(self) -> np.ndarray:
-        """Shape (n, 2), float64, base frame [m]: what the lidar sees and has seen around the robot; live."""
+        """Visible and remembered obstacle points, shape (n, 2), float64, base frame [m]; a live view."""
         return self._obstacles[: self.record["num_seen"]]
 
     def drive_to(
@@ -132,11 +132,10 @@ class Navigator:
         view: tuple[float, float] = NOTHING,
         keep_clocks: bool = False,
     ) -> None:
-        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end, or to a goal (x, y) beside it.
+        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or to a nearby `goal` (x, y).
 
-        `view` (x, y) is to be in the lidar's view in the end. With `keep_clocks` this is the same drive with another
-        plan: the time for which the robot has got nowhere goes on, or goals that change faster than that is noticed
-        would keep it there for ever.
+        `view`: position (x, y) to bring into the lidar's view at the goal. `keep_clocks`: continue the time limits of
+        the last drive. Otherwise, frequent goal changes would prevent the detection of a stuck robot.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         record = self.record
@@ -150,12 +149,12 @@ class Navigator:
         record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray) -> None:
-        """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]."""
+        """Replace the path to the current goal: shape (n, 2), n > 0, map frame [m]."""
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
     def carry(self, correction: Correction) -> None:
-        """Move path, goal and view with a correction of the map."""
+        """Move path, goal and view position with a correction of the map."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
@@ -165,15 +164,15 @@ class Navigator:
                 record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
 
     def plan_anew(self) -> None:
-        """Let the next check of progress ask for another plan, since the map has changed as a whole."""
+        """Request a new plan at the next progress check, because the whole map has changed."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def restart_progress(self) -> None:
-        """Measure progress anew from here."""
+        """Restart the stall timer."""
         self.record["stall_steps"] = -1
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
-        """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
+        """Turn counter-clockwise on the spot by an angle [rad], instead of driving."""
         rate = float(self.numbers["spin_rate"])
         for name in ("has_goal", "steps", "recoveries", "back_steps"):
             self.record[name] = 0
@@ -181,7 +180,7 @@ class Navigator:
         self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self) -> None:
-        """Back away from where the last command led (or drive on, where there is more room) and spin a little."""
+        """Move opposite to the last command, or onward if there is more room, and spin a little."""
         record = self.record
         recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 
@@ -191,9 +190,9 @@ class Navigator:
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Take in the obstacles of a reading outside of drives; `update` does so itself.
+        """Update odometry and obstacles from a reading, outside of drives; `update` includes this.
 
-        Further ones, such as other robots, are `others`: shape (m, 2), float64, base frame [m].
+        `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
         self.motion = motion = self._odometry.update(reading)
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
@@ -201,15 +200,15 @@ class Navigator:
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading (see `sense`) at an estimated pose, map frame; return the progress, as `DRIVING`."""
+        """Process a reading (see `sense`) at a pose estimate, map frame; return the progress, such as `DRIVING`."""
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
+        """Return the progress of a drive whose last reading was processed by kernels; see `update`."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period, from the pose estimate."""
+        """Return the twist for the next control period; `pose`: pose estimate, map frame."""
         state = self._records, self._path, self._obstacles
         return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

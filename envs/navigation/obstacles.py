@@ -1,4 +1,4 @@
-"""Current obstacles as points in the robot's frame, independent of any map."""
+"""Obstacle points in the base frame, independent of any map."""
 
 import math
 
@@ -6,24 +6,23 @@ import numpy as np
 from numba import njit
 
 NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
 SIGHT_STEP = 0.02
-"""Spacing of the poses along an arc at which the footprint is tested [m]."""
+"""Spacing of footprint tests along an arc [m]."""
 SAME_POINT = 0.02
-"""Distance up to which two remembered points count as one [m]."""
+"""Distance below which a new point duplicates a remembered point [m]."""
 SLOWEST = 1e-9
-"""Forward speed below which a twist counts as one of this speed [m/s]."""
+"""Minimum divisor for forward speeds [m/s]."""
 CAPACITY = 1000
-"""Points of scans that are remembered at most."""
+"""Maximum number of remembered points."""
 BUMP_POINTS = 5
-"""Number of points by which a contact of the bumper is recorded."""
+"""Number of points that represent a bumper contact."""
 
 
 @njit(cache=True, error_model="numpy")
 def scan_points(ranges, directions, mount, points):
-    """Write the ends of the beams that hit something to `points`, base frame [m], and return how many there are.
+    """Write the end points of beams with a return to `points`, base frame [m]; return their number.
 
-    Ranges and directions are those of `update_obstacles`, `mount` is the lidar's in the base frame (x, y, yaw).
+    `ranges`, `directions`: see `update_obstacles`. `mount`: lidar pose in the base frame (x, y, yaw).
     """
     count = 0
     for beam in range(ranges.shape[0]):
@@ -36,10 +35,10 @@ def scan_points(ranges, directions, mount, points):
 
 @njit(cache=True, error_model="numpy")
 def remember(points, num_remembered, num_points, motion, numbers):
-    """Carry points along with the robot's motion and keep those that the lidar no longer sees.
+    """Move points with the robot's motion, and keep points that the lidar no longer sees.
 
-    The first `num_remembered` of `num_points` had been remembered before; the others come from the last scan. `points`
-    are rewritten in the base frame after the motion. Returns how many are kept at their start; at most `CAPACITY`.
+    The first `num_remembered` of `num_points` are older points, the rest are from the last scan. Rewrites `points` in
+    the base frame after the motion. Returns the number of kept points, at most `MAX_REMEMBERED`, which come first.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount
@@ -69,7 +68,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Add points of a footprint where it touched something ahead, or behind; returns how many there are now."""
+    """Append points of a contact at the front or rear of the footprint; return the new number of points."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)
@@ -79,7 +78,7 @@ def add_bump(points, count, radius, forward):
 
 @njit(cache=True, error_model="numpy")
 def forget_inside(points, num_remembered, num_points, radius):
-    """Drop remembered points within the footprint, where there is nothing since the robot is; returns how many."""
+    """Drop remembered points within `radius` [m], where the robot is; return the number of dropped points."""
     kept = 0
     for k in range(num_points):
         if k >= num_remembered or math.hypot(points[k, 0], points[k, 1]) > radius:
@@ -90,7 +89,7 @@ def forget_inside(points, num_remembered, num_points, radius):
 
 @njit(cache=True, error_model="numpy")
 def points_within(points, distance):
-    """Return the points at most `distance` [m] from the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
+    """Return the points within `distance` [m] of the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
     near = np.empty_like(points)
     count = 0
     for k in range(points.shape[0]):
@@ -101,17 +100,17 @@ def points_within(points, distance):
 
 @njit(cache=True, error_model="numpy")
 def free_distance(points, curvature, radius, distance):
-    """Return how far the robot gets along an arc before its footprint touches a point [m], at most `abs(distance)`.
+    """Return the distance along an arc before the footprint touches a point [m], at most `abs(distance)`.
 
-    A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
-    brings it nearer. `points`: shape (n, 2), float64, obstacles in the base frame [m]; `curvature`: positive to the
-    left [1/m]; `radius`: of the footprint [m]; `distance`: how far to look, negative backwards [m].
+    A point that is already inside the footprint, by noise, only blocks motion towards it. `points`: obstacles, shape
+    (n, 2), float64, base frame [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m].
+    `distance`: maximum distance, negative for backwards [m].
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf
     for k in range(points.shape[0]):
         nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
-    # The arc is no shorter than the straight line: up to here the footprint cannot reach the nearest point.
+    # An arc is no shorter than its chord: up to this length the footprint cannot reach the nearest point.
     clear = math.sqrt(nearest) - radius
     for step in range(1, num_steps + 1):
         along = abs(distance) * step / num_steps
@@ -132,10 +131,10 @@ def free_distance(points, curvature, radius, distance):
 
 @njit(cache=True, error_model="numpy")
 def stoppable_share(points, v, w, radius, braking, period):
-    """Return the share of a twist, at most 1, at which the robot can stop on its arc before it touches a point.
+    """Return the largest fraction of a twist, at most 1, from which the robot can stop before it touches a point.
 
-    It drives on for one more control period `period` [s] before it brakes at `braking` [m/s2]. Others: see
-    `free_distance`.
+    The robot drives one more control period `period` [s], then brakes on its arc at `braking` [m/s2]. For `points` and
+    `radius`, see `free_distance`.
     """
     if v == 0.0:
         return 1.0
@@ -145,10 +144,7 @@ def stoppable_share(points, v, w, radius, braking, period):
 
 
 def without_people(points, people, margin=0.15):
-    """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m].
-
-    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`.
-    """
+    """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m]."""
     if not len(people):
         return points
     gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]

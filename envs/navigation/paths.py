@@ -1,4 +1,4 @@
-"""Paths over a costmap: from the searches of `astar` to points that are straight, and round where they bend."""
+"""Paths on a costmap: extraction from `astar` searches, shortcuts, smoothing and validity checks."""
 
 import math
 from dataclasses import dataclass
@@ -26,24 +26,24 @@ from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_
 from lidarnaut.envs.navigation.obstacles import free_distance
 
 SHORTCUT = 4.0
-"""Longest stretch of a path that one straight line replaces [m]."""
+"""Maximum length of a straight shortcut [m]."""
 MAX_POINTS = 1024
-"""Points of a path of `write_path`; the rest of a longer one is left to the next plan."""
+"""Maximum number of points of `write_path`; the next plan continues a longer path."""
 DATA_WEIGHT = 0.2
-"""Pull of each point to where it was before (Nav2's `w_data`)."""
+"""Weight that pulls each point to its original position (Nav2's `w_data`)."""
 SMOOTH_WEIGHT = 0.3
-"""Pull of each point to the middle between its neighbours (Nav2's `w_smooth`)."""
+"""Weight that pulls each point to the midpoint of its neighbours (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
-"""Most sweeps over the path."""
+"""Maximum number of smoothing sweeps over the path."""
 NUM_EXITS = 32
-"""Number of directions that are tried for a way out of an obstacle of the map."""
+"""Number of directions tried for an exit from a mapped obstacle."""
 SETTLED = 1e-4
-"""A sweep that moves no point by more than this ends the smoothing [m]."""
+"""Maximum displacement of a point in the last smoothing sweep [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def walk_back(predecessor, row, col):
-    """Return the cells from the start to (row, col), shape (n, 2), int64, in the frame of the unpadded raster."""
+    """Return the path cells from the start to (row, col), shape (n, 2), int64, without the border's offset."""
     length = 1
     r, c = row + 1, col + 1
     while predecessor[r, c] != NO_STEP:
@@ -62,10 +62,10 @@ def walk_back(predecessor, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(costs, weights, row0, col0, row1, col1):
-    """Integrate the weights along the line between two cells' centres, in the units of `search`; -1 if blocked."""
+    """Return the integral of the weights along a line between two cells, in units of `search`; -1 if blocked."""
     d_row, d_col = row1 - row0, col1 - col0
     length = math.hypot(d_row, d_col)
-    # Four samples per cell do not step over more than the tip of a corner.
+    # Four samples per cell skip at most the tip of a corner.
     num_samples = max(1, math.ceil(4.0 * length))
     total = 0.0
     for k in range(num_samples):
@@ -79,10 +79,10 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def shorten(costs, weights, travel, cells, reach):
-    """Replace stretches of a path, of up to `reach` cells, by straight lines where those cost no more.
+    """Replace stretches of a path, up to `reach` cells long, by straight lines that cost no more.
 
-    `travel`, shape (height + 2, width + 2), int32, is from the search that found the path, `cells` its cells, shape
-    (n, 2), int64. Returns the corners of the shorter path, with both of its ends: shape (m, 2), int64.
+    `travel`: travel costs of the search, shape (height + 2, width + 2), int32. `cells`: path, shape (n, 2), int64.
+    Returns the corners including both ends, shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
     write_row(kept[0], cells[0])
@@ -104,9 +104,9 @@ def shorten(costs, weights, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def nearest_cell(costs, weights, row, col, reach, max_cost):
-    """Return the cell nearest to (row, col), within `reach` cells, that costs at most `max_cost`; (-1, -1) for none.
+    """Return the nearest cell within `reach` cells of cost `max_cost` or less; (-1, -1) for none.
 
-    Unknown ones count where `weights` lets them.
+    Unknown cells count if `weights` allows them.
     """
     height, width = costs.shape
     best_row, best_col, best = -1, -1, reach * reach + 1
@@ -121,10 +121,10 @@ def nearest_cell(costs, weights, row, col, reach, max_cost):
 
 @njit(cache=True, error_model="numpy")
 def write_path(costs, weights, expansion, cell, side, origin):
-    """Return the path to a cell that a search has reached as points at most half a planning cell apart.
+    """Return the path to a cell reached by a search, as points at most half a planning cell apart.
 
-    `expansion` is that of the search, `side` the side of a cell [m], and `origin` where the first column and the first
-    row begin, map frame [m]. Shape (n, 2), float64, map frame [m]; what is longer than `MAX_POINTS` is cut off.
+    `expansion`: state of the search. `side`: side of a cell [m]. `origin`: origin of the raster, map frame [m]. Returns
+    shape (n, 2), float64, map frame [m], cut off after `MAX_POINTS`.
     """
     left, low = origin
     shape = (costs.shape[0] + 2, costs.shape[1] + 2)
@@ -148,11 +148,10 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 @njit(cache=True, error_model="numpy")
 def search_goal(layer, weights, expansion, entries, start, goal, slack):
-    """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
+    """Search for the cheapest path to a goal with A*; the path may end up to `slack` cells from the goal.
 
-    `layer` holds costs and the `open_weights` of `_expand`; `expansion` and `entries` are workspace, see
-    `_expand`. The path may end up to `slack` cells beside the goal. Returns the cell where it ends, (-1, -1) without
-    one; and `entries`.
+    `layer`: costs and the `open_weights` of `_expand`. `expansion`, `queue`: workspace, see `_expand`. Returns the last
+    cell, (-1, -1) without a path, and `queue`.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
@@ -167,26 +166,27 @@ def search_goal(layer, weights, expansion, entries, start, goal, slack):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TravelField:
-    """Cost-to-come of every cell from a start, and the predecessors that lead there."""
+    """Cost-to-come of every cell from a start, with predecessors."""
 
     costmap: Costmap
-    """Where it was computed."""
+    """Costmap of the search."""
     weights: np.ndarray
-    """Shape (256,), uint8, see `step_weights`."""
+    """Weight of a unit of length for each cell cost, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
-    """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no path."""
+    """Cost-to-come in units of `search`, shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED`
+    without a path."""
     predecessor: np.ndarray
-    """Same shape, uint8: index into `STEPS` of the last step."""
+    """Index into `STEPS` of the step into each cell, shape (height + 2, width + 2), uint8."""
 
     @property
     def costs(self) -> np.ndarray:
-        """What `cost` returns of all cells, shape of the raster, float32 [m]."""
+        """Cost-to-come of all cells, shape (height, width), float32 [m]; inf without a path."""
         return self._metres(self.travel[1:-1, 1:-1]).astype(np.float32)
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
-        """Return the lengths of the paths to cells inside the raster, each step weighted by its costs [m].
+        """Return the cost-to-come of cells inside the raster, shape (...) [m]; inf without a path.
 
-        `cells` have the shape (..., 2), int, (row, column); what is returned shape (...), inf where no path leads.
+        `cells`: shape (..., 2), int, (row, column).
         """
         return self._metres(self.travel[cells[..., 0] + 1, cells[..., 1] + 1])
 
@@ -194,9 +194,9 @@ class TravelField:
         return np.where(travel == UNREACHED, np.inf, travel * (self.costmap.grid.resolution / (STRAIGHT * SCALE)))
 
     def path(self, row: int, col: int) -> np.ndarray | None:
-        """Return the path to a cell as points a cell apart, from start to goal: shape (n, 2), float64 [m].
+        """Return the path to a cell, shape (n, 2), float64, points a cell apart [m]; None without a path.
 
-        Straight lines replace staircases where they cost no more. None without a path.
+        Straight lines replace staircases if they cost no more.
         """
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
@@ -210,7 +210,7 @@ class TravelField:
 def _traversable_cell(
     costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, max_cost: int
 ) -> tuple[int, int] | None:
-    """Return the traversable cell at or nearest to a point."""
+    """Return the traversable cell nearest to a point within `tolerance` [m]; None without one."""
     row, col = (int(k) for k in costmap.grid.cells(np.array(point)))
     reach = math.floor(tolerance / costmap.grid.resolution + 1e-9)
     row, col = nearest_cell(costmap.costs, weights, row, col, reach, max_cost)
@@ -225,10 +225,11 @@ def travel_field(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> TravelField | None:
-    """Search from a start (x, y), map frame [m]: everywhere (Dijkstra), or until a goal (row, column) is reached (A*).
+    """Search from a start (x, y), map frame [m], to all cells (Dijkstra) or to a goal (row, column) (A*).
 
-    Where the map says that the robot cannot be at the start, the nearest cell within its radius is taken; None if there
-    is none. With a goal only the path to it is final. Unknown cells, if allowed, have the highest cost of free ones.
+    If the start is not traversable, the search begins at the nearest traversable cell within the robot's radius;
+    returns None without one. With a goal, only the path to the goal is final. Unknown cells, if allowed, have the
+    highest cost of free cells.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -245,10 +246,10 @@ def plan_path(
     tolerance: float = 0.0,
     allow_unknown: bool = False,
 ) -> np.ndarray | None:
-    """Return the cheapest path from a start to a goal (x, y), map frame [m], by A*; None if there is none.
+    """Return the cheapest path between two positions (x, y), map frame [m], by A*; None without a path.
 
-    It may end up to `tolerance` [m] beside a goal that is not traversable. Unknown cells, if allowed, have the highest
-    cost of free ones. Shape (n, 2), float64, points a cell apart [m].
+    The path may end up to `tolerance` [m] from a goal that is not traversable. Unknown cells, if allowed, have the
+    highest cost of free cells. Returns shape (n, 2), float64, points a cell apart [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
@@ -258,11 +259,11 @@ def plan_path(
 
 
 def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
-    """Return straight paths out of obstacles of the map that the scan does not show, the shortest first.
+    """Return straight paths out of mapped obstacles that the scan does not show, shortest first.
 
-    Furniture was moved, or the map is a little off. `obstacles`: shape (k, 2), in sight, base frame [m]; `reach` and
-    `least`: greatest and least length [m]. Paths have the shape (n, 2), float64, points at most a cell apart, map frame
-    [m]. None are returned if the footprint touches nothing on the map.
+    Such obstacles result from moved furniture or inaccurate maps. `obstacles`: visible points, shape (k, 2), base frame
+    [m]. `reach`, `least`: maximum and minimum length [m]. Paths: shape (n, 2), float64, points at most a cell apart,
+    map frame [m]. Returns an empty list if the footprint touches no mapped obstacle.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))
@@ -283,10 +284,9 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
 @njit(cache=True, error_model="numpy")
 def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
-    """Return a copy of a path with points pulled between their neighbours and back to where they were.
+    """Return a smoothed copy of a path, after Nav2's simple smoother with in-place updates (Gauss-Seidel).
 
-    A point never moves into a cell that is not traversable; its two ends stay. After the simple smoother of Nav2,
-    with the points updated in place (Gauss-Seidel).
+    No point moves into an untraversable cell. Both ends stay.
     """
     height, width = costs.shape
     smooth = points.copy()
@@ -310,9 +310,10 @@ def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
 
 
 def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
-    """Round off the corners of a path, shape (n, 2), n > 0, points about a cell apart [m], without touching anything.
+    """Round off the corners of a path without collisions. Both ends stay.
 
-    Returns shape (m, 2), float64, points at most a cell apart, with the same ends [m].
+    `path`: shape (n, 2), n > 0, points about a cell apart [m]. Returns shape (m, 2), float64, points at most a cell
+    apart [m].
     """
     grid = costmap.grid
     path = np.ascontiguousarray(path, dtype=np.float64)
@@ -321,9 +322,10 @@ def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = Fal
 
 
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
-    """Tell whether a path, shape (n, 2), points about a cell apart [m], stays inside the map and touches nothing known.
+    """Return True if a path stays inside the map and touches no known obstacle.
 
-    Points at the start where the robot touches something in its belief already do not count, if it gets out of there.
+    `path`: shape (n, 2), points about a cell apart [m]. Collisions at the start are ignored if the rest of the path is
+    free.
     """
     grid = costmap.grid
     cells = grid.cells(path)

@@ -1,7 +1,7 @@
-"""Planning cells, marks and costs, recomputed in a `Window`. Kernels of `lidarnaut.envs.navigation.planning_map`.
+"""Kernels of `lidarnaut.envs.navigation.planning_map`: update planning cells, marks and costs in a `Window`.
 
-`joined` and `marks`, shape (height, width), int8, are the occupancy of planning cells by map and scans. Cells are shape
-(n, 2), int64, (row, column), also outside of them.
+`occupancy` and `marks`, shape (height, width), int8: occupancy of planning cells from the map and from scans. Cells are
+(row, column), shape (n, 2), int64, and may lie outside the raster.
 """
 
 import math
@@ -17,9 +17,9 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, joined, window):
-    """Join `block` x `block` cells of a map, `data`, to one of `joined`, written in the window.
+    """Combine blocks of `block` x `block` map cells into planning cells, within a window.
 
-    The greatest occupancy counts, unknown (-1) where none is known.
+    The highest occupancy counts; unknown (-1) if all map cells are unknown.
     """
     top, left, bottom, right = window
     rows, cols = data.shape
@@ -44,7 +44,7 @@ def join_cells(data, block, joined, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells of points, shape (k, 2), float64 [m]; `left` and `low`: where the first column and row begin."""
+    """Return the cells of points, shape (k, 2), float64 [m]; `left`, `low`: origin of the raster (x, y) [m]."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -56,7 +56,7 @@ def cells_of(points, left, low, side):
 def obstacle_cells(points, marking_range, pose, origin, side):
     """Return the cells of points, shape (n, 2), float64, base frame [m], within `marking_range` [m] of the robot.
 
-    `origin` is where the first column and row begin, map frame [m], `side` that of a cell [m].
+    `origin`: origin of the raster, map frame [m]. `side`: side of a cell [m].
     """
     near = points_within(points, marking_range)
     x, y, theta = pose
@@ -69,7 +69,7 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 @njit(cache=True, error_model="numpy")
 def clear_beams(marks, x, y, angles, lengths):
-    """Set the cells on beams free: from (x, y) along angles [rad] for lengths, all in cells."""
+    """Set the cells along beams free; start (x, y) and lengths in cells, angles in rad."""
     height, width = marks.shape
     for k in range(len(angles)):
         walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))
@@ -82,7 +82,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, joined, cells, reach):
-    """Mark the cells of obstacles that no occupied one of `joined` within `reach` accounts for; -1 marks all."""
+    """Mark obstacle cells without an occupied map cell within `reach`; a `reach` of -1 marks all cells."""
     height, width = joined.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
@@ -98,14 +98,14 @@ def mark(marks, joined, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, window):
-    """Inflate, in a window, the obstacles of the map, those that scans have marked, and those in sight.
+    """Update the costs in a window: inflate obstacles of the map, marked obstacles and visible obstacles.
 
-    Of the cells in sight, `obstacles` count where no occupied cell accounts for them, `bodies` in any case. Writes
-    `costs`, shape (height, width), uint8, and `open_weights`, see `_expand`.
+    Cells of `obstacles` count unless an occupied map cell is near; cells of `bodies` always count. Writes `costs`,
+    shape (height, width), uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window
     height, width = joined.shape
-    # Obstacles beside the window cost in it, and cells that account for an obstacle may lie beside those.
+    # Obstacles outside the window inflate into it, and may in turn be explained by map cells farther outside.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     last_row, last_col = min(bottom + reach, height), min(right + reach, width)

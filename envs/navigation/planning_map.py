@@ -1,7 +1,6 @@
-"""The costmap: a map, what scans have marked on it since, and inflation over both, kept up to date where they change.
+"""Planning map: map, marked obstacles and inflation, updated incrementally in the windows that scans change.
 
-What an update costs grows with the window that scans have touched since the last one, and not with the map. Only a map
-that has grown, or changed as a whole, is looked at anew from end to end.
+A map that has grown or was rebuilt is processed in full.
 """
 
 import math
@@ -27,11 +26,11 @@ from lidarnaut.envs.navigation.planning_kernels import (
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0
-"""Travel cost up to which the search for candidates expands at first [m]; doubled until enough are known."""
+"""Initial limit of travel cost in the search for candidates [m]; doubled until enough candidates are known."""
 
 
 class PlanningTables(NamedTuple):
-    """Robot and `PlanningParams` in planning cells and units of `search`, for one footprint padding level."""
+    """Robot and `PlanningParams` in cells and units of `search`, for one footprint padding level."""
 
     costs: np.ndarray
     weights: np.ndarray
@@ -53,7 +52,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         costs=costmap.table(side),
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
-        radius=max(1, math.floor(radius / side + 1e-9)),  # how far from the robot's cell a search may start
+        radius=max(1, math.floor(radius / side + 1e-9)),  # maximum distance of a search's start from the robot's cell
         same_obstacle=round(params.same_obstacle / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
@@ -61,34 +60,34 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
         view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
         heading_steps=max(1, round(params.heading_distance / side)),
-        robot_radius=radius,  # of the footprint that is planned for [m]
+        robot_radius=radius,  # footprint radius of this level [m]
     )
 
 
 class CostLayer:
-    """Costs for the footprint of one padding level."""
+    """Costs for one footprint padding level."""
 
     def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
-        """Shape (height, width), uint8, as in `Costmap`."""
+        """Costs, shape (height, width), uint8, as in `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Shape ((height + 2) * (width + 2),), uint8; see `expand`."""
+        """Cell weights with a border, shape ((height + 2) * (width + 2),), uint8; see `_expand`."""
         self.pending: Window | None = None
-        """Where map or marks have changed since the last update, and what that reaches."""
+        """Window to recompute: changes of map or marks since the last update, with inflation."""
         self.in_sight: Window | None = None
-        """What the obstacles in sight reached at the last update."""
+        """Window of the visible obstacles at the last update, with inflation."""
 
 
 class PlanningMap:
-    """Planning cells of one robot's map, in layers as in Nav2: the map, marks of scans, and inflation.
+    """Planning cells of one robot's map, in layers as in Nav2: map, marked obstacles, inflation.
 
-    Scans mark (`integrate`) what lies farther than `same_obstacle` from any obstacle of the map, which is seen from a
-    pose that is a little wrong; Nav2 marks that too, and narrow doors close. Beams clear marks, and never the map.
+    Scans (`integrate`) mark obstacles farther than `same_obstacle` from all occupied map cells. Nav2 marks all
+    obstacles, so pose errors can close narrow doors. Beams clear marks, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
-        """Prepare for maps with cells of a side of `resolution` [m]."""
+        """Create a planning map for maps with cells of side `resolution` [m]."""
         self.params = params
         self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
         """Side of a planning cell [map cells]."""
@@ -96,22 +95,22 @@ class PlanningMap:
         """Side of a planning cell [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
-        """One per footprint padding level: the padded robot first, then smaller ones."""
+        """Constants per footprint padding level: the padded robot first, followed by smaller footprints."""
         self._data: np.ndarray | None = None
         self._pending: Window | None = None
         self._known: Window | None = None
         self._beyond, self._points = 0.0, np.zeros((1, 2))
         self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
-        """Shape (m, 2), float64: frontier cells that are ignored, with their neighbours, map frame [m]."""
+        """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]; their neighbours are also ignored."""
         self.origin = (0.0, 0.0)
-        """Where the first column and the first row begin, map frame [m]."""
+        """Corner of the raster's first row and column (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: tuple[int, int, int, int] | None, *, redrawn: bool = False) -> None:
-        """Take note of what the last scan has changed in the map; to be called after each.
+        """Record the map cells that the last scan has changed; call after each scan.
 
-        `window` is first column and row, last column and row of the map cells that may have changed; None for none. In
-        a map that was `redrawn`, marks are forgotten.
+        `window`: first column and row, last column and row of changed map cells; None for no change. `redrawn`: the map
+        was rebuilt, and marks are discarded.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
@@ -124,11 +123,14 @@ class PlanningMap:
                 self._pending = union(self._pending, changed)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and points (x, y), map frame."""
+        """Extend the planning map from the next `update` on, to `margin` [m] beyond the map and given points.
+
+        `points`: positions (x, y), map frame [m].
+        """
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
-        """Bring joined cells and frontier up to date."""
+        """Update the occupancy and the frontier of the planning cells."""
         window, self._pending = self._pending, None
         if window is None:
             return
@@ -143,10 +145,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs of a footprint padding level, from 0 to `max_level`, with what is around the robot's pose.
+        """Return the costs of a footprint padding level, 0 to `max_level`, with the obstacles near the robot.
 
-        `obstacles` are what the map may miss, `bodies` what no occupied cell can account for: shape (n, 2), float64,
-        base frame [m].
+        `obstacles`: points that occupied map cells may explain. `bodies`: points that no map cell explains. Both have
+        shape (n, 2), float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
@@ -171,32 +173,31 @@ class PlanningMap:
 
     @property
     def max_level(self) -> int:
-        """The greatest footprint padding level."""
+        """Highest footprint padding level."""
         return len(self.tables) - 1
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The planning cells as a map."""
+        """Planning cells as an occupancy grid."""
         return OccupancyGrid(self.joined, self.side, self.origin)
 
     def costmap(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
-        """Return `layer` as a costmap; its array is live."""
+        """Return `layer` as a costmap; a live view."""
         return self.costmap_of(self.layer(level, pose, obstacles, bodies))
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
-        """Return the costs of a layer as they are; the array is live."""
+        """Return the current costs of a layer; a live view."""
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
-        """Mark what a scan shows and the map misses, and clear the marks that its beams pass.
+        """Mark scanned obstacles that the map lacks, and clear marks along the beams.
 
-        `pose` is that of the robot's base, map frame; `ranges` have the shape (num_beams,) [m]: inf for no return, NaN
-        for beams to ignore.
+        `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for beams to ignore.
 
         Raises:
-            ValueError: if the pose is not finite, or the scan has another number of beams.
+            ValueError: if the pose is not finite, or the number of ranges is wrong.
         """
         if not all(map(math.isfinite, pose)):
             raise ValueError(f"pose must be finite, got {tuple(pose)}")
@@ -206,7 +207,7 @@ class PlanningMap:
         x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         is_valid = ranges >= 0.0
         angles, ranges = theta + lidar.angles[is_valid], ranges[is_valid].astype(np.float64)
-        # A map cell's width before the hit, so that the noise of a wall's ranges does not clear the wall.
+        # Clearing stops a map cell before the hit, so that range noise does not clear a wall.
         lengths = np.minimum(ranges - self.side / self.block, self.params.clearing_range) / self.side
         col, row = (x - self.origin[0]) / self.side, (y - self.origin[1]) / self.side
         clear_beams(self.marks, col, row, angles[lengths > 0.0], lengths[lengths > 0.0])
@@ -217,7 +218,7 @@ class PlanningMap:
         self._spoil(self._around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:
-        """Mark obstacles that no scan shows, as what the bumper touched: shape (n, 2), map frame [m]."""
+        """Mark obstacle points that no scan shows, such as contacts: shape (n, 2), map frame [m]."""
         self.refresh()
         mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
         if len(points):
@@ -225,33 +226,33 @@ class PlanningMap:
             self._spoil(self._around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
     def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
-        """Forget the marks within a square around (x, y), map frame, of half the side `radius` [m]; by default all."""
+        """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all marks."""
         top, left, bottom, right = window = self._around(*around, radius)
         self.marks[top : max(bottom, top), left : max(right, left)] = UNKNOWN
         self._spoil(window)
 
     def ignore(self, points: np.ndarray) -> None:
-        """Ignore frontier cells (shape (n, 2), float64, map frame [m]) and their neighbours from now on."""
+        """Ignore frontier cells at points, shape (n, 2), float64, map frame [m], and their neighbours."""
         self.ignored_points = np.concatenate([self.ignored_points, points])
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
     def look_again_at(self, points: np.ndarray) -> None:
-        """Ignore points, shape (n, 2), no more, from the next `update` on, of those that `ignore` was told exactly."""
+        """Consider points, shape (n, 2), again that were passed to `ignore`, from the next `update` on."""
         is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
         if is_given.any():
             self.ignored_points, self._data = self.ignored_points[~is_given], None
 
     def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
-        """Tell whether there is a frontier cell within `radius` [m] of a point (x, y), map frame [m]."""
+        """Return True if a frontier cell lies within `radius` [m] of a position (x, y), map frame [m]."""
         reach = math.ceil(radius / self.side - 1e-9)
         return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
+        """Return the planning cell (row, column) of a position, map frame [m]; it may lie outside the raster."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
-        """Look at a map anew, from end to end; marks stay where they are in the map frame, unless it was redrawn."""
+        """Process a whole map; marks keep their positions in the map frame, unless the map was redrawn."""
         marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
         self._data, (rows, cols) = grid.data, grid.data.shape
         self._size = -(-rows // self.block), -(-cols // self.block)
@@ -263,22 +264,22 @@ class PlanningMap:
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
         self.joined = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Shape (height, width), int8, occupancy; unknown where no map cell is known."""
+        """Occupancy of planning cells, shape (height, width), int8; unknown if no map cell is known."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Shape (height, width), int8: 100 where scans have marked an obstacle, 0 where they have seen none."""
+        """Marks of scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.joined, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
-        """Shape (height, width), bool: frontier cells."""
+        """Frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
-        """Shape (height, width), bool: cells that count as no frontier."""
+        """Cells excluded from the frontier, shape (height, width), bool."""
         ignored = cells_of(self.ignored_points, *self.origin, self.side)
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
-        """Workspace of searches."""
+        """Search state, reused by all searches."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
-        """Queue of searches."""
+        """Search queue, reused by all searches; see `_expand`."""
         first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
         self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
         self._known = None
@@ -289,19 +290,19 @@ class PlanningMap:
             self._known = top, left, row + 1, col + 1
 
     def _spoil(self, window: Window) -> None:
-        """Take note that map or marks have changed in a window."""
+        """Add a changed window to the pending updates of all layers."""
         for layer in self._layers.values():
             layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
 
     def _around(self, x: float, y: float, radius: float) -> Window:
-        """Return the window of the cells within `radius` of (x, y) and of those beside them, map frame [m]."""
+        """Return the window of the cells within `radius` of (x, y), map frame [m], and their neighbours."""
         if math.isinf(radius):
             return 0, 0, *self.joined.shape
         (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)
         return self._dilated((top, left, bottom + 1, right + 1), 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
-        """Return a window and `reach` cells around it, as far as they lie in the raster."""
+        """Return a window extended by `reach` cells, clipped to the raster."""
         height, width = self.joined.shape
         top, left, bottom, right = window
         return max(top - reach, 0), max(left - reach, 0), min(bottom + reach, height), min(right + reach, width)

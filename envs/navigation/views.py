@@ -1,7 +1,7 @@
-"""What a lidar may see from a viewpoint: rays over the planning cells, for rules and policies. Kernels.
+"""Visibility from viewpoints: kernels that cast rays over planning cells, for rules and policies.
 
-Unknown cells are taken to be free, as most of them are: a ray ends at an occupied cell or at the end of its range
-(González-Baños and Latombe, "Navigation strategies for exploring indoor environments", 2002).
+Rays pass unknown cells and end at an occupied cell or at maximum range (González-Baños and Latombe, "Navigation
+strategies for exploring indoor environments", 2002).
 """
 
 import math
@@ -13,26 +13,26 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48
-"""Rays from a viewpoint."""
+"""Number of rays from a viewpoint."""
 NUM_SECTORS = 24
-"""Sectors in which they are joined."""
+"""Number of sectors around a viewpoint, each with `PER_SECTOR` rays."""
 PER_SECTOR = NUM_RAYS // NUM_SECTORS
 RAYS = np.array(
     [(math.sin(angle), math.cos(angle)) for angle in (2.0 * math.pi * k / NUM_RAYS for k in range(NUM_RAYS))]
 )
-"""Shape (NUM_RAYS, 2): rows and columns per cell of length."""
+"""Unit directions of the rays (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of the discs around a frontier whose unknown share is told [m]."""
+"""Radii of the discs around a frontier in which the unknown share is computed [m]."""
 SHARE_STEPS = 10
-"""Sampled cells per radius of such a disc."""
+"""Number of sampled cells per radius of a disc."""
 
 
 @njit(cache=True, error_model="numpy")
 def cast_view(joined, row, col, reach, free, unknown):
-    """Cast rays of a length, `reach` [cells], from the centre of a cell of `joined`; what lies outside is unknown.
+    """Cast rays of length `reach` [cells] from the centre of a cell; cells outside the raster are unknown.
 
-    `free` and `unknown`, shape (NUM_RAYS,), float64, are written: length of each ray up to an occupied cell, and the
-    unknown area that it sweeps before that [cells]. Returns the first ray of the sector with most unknown area.
+    Writes for each ray, shape (NUM_RAYS,), float64: `free`, the length up to an occupied cell [cells], and `unknown`,
+    the unknown area in view [cells2]. Returns the index of the ray in the mean direction of the unknown area.
     """
     height, width = joined.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
@@ -45,7 +45,7 @@ def cast_view(joined, row, col, reach, free, unknown):
             x += d_col
             r, c = math.floor(y), math.floor(x)
             if r < 0 or r >= height or c < 0 or c >= width:
-                # Nothing is known from here on.
+                # All cells from here on are unknown.
                 area += 0.5 * (reach * (reach + 1) - step * (step - 1))
                 break
             occupancy = joined[r, c]
@@ -62,10 +62,10 @@ def cast_view(joined, row, col, reach, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view` for the arguments.
+    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view`.
 
-    `sectors`, shape (2 * NUM_SECTORS,), float32, has the shortest ray of each over `reach`; then the unknown area that
-    the rays of each sweep, over what they could.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: the shortest ray of each sector as a fraction of `reach`,
+    followed by the unknown share of each sector's area.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
@@ -79,7 +79,7 @@ def fill_sectors(free, unknown, first, reach, sectors):
 
 @njit(cache=True, error_model="numpy")
 def unknown_share(joined, row, col, radius):
-    """Return the share of the disc of `radius` [cells] around a cell that is unknown, by samples on a lattice."""
+    """Return the unknown share of a disc of `radius` [cells] around a cell, sampled on a lattice."""
     height, width = joined.shape
     step = max(radius / SHARE_STEPS, 1.0)
     num = int(radius / step)
@@ -96,10 +96,10 @@ def unknown_share(joined, row, col, radius):
 
 @njit(cache=True, error_model="numpy")
 def cheapest_view(data, travel, cells, reach):
-    """Find the cell with the least travel cost within `reach` of any of `cells`, shape (k, 2), and in sight of it.
+    """Find the cell with the lowest travel cost within `reach` and in line of sight of any of `cells`.
 
-    `travel` has a border of one cell. Returns row and column of the viewpoint, and the index of the cell in view; -1,
-    -1, -1 if there is none.
+    `cells`: shape (k, 2). `travel`: with a border of one cell. Returns row and column of the viewpoint and the index of
+    the visible cell; -1, -1, -1 for none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
