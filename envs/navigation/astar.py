@@ -1,7 +1,7 @@
 """Path search on a costmap: A* to one goal, or Dijkstra's algorithm to all cells.
 
-Lengths are integers, which makes ties and results reproducible: a straight step over a free cell has length `70 * 16`,
-a diagonal step `99 * 16` (99/70 is the root of two to 5e-5).
+Integer lengths make results reproducible: a straight step over a free cell has length `70 * 16`, a diagonal step `99 *
+16`.
 """
 
 from typing import NamedTuple
@@ -12,46 +12,45 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a straight step, before the cell weight is applied."""
+"""Length of a straight step; 99 / 70 approximates the root of two to 5e-5."""
 DIAGONAL = 99
-"""Length of a diagonal step, before the cell weight is applied."""
+"""Length of a diagonal step."""
 SCALE = 16
-"""Weight of a free cell; weights are integer multiples of 1 / `SCALE`."""
+"""Weight of a free cell, which multiplies the length of a step."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
-"""Steps (row, column). The diagonal step `k + 4` lies between the straight steps `k` and `k + 1`."""
+"""Steps (row, column); diagonal step `k + 4` is between straight steps `k` and `k + 1`."""
 NO_STEP = 255
-"""Predecessor value of a cell without a predecessor."""
+"""Predecessor of a cell without a predecessor."""
 ALL_STEPS = np.uint8(255)
 """Bit mask of all `STEPS`."""
 ONWARD = np.full(256, ALL_STEPS)
-"""Bit masks of the onward steps after each step: the step itself and, for a diagonal step, its straight components."""
+"""Onward steps after each step, as bit masks: the step itself and the straight components of a diagonal step."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
-"""Index of the first step in each bit mask of `STEPS`."""
+"""First step in each bit mask."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 """Travel cost of unreached cells."""
 NO_GOAL = (-1, -1)
-"""Goal value for a search to all reachable cells."""
+"""Goal value for a search of all cells."""
 COST_WEIGHT = 3.0
-"""Additional cost of a step over a cell of cost `COST_MAX_FREE`, in multiples of a step over a free cell."""
+"""Additional cost of a step at `COST_MAX_FREE`, relative to a step over a free cell."""
 NUM_BUCKETS = 1 << 15
-"""Number of queue buckets for a search with a goal: a power of two, larger than the maximum increase of the estimated
-total cost per step."""
+"""Queue buckets with a goal: a power of two above the maximum increase of estimated total cost per step."""
 BUCKET_SHIFT = 8
-"""Without a goal, a bucket spans 2**8 cost units: less than any step, so cells in a bucket cannot improve each other
+"""Bits of cost per bucket without a goal. A bucket spans less than a step, so its cells cannot improve each other
 (Dinic 1978). Finer buckets would mostly be empty."""
 NUM_COARSE_BUCKETS = 1 << 7
-"""Number of queue buckets for a search without a goal: enough for the longest step, few enough for the L1 cache."""
+"""Queue buckets without a goal: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
-"""Maximum `cost_weight` of `step_weights`."""
+"""Maximum `cost_weight`."""
 ESCAPE_WEIGHT = 10.0
-"""Cost weight of cells at which the footprint touches an obstacle. Only a robot that starts in such cells may cross
-them. The search identifies these cells by the weight, which is therefore larger than `MAX_COST_WEIGHT`."""
+"""Additional cost of cells in collision, which only a robot that starts in collision crosses. Exceeds
+`MAX_COST_WEIGHT`, so that the weight identifies these cells."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Return the weight of a unit of length for each cell cost, shape (256,), uint8; 0 if not traversable."""
+    """Return the weight of each cell cost, shape (256,), uint8; 0 if not traversable."""
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -64,23 +63,22 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the octile distance: length of the shortest path over free cells."""
+    """Return the length of the shortest path over free cells (octile distance)."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
 class Expansion(NamedTuple):
-    """State of a search. Rasters are flat arrays with a border of one cell."""
+    """State of a search. Rasters are flat, with a border of one cell: shape ((height + 2) * (width + 2),)."""
 
     travel: np.ndarray
-    """Travel costs, shape ((height + 2) * (width + 2),), int32; `UNREACHED` for unvisited cells."""
+    """Travel costs, int32; `UNREACHED` for unvisited cells."""
     predecessor: np.ndarray
-    """Index into `STEPS` of the step into each cell, shape ((height + 2) * (width + 2),), uint8."""
+    """Index into `STEPS` of the step into each cell, uint8."""
     heads: np.ndarray
-    """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for an empty bucket."""
+    """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for none."""
     counters: np.ndarray
-    """Counters, shape (4,), int64: cost level of the current bucket, number of queue entries, number of waiting
-    entries, and 1 if the start cell is lethal."""
+    """Cost level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal; int64."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
@@ -88,7 +86,7 @@ LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 @njit(cache=True, error_model="numpy")
 def new_expansion(height, width):
-    """Return the state of a new search over a raster of `height` x `width` cells."""
+    """Return the state of a new search."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
@@ -96,7 +94,7 @@ def new_expansion(height, width):
 
 @njit(cache=True, error_model="numpy")
 def begin(expansion, entries, costs, start, goal):
-    """Start a new search at a cell; reset only the cells that the previous search reached."""
+    """Start a search at a cell; reset only the cells of the previous search."""
     (row, col), stride = start, costs.shape[1] + 2
     starts_inside = costs[row, col] == COST_LETHAL
     level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
@@ -117,15 +115,14 @@ def begin(expansion, entries, costs, start, goal):
 def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
 
-    If the footprint touches an obstacle at the start, the path may cross cells of weight `touching` until it first
-    leaves them. A diagonal step requires both adjacent straight cells to be open. The queue is Dial's (1969) ring of
-    buckets, one per estimated total cost, last in first out. If all cells around a cell have equal costs, only onward
-    steps are tried, as in jump point search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps",
-    2011).
+    A path that starts in collision may cross cells of weight `touching` until it first leaves them. Diagonal steps
+    require both adjacent straight cells to be open. The queue is Dial's (1969): a ring of buckets by estimated total
+    cost, last in first out. In uniform neighbourhoods only onward steps are tried, as in jump point search (Harabor,
+    Grastien, "Online graph pruning for pathfinding on grid maps", 2011).
 
-    `queue`: shape (n, 2), int32, cell and next entry of the bucket, written; the search stops early if the queue is
-    full. `open_weights`: shape ((height + 2) * (width + 2),), uint8, 0 in the border. `stride`: raster width plus 2.
-    `goal`: (row, column) or `NO_GOAL`.
+    `queue`: shape (n, 2), int32, cell and next entry of the bucket; the search stops early if it is full.
+    `open_weights`: flat raster, uint8, 0 in the border. `stride`: raster width plus 2. `goal`: (row, column) or
+    `NO_GOAL`.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
@@ -134,12 +131,12 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     shift, mask = (0, NUM_BUCKETS - 1) if has_goal else (BUCKET_SHIFT, NUM_COARSE_BUCKETS - 1)
     level, num_entries, num_waiting = counters[LEVEL], np.uint64(counters[NUM_ENTRIES]), counters[NUM_WAITING]
     starts_inside = counters[STARTS_INSIDE] == 1
-    # Unsigned indices avoid Numba's check for negative indices.
+    # Unsigned indices avoid checks for negative indices.
     right, up = np.uint64(1), np.uint64(stride)
     straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
     shut = np.int32(touching)
     row, col = np.int64(0), np.int64(0)
-    # Eight entries must be free before an expansion: an array that grows inside the loop would slow it down.
+    # Eight free entries are required: growing an array inside the loop would be slow.
     while num_waiting > 0 and np.int64(num_entries) + 8 <= entries.shape[0]:
         while heads[np.uint64(level & mask)] < 0:
             level += 1
@@ -154,7 +151,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if has_goal:
             row, col = np.int64(node // up) - 1, np.int64(node % up) - 1
         if (here + (octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
-            # The entry is outdated: a cheaper path has reached the cell.
+            # Outdated: a cheaper path has reached the cell.
             continue
         if has_goal and row == goal_row and col == goal_col:
             break
@@ -173,7 +170,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if not escaping:
             a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
             ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
-        # Steps that lower a neighbour's cost, as bits: branches would often be mispredicted.
+        # Steps that lower a neighbour's cost, as bits, because branches would be mispredicted.
         steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
         steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
         steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4
@@ -203,10 +200,10 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, entries, open_weights, costs, weights, goal, limit):
-    """Continue a search; see `_expand`. Returns `queue`, enlarged if necessary."""
+    """Continue a search, see `_expand`; return `queue`, enlarged if necessary."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
-        # Written here because LLVM drops stores after the loop of `_expand`.
+        # Written here: LLVM drops stores after the loop of `_expand`.
         level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
         counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
         if num_entries + 8 <= entries.shape[0]:
@@ -218,9 +215,8 @@ def expand(expansion, entries, open_weights, costs, weights, goal, limit):
 def search(costs, weights, start_row, start_col, goal_row, goal_col):
     """Return travel costs and predecessors from a start to a goal, or to all cells if `goal_row` is negative.
 
-    `costs`: shape (height, width), uint8. Returns travel costs, shape (height + 2, width + 2), int32, and the index
-    into `STEPS` of the step into each cell, same shape, uint8, both with a border of one cell. With a goal, only the
-    values along the path are final.
+    `costs`: shape (height, width), uint8. Returns int32 travel costs and uint8 indices into `STEPS` of the step into
+    each cell, shape (height + 2, width + 2), with a border of one cell; final only along the path to a goal.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)

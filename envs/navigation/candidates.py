@@ -1,4 +1,4 @@
-"""Frontier candidates: reachable frontiers, their features, and scoring by gain over cost."""
+"""Frontier candidates: reachable frontiers, their features, and a scoring rule."""
 
 import math
 from dataclasses import dataclass
@@ -41,64 +41,63 @@ CANDIDATE = record_type(
         ("turn", np.float64),
         ("age", np.float64),
         ("failures", np.int64),
-        ("goal", np.int64, 2),  # internal: planning cell of the viewpoint (row, column)
-        ("cell", np.int64, 2),  # internal: planning cell of the frontier (row, column)
-        ("travel", np.int64),  # internal: travel cost in units of `search`
-        ("span", np.int64, 2),  # internal: start and end row in `Candidates.frontier_cells`
+        ("goal", np.int64, 2),  # internal: planning cell of the viewpoint
+        ("cell", np.int64, 2),  # internal: planning cell of the frontier
+        ("travel", np.int64),  # internal: travel cost
+        ("span", np.int64, 2),  # internal: range in `frontier_cells`
     ]
 )
-"""Record type of a candidate; see `Candidates` for the fields."""
+"""Record type of a candidate; see `Candidates`."""
 _FEATURES = """
 visible unknown_1m unknown_2m unknown_4m cost cost_ratio rank turn size clearance age ahead left failures chosen
 """
 FEATURES = tuple(_FEATURES.split())
-"""Names of a candidate's feature columns; see `ExploreFrontiersEnv`."""
+"""Feature columns of a candidate; see `ExploreFrontiersEnv`."""
 NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Visible unknown area that maps to the feature value 0.5 [m2]."""
+"""Visible unknown area at feature value 0.5 [m2]."""
 HALF_COST = 5.0
-"""Travel cost that maps to the feature value 0.5 [m]."""
+"""Travel cost at feature value 0.5 [m]."""
 HALF_SIZE = 2.0
-"""Frontier length that maps to the feature value 0.5 [m]."""
+"""Frontier length at feature value 0.5 [m]."""
 HALF_AGE = 60.0
-"""Frontier age that maps to the feature value 0.5 [s]."""
+"""Frontier age at feature value 0.5 [s]."""
 REACH = 16.0
-"""Offset of a candidate, ahead or left, that maps to the feature value 1 [m]; larger offsets are clipped."""
+"""Offset of a candidate, ahead or left, at feature value 1 [m]."""
 FAILED = 1e6
-"""Penalty subtracted from the scores of candidates with failed drives."""
+"""Penalty on the scores of candidates with failed drives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
     """Reachable frontiers, sorted by increasing travel cost.
 
-    Rules read fields by name: `candidates["cost"]` has shape (k,), one value per candidate. Fields:
+    Rules read fields by name, `candidates["cost"]`, with k values for k candidates:
 
-    - `viewpoint`: shape (k, 2), position from which the frontier is observed (x, y), map frame [m].
-    - `frontier`: shape (k, 2), frontier cell in view of the viewpoint (x, y), map frame [m].
-    - `cost`: path length to the viewpoint, weighted by traversal costs near obstacles [m].
-    - `size`: length of the candidate [m]. A long frontier is split into several candidates.
+    - `viewpoint`: position from which the frontier is observed (x, y), shape (k, 2), map frame [m].
+    - `frontier`: frontier cell in view of the viewpoint (x, y), shape (k, 2), map frame [m].
+    - `cost`: path length to the viewpoint, weighted by traversal costs [m].
+    - `size`: length of the candidate [m]. Long frontiers are split into several candidates.
     - `group`: index of the frontier that contains the candidate.
-    - `group_size`: length of the whole frontier [m].
-    - `visible`: unknown area in view of the viewpoint, within the lidar's range and 8 m [m2].
-    - `unknown`: shape (k, 3), unknown share of the discs with radii 1, 2 and 4 m around the frontier cell.
-    - `sectors`: shape (k, 48), 24 sectors around the viewpoint, counter-clockwise from the mean direction of the
-    visible
-      unknown area: first the free range of each sector over the maximum range, then the unknown share of its area.
-    - `clearance`: distance from the viewpoint to the nearest obstacle over the inflation radius, at most 1.
+    - `group_size`: length of that frontier [m].
+    - `visible`: unknown area in view of the viewpoint, within lidar range and 8 m [m2].
+    - `unknown`: unknown share of the discs of radius 1, 2 and 4 m around the frontier cell, shape (k, 3).
+    - `sectors`: 24 free ranges, then 24 unknown shares, of sectors around the viewpoint, shape (k, 48),
+    counter-clockwise
+      from the mean direction of unknown area, relative to the maximum.
+    - `clearance`: distance from the viewpoint to obstacles over the inflation radius, at most 1.
     - `turn`: angle from the robot's heading to the start of the path, counter-clockwise [rad].
     - `age`: time since the frontier became a candidate [s].
     - `failures`: number of failed drives to the frontier.
     """
 
     table: np.ndarray
-    """Records of all candidates, shape (k,), dtype `CANDIDATE`."""
+    """Records of the candidates, shape (k,), `CANDIDATE`."""
     chosen: int
-    """Index of the candidate chosen for the last drive; -1 if the candidate is gone."""
+    """Index of the candidate of the last drive; -1 if it is gone."""
     last_failed: bool
-    """True if the last drive failed."""
     frontier_cells: np.ndarray
     """Planning cells of all frontiers (row, column), shape (n, 2), int64."""
     costmap: Costmap
@@ -106,7 +105,7 @@ class Candidates:
 
     @property
     def cells(self) -> tuple[np.ndarray, ...]:
-        """Centres of each candidate's frontier cells: k arrays of shape (n, 2), float64, map frame [m]."""
+        """Centres of each candidate's frontier cells, k arrays of shape (n, 2), map frame [m]."""
         centers = self.costmap.grid.centers(self.frontier_cells)
         return tuple(centers[first:last] for first, last in self["span"].tolist())
 
@@ -118,7 +117,7 @@ class Candidates:
 
 
 def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
-    """Return scores, shape (k,), in which candidates with failed drives rank last."""
+    """Return scores, shape (k,), with candidates of failed drives last."""
     return np.where(candidates["failures"] > 0, scores - FAILED, scores)
 
 
@@ -127,32 +126,29 @@ class GainOverCost:
     """Score candidates by gain over cost: `(visible + least_gain) / (cost + least_cost)`.
 
     After González-Baños and Latombe, "Navigation strategies for exploring indoor environments" (2002), who use `gain *
-    exp(-cost)`. Unlike the exponential, a ratio does not discard distant candidates.
+    exp(-cost)`, which discards distant candidates.
     """
 
     least_gain: PositiveFloat = 0.3
-    """Added to the visible unknown area [m2]: gain of a frontier without visible unknown area."""
+    """Added to the visible unknown area [m2]: value of a frontier with no such area."""
     least_cost: PositiveFloat = 3.0
     """Added to the path cost [m]; smaller values favour near frontiers."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return the scores of candidates: logarithms of the ratios, shape (k,), float64."""
+        """Return the log-ratio of each candidate, shape (k,), float64."""
         ratios = np.log(candidates["visible"] + self.least_gain) - np.log(candidates["cost"] + self.least_cost)
         return failed_last(ratios, candidates)
 
 
 def robot_features(robot: RobotParams) -> np.ndarray:
-    """Return a robot's lidar range, radius and speed, each scaled to [0, 1), for policies: shape (3,), float32."""
+    """Return lidar range, radius and speed of a robot, scaled to [0, 1), shape (3,), float32."""
     sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
     return (sizes / (sizes + halves)).astype(np.float32)
 
 
 @njit(cache=True, error_model="numpy")
 def _view(joined, travel, members, tables, limit, is_complete):
-    """Find the cheapest viewpoint of frontier cells at the shortest possible view distance.
-
-    Returns row, column, index of the visible cell, and travel cost. The index is -1 if no viewpoint is final yet.
-    """
+    """Return row, column, visible cell's index and travel cost of the cheapest viewpoint; index -1 if not final."""
     for k in range(len(tables.views)):
         row, col, seen = cheapest_view(joined, travel, members, tables.views[k])
         if seen < 0:
@@ -165,7 +161,6 @@ def _view(joined, travel, members, tables, limit, is_complete):
 
 @njit(cache=True, error_model="numpy")
 def _is_beyond(members, start, reach, limit):
-    """Return True if a lower bound of the travel cost to all viewpoints exceeds `limit`."""
     nearest = np.int64(1 << 40)
     for k in range(len(members)):
         nearest = min(nearest, max(abs(members[k, 0] - start[0]), abs(members[k, 1] - start[1])))
@@ -174,12 +169,11 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find the reachable frontiers with the lowest travel costs, at least `max_candidates` if there are enough.
+    """Find the reachable frontiers with the lowest travel costs, at least `max_candidates` if possible.
 
-    The search stops once enough candidates are final. `layer`: costs, shape (height, width), uint8, and `open_weights`
-    of `_expand`. `frontier`: cells and parts from `split_groups`. `min_lengths`: minimum frontier lengths [cells],
-    tried in order until a frontier is reachable. Returns `CANDIDATE` records with cells, travel cost, span and group
-    (`group_size` in cells), and `queue`.
+    `layer`: costs, shape (height, width), uint8, and `open_weights` of `_expand`. `frontier`: cells and parts from
+    `split_groups`. `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable.
+    Returns partly filled `CANDIDATE` records (`group_size` in cells) and `queue`.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -222,7 +216,6 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
 
 @njit(cache=True, error_model="numpy")
 def _clearance(joined, row, col, reach):
-    """Return the distance from a cell to the nearest occupied cell, at most `reach` [cells]."""
     height, width = joined.shape
     best = reach * reach
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
@@ -234,12 +227,11 @@ def _clearance(joined, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Fill in the remaining fields of the candidate records in `table`, in metres and seconds.
+    """Fill in the remaining fields of candidate records, `table`, in metres and seconds.
 
-    `raster`: occupancy of the planning cells, and predecessors of the search, shape (height + 2, width + 2), uint8.
-    `frame`: origin (x, y), map frame, and side of a cell [m]. `past`: frontiers of the previous candidates (x, y) with
-    the time of their first appearance, shape (n, 3); frontiers of failed drives, shape (m, 2); the last chosen frontier
-    (x, y), NaN for none; radius within which two frontiers are the same [m].
+    `raster`: occupancy, and predecessors of the search with a border of one cell. `frame`: origin (x, y), map frame,
+    and side of a cell [m]. `past`: previous frontiers (x, y) with the time of their first appearance, shape (n, 3);
+    frontiers of failed drives, shape (m, 2); last chosen frontier, NaN for none; radius that identifies frontiers [m].
 
     Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 if it is gone.
     """
@@ -275,7 +267,7 @@ def describe(raster, table, tables, frame, theta, now, past):
         fill_sectors(free, unknown, outward, reach, out.sectors)
         out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
         path = walk_back(predecessor, goal_row, goal_col)
-        # A robot at the viewpoint turns towards the frontier cell.
+        # At the viewpoint, turn towards the frontier cell.
         if path.shape[0] > 1:
             ahead = min(tables.heading_steps, path.shape[0] - 1)
             row, col = path[ahead, 0], path[ahead, 1]
@@ -285,10 +277,10 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write the policy features of candidates, seen from a pose; see `ExploreFrontiersEnv`. Unused rows are 0.
+    """Write the policy features of candidates, float32; see `ExploreFrontiersEnv`. Unused rows are 0.
 
-    `max_failures`: number of failures that maps to 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape (n,
-    2 * NUM_SECTORS), and `gaps`, normalised distances between candidates, shape (n, n), all float32.
+    `max_failures`: number of failures at feature value 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
+    (n, 2 * NUM_SECTORS), and `gaps`, normalised distances between candidates, shape (n, n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0

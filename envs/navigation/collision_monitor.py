@@ -1,4 +1,4 @@
-"""Collision monitor: slows commands down so that the robot can stop before scanned obstacles."""
+"""Collision monitor for commands."""
 
 from typing import Any
 
@@ -9,11 +9,11 @@ from lidarnaut.envs.navigation.obstacles import scan_points, stoppable_share
 from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
-"""Fraction of the robot's maximum deceleration assumed for braking."""
+"""Fraction of the maximum deceleration assumed for braking."""
 MARGIN = 0.02
-"""Distance kept from scanned obstacles [m], for range noise and wheel slip."""
+"""Distance kept from obstacles, for range noise and wheel slip [m]."""
 CHECKS = 2
-"""Number of passes: a slower command at an equal yaw rate follows a different arc."""
+"""Number of passes: a slower command follows a different arc."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -28,24 +28,24 @@ def _slow_down(commands, ranges, active, directions, mount, radius, braking, per
 
 
 class CollisionMonitor:
-    """Limits forward speeds near obstacles, like Nav2's collision monitor with `action_type: approach`.
+    """Slows robots down so that they can stop before scanned obstacles.
 
-    Unlike in Nav2, yaw rates are unchanged: a circular footprint can always turn. Scanned obstacles are assumed static.
-    Obstacles outside the lidar's view are ignored.
+    Like Nav2's collision monitor with `action_type: approach`, but yaw rates stay: a circular footprint can always
+    turn. Obstacles are assumed static; obstacles outside the lidar's view are ignored.
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:
-        """Create a monitor for a robot with a control period `period` [s]."""
+        """Create a monitor; `period`: control period [s]."""
         lidar = robot.lidar
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         self._numbers: Any = lidar.directions, mount, robot.radius + MARGIN, BRAKING * robot.max_acc_v, period
 
     def slow_down(self, commands: np.ndarray, ranges: np.ndarray, active: np.ndarray) -> None:
-        """Limit the commands of active robots, in place.
+        """Limit commands in place.
 
         Args:
             commands: shape (n, 2), float64, forward speed and yaw rate [m/s, rad/s].
             ranges: shape (n, num_beams), float32, last scans [m].
-            active: shape (n,), bool.
+            active: shape (n,), bool, robots to limit.
         """
         _slow_down(commands, ranges, active, *self._numbers)

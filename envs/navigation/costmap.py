@@ -1,4 +1,4 @@
-"""Costmaps as in Nav2: traversal costs of cells for the robot's centre."""
+"""Costmaps as in Nav2: traversal costs for the robot's centre."""
 
 import math
 from dataclasses import dataclass
@@ -12,21 +12,21 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
-"""Cost of a cell beyond the inflation radius of every obstacle."""
+"""Cost beyond the inflation radius of every obstacle."""
 COST_MAX_FREE = 252
-"""Highest cost of a cell at which the footprint is collision-free."""
+"""Highest cost without a collision."""
 COST_INSCRIBED = 253
-"""Cost of a cell at which the footprint would touch an obstacle."""
+"""Cost of a cell where the footprint touches an obstacle."""
 COST_LETHAL = 254
 """Cost of an occupied cell."""
 COST_UNKNOWN = 255
-"""Cost of an unobserved cell outside the footprint radius of every known obstacle."""
+"""Cost of an unobserved cell beyond the footprint radius of known obstacles."""
 Window = tuple[int, int, int, int]
-"""Rectangle of cells: first row, first column, end row, end column (ends exclusive)."""
+"""Cells from first row, first column to end row, end column (exclusive)."""
 
 
 def union(a: Window | None, b: Window | None) -> Window | None:
-    """Return the smallest window that contains both windows; None is empty."""
+    """Return the smallest window that contains both windows."""
     if a is None or b is None:
         return a or b
     return min(a[0], b[0]), min(a[1], b[1]), max(a[2], b[2]), max(a[3], b[3])
@@ -34,12 +34,12 @@ def union(a: Window | None, b: Window | None) -> Window | None:
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class CostmapParams:
-    """Parameters of inflation. Defaults are those of Nav2's bring-up file."""
+    """Inflation parameters. Defaults are those of Nav2's bring-up file."""
 
     robot_radius: PositiveFloat = 0.22
-    """Footprint radius [m]: cells within this distance of an obstacle are not traversable."""
+    """Footprint radius: minimum distance to obstacles [m]."""
     inflation_radius: float = 0.7
-    """Distance from obstacles within which traversal costs increase [m]."""
+    """Distance from obstacles within which costs increase [m]."""
     cost_scaling_factor: NonNegativeFloat = 3.0
     """Exponential decay rate of the cost with distance [1/m]."""
 
@@ -48,7 +48,7 @@ class CostmapParams:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
 
     def reach(self, resolution: float) -> int:
-        """Return the inflation radius in cells of side `resolution` [m]; raise ValueError unless 1 to 180."""
+        """Return the inflation radius in cells of side `resolution` [m]; ValueError unless 1 to 180."""
         reach = math.floor(self.inflation_radius / resolution + 1e-9)
         if not 1 <= reach <= 180:
             raise ValueError(
@@ -57,8 +57,8 @@ class CostmapParams:
         return reach
 
     def table(self, resolution: float) -> np.ndarray:
-        """Return Nav2's costs, uint8, indexed by the squared distance to the nearest obstacle [cells2]."""
-        # Rounded to a nanometre, so that five cells of 0.05 m are exactly 0.25 m.
+        """Return Nav2's costs, uint8, by squared distance to the nearest obstacle [cells2]."""
+        # Rounded so that five cells of 0.05 m are exactly 0.25 m.
         distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
         costs = COST_MAX_FREE * np.exp(-self.cost_scaling_factor * (distances - self.robot_radius))
         costs[distances <= self.robot_radius] = COST_INSCRIBED
@@ -74,14 +74,13 @@ class Costmap:
     costs: np.ndarray
     """Costs, shape (height, width), uint8: 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown."""
     grid: OccupancyGrid
-    """Source grid, with resolution and origin."""
+    """Grid with resolution and origin."""
     params: CostmapParams
-    """Parameters of the inflation."""
 
 
 @njit(cache=True, error_model="numpy")
 def inflate(data, reach, table):
-    """Convert occupancy (int8) to costs (uint8), both of shape (height, width); `table`: see `CostmapParams.table`."""
+    """Convert occupancy (int8) to costs (uint8), shape (height, width), by `CostmapParams.table`."""
     height, width = data.shape
     squared = squared_distances(data >= OCCUPIED_FROM, reach)
     limit = np.uint16(len(table) - 1)
@@ -103,10 +102,7 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return the first row and column and the last row and column with an observed cell of an occupancy raster.
-
-    Returns the bounds of the whole raster if no cell is observed.
-    """
+    """Return first row, first column, last row, last column of observed cells; the full raster for none."""
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
     highest_in_col = np.full(width, -1, dtype=np.int8)
@@ -122,7 +118,7 @@ def known_window(data):
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
-    """Return a view of the observed part of a map plus `margin` cells; the whole map if nothing is observed."""
+    """Return a view of the observed part of a map plus `margin` cells; the full map for none."""
     top, left, bottom, right = known_window(grid.data)
     top, left = max(top - margin, 0), max(left - margin, 0)
     x, y = grid.origin

@@ -1,6 +1,6 @@
-"""Critics of DWB: kernels that roll out twists in the base frame and score the trajectories.
+"""Critics of DWB: kernels that roll out twists and score the trajectories.
 
-Rasters are square, with the robot in the centre of the middle cell and x along columns.
+Rasters are square, in the base frame, with the robot in the centre of the middle cell and x along columns.
 """
 
 import math
@@ -15,20 +15,20 @@ from lidarnaut.envs.geometry.rows import write_row
 from .costmap import COST_INSCRIBED
 
 ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
-"""Columns of the scores, one per critic."""
+"""Columns of the scores."""
 NUM_CRITICS = 7
 
 
 AHEAD = 0.1
-"""Distance of the alignment point in front of the robot [m] (DWB's `forward_point_distance`)."""
+"""Distance of the alignment point ahead of the robot [m] (Nav2's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
-"""Maximum forward speed that counts as stopped at the goal [m/s]."""
+"""Maximum speed that counts as stopped at the goal [m/s]."""
 SLOWING_FACTOR = 5.0
-"""Cost factor of the squared speed while the robot stops at the goal."""
+"""Cost factor of squared speed while stopping at the goal."""
 
 
 class Motion(NamedTuple):
-    """Parameters of rollouts: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
+    """Rollout parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
 
     v: float
     w: float
@@ -40,24 +40,24 @@ class Motion(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """Local costmap and rasters derived from it."""
+    """Local costmap and derived rasters."""
 
     costs: np.ndarray
     """Costs, shape (side, side), uint8."""
     squared: np.ndarray
-    """Squared distances to the nearest obstacle, shape (side, side), uint16 [cells2], limited by the inflation radius."""
+    """Squared obstacle distances, shape (side, side), uint16 [cells2], limited by the inflation radius."""
     steps: np.ndarray
-    """Steps to the path, to the end of the path within reach, and to a point beyond that end, shape (3, side, side),
-    int32; see `spread`."""
+    """Steps to the path, to its reachable end and to a point beyond that end, shape (3, side, side), int32; see
+    `spread`."""
     resolution: float
     """Side of a cell [m]."""
 
 
 class Ending(NamedTuple):
-    """Inputs of the goal and alignment critics; see `RotateToGoal` and `PathAlign` of DWB."""
+    """Inputs of DWB's critics `RotateToGoal` and `PathAlign`."""
 
     is_near: bool
-    """True if the robot is within tolerance of a goal with a heading."""
+    """True within tolerance of a goal with a heading."""
     heading: float
     """Goal heading, base frame [rad]."""
     aligns: bool
@@ -66,9 +66,9 @@ class Ending(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def roll_out(v, w, motion, poses):
-    """Simulate a commanded twist from the origin with acceleration limits; return the number of poses.
+    """Simulate a twist from the origin with acceleration limits; return the number of poses.
 
-    Writes the pose after each step to `poses`, shape (n, 3), float64: x, y, heading, base frame [m, m, rad].
+    Writes `poses`, shape (n, 3): x, y, heading after each step, base frame [m, m, rad].
     """
     turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
     metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
@@ -81,7 +81,6 @@ def roll_out(v, w, motion, poses):
         speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
         rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
         if rate * dt == turn:
-            # At a constant yaw rate, the direction is rotated incrementally.
             c, s = c * step_c - s * step_s, s * step_c + c * step_s
         else:
             turn = rate * dt
@@ -98,8 +97,8 @@ def roll_out(v, w, motion, poses):
 def spread(costs, distances, seeds):
     """Compute the number of 4-connected steps from each cell to the nearest seed, around obstacles.
 
-    Writes `distances`, shape (n, n), int32: number of steps; n * n for cells in collision; n * n + 1 for unreachable
-    cells. `seeds`: distinct cell indices on the flat raster.
+    Writes `distances`, shape (n, n), int32; n * n in collision, n * n + 1 if unreachable. `seeds`: distinct flat cell
+    indices.
     """
     side = costs.shape[0]
     size = side * side
@@ -129,7 +128,7 @@ def spread(costs, distances, seeds):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def cell_of(x, y, side, resolution):
-    """Return the flat index of the cell at (x, y), base frame [m]; -1 outside the raster."""
+    """Return the flat cell index of (x, y), base frame [m]; -1 outside the raster."""
     half = 0.5 * side
     col, row = math.floor(x / resolution + half), math.floor(y / resolution + half)
     return row * side + col if 0 <= row < side and 0 <= col < side else -1
@@ -137,7 +136,6 @@ def cell_of(x, y, side, resolution):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_to_goal(v, poses, num_steps, motion, ending):
-    """Return the cost near the goal, where the robot must first stop, then turn; NaN for other trajectories."""
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
@@ -150,8 +148,7 @@ def _rotate_to_goal(v, poses, num_steps, motion, ending):
 def meets_people(poses, num_steps, people, sim_time, radius):
     """Return True if the footprint would touch people who keep their velocity.
 
-    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`. `sim_time`: duration of the trajectory [s].
-    `radius`: footprint radius [m].
+    `people`: see `PeopleTracker.people`. `sim_time`: duration [s]. `radius`: footprint radius [m].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]
@@ -166,10 +163,7 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 @njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
-    """Return the cost of a trajectory's last cell; NaN for a collision or outside the raster.
-
-    A robot that already touches an obstacle, by noise, may move away from it.
-    """
+    """Return the cost of the last cell; NaN for a collision, except motion out of a collision."""
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2
@@ -187,7 +181,6 @@ def _clearance_cost(poses, num_steps, rasters):
 
 @njit(cache=True, error_model="numpy")
 def _steps_at(distances, x, y, resolution, must_lead):
-    """Return the number of steps at (x, y); NaN for cells without a path to the seeds, if `must_lead`."""
     side = distances.shape[0]
     size = side * side
     cell = cell_of(x, y, side, resolution)
@@ -199,8 +192,8 @@ def _steps_at(distances, x, y, resolution, must_lead):
 def judge(twists, banned, motion, ending, rasters, people, radius, scores):
     """Score twists by every critic; lower is better, NaN rejects a twist.
 
-    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: True for signs that would oscillate: v < 0, v > 0, w < 0, w > 0.
-    `people`, `radius`: see `meets_people`. Writes `scores`, shape (n, 7), with columns from `ROTATE_TO_GOAL` on.
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: whether v < 0, v > 0, w < 0, w > 0 would oscillate. `people`,
+    `radius`: see `meets_people`. Writes `scores`, shape (n, 7), columns from `ROTATE_TO_GOAL` on.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]

@@ -1,8 +1,7 @@
-"""Local planner after Nav2's DWB: sample twists, score their trajectories, take the best.
+"""Local planner after Nav2's DWB, with the critics of Nav2's bring-up file.
 
-Trajectories follow `dwb_plugins::StandardTrajectoryGenerator`; critics follow Nav2's bring-up file. The local costmap
-is a square in the base frame. Nav2's goal critics aim at the point where the path leaves the local costmap, which draws
-robots off a path that turns back. Here, they aim at the point of the path that a trajectory can reach.
+Unlike in Nav2, goal critics aim at the path point that a trajectory can reach, not at the end of the path in the local
+costmap, which draws robots off a path that turns back.
 """
 
 import math
@@ -20,7 +19,7 @@ from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge
 from .obstacles import without_people
 from .pursuit import NEAREST_WINDOW, nearest_index
 
-# Values of Nav2's bring-up file; speeds and accelerations are the robot's.
+# Values of Nav2's bring-up file.
 MAX_W = 1.0
 """Maximum yaw rate [rad/s], limited by the robot."""
 NUM_V, NUM_W = 20, 20
@@ -28,39 +27,38 @@ NUM_V, NUM_W = 20, 20
 SIM_TIME = 1.7
 """Duration of a trajectory [s]."""
 LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
-"""Maximum distance [m] and turn [rad] between poses of a trajectory."""
+"""Maximum step [m] and turn [rad] between poses of a trajectory."""
 GOAL_TOLERANCE = 0.25
 """Distance from the goal at which the robot stops to turn [m]."""
 RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
-"""Distance [m] or angle [rad] from the last reversal beyond which the robot may reverse again."""
+"""Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
 ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
 GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE = 24.0, 32.0, 32.0, 24.0
 RESOLUTION = 0.05
-"""Side of a cell of the local costmap [m]."""
+"""Cell side of the local costmap [m]."""
 SIZE = 3.0
-"""Minimum side of the local costmap [m]; enlarged to hold a trajectory at full speed."""
+"""Minimum side of the local costmap [m]."""
 INFLATION = 0.48
-"""Inflation beyond the robot's radius [m] (inflation radius of 0.7 m for a TurtleBot3)."""
+"""Inflation beyond the robot's radius [m]."""
 
 
 class DwbPlanner:
-    """Local planner that samples and scores trajectories; a `LocalPlanner`."""
+    """Local planner that samples twists and scores their trajectories; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
-        """Create a planner; `control_period`: time between calls of `command` [s]."""
         self._robot = robot
         self._max_w = min(MAX_W, robot.max_w)
         self._horizon = robot.max_v * SIM_TIME + AHEAD
         half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
         self._side = 2 * half + 1
-        # Half a cell is added, since an obstacle may lie anywhere in its cell.
+        # Obstacles may lie anywhere in their cells.
         costmap = CostmapParams(robot.radius + 0.5 * RESOLUTION, robot.radius + INFLATION)
         self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
-        # Raster scores count steps; as in Nav2, a step weighs half a cell's side.
+        # As in Nav2, a step costs half a cell's side.
         steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
         self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
-        # Signs of the last nonzero forward speed and yaw rate, and banned signs, 0 for none.
+        # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
         self._path = np.empty((0, 2))
@@ -68,17 +66,15 @@ class DwbPlanner:
         self._heading: float | None = None
         self._has_no_path = False
         self.tracks = np.empty((0, 5))
-        """Tracked people, see `PeopleTracker.people`; set before each `command`. Nav2's DWB ignores people."""
+        """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
-        """True if obstacles kept the last command from driving on."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """Remaining path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Set the path, see `LocalPlanner.set_path`; `heading`: goal heading [rad], None for any."""
+        """Set the path; `heading`: goal heading [rad], None for any."""
         self._path = path
         self._index = 0
         self._heading = heading
@@ -109,7 +105,7 @@ class DwbPlanner:
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
-        """Return the reachable twists, shape (n, 2), float64 [m/s, rad/s]."""
+        """Return reachable twists, shape (n, 2) [m/s, rad/s]."""
         robot = self._robot
         reach_v, reach_w = robot.max_acc_v * SIM_TIME, robot.max_acc_w * SIM_TIME
         lows = max(0.0, min(twist.v - reach_v, robot.max_v)), max(-self._max_w, twist.w - reach_w)
@@ -119,7 +115,7 @@ class DwbPlanner:
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return costs (uint8) and squared obstacle distances (uint16 [cells2]) of the local costmap."""
+        """Return costs (uint8) and squared obstacle distances (uint16 [cells2])."""
         data = np.zeros((self._side, self._side), dtype=np.int8)
         cells = np.floor(obstacles / RESOLUTION + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
@@ -127,7 +123,7 @@ class DwbPlanner:
         return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
-        """Fill the rasters of steps for the remaining path; return the distance to the goal [m]."""
+        """Fill the rasters of steps; return the distance to the goal [m]."""
         side = self._side
         points = pose.inverse().transform(self.remaining)
         cells = np.floor(points / RESOLUTION + 0.5 * side).astype(np.int64)
@@ -140,8 +136,8 @@ class DwbPlanner:
         spread(costs, to_path, np.unique(flat))
         spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
-        # Aim at the first free point at the reach of a trajectory. Points farther along would draw the robot off a path
-        # that turns back; they are used only if an obstacle covers the path.
+        # Points beyond reach would draw the robot off a path that turns back. They are used only if an obstacle covers
+        # the path.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
         self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
@@ -153,7 +149,6 @@ class DwbPlanner:
         return float(np.hypot(*points[-1]))
 
     def _allow_turning_back(self, pose: Pose2D) -> None:
-        """Lift the bans once the robot has moved away from its last reversal."""
         if self._turned_at is None:
             return
         away = self._turned_at.between(pose)
@@ -162,7 +157,7 @@ class DwbPlanner:
             self._signs, self._banned = np.zeros(2), np.zeros(2)
 
     def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        """Ban the opposite of a reversing command; turns while driving do not count as oscillation."""
+        """Ban the opposite of a reversing command; turns while driving are no oscillation."""
         signs = np.sign([v, w if abs(v) <= RESET_DISTANCE else 0.0])
         turned = signs * self._signs < 0.0
         self._banned = np.where(turned, -signs, self._banned)

@@ -1,9 +1,4 @@
-"""Frontier navigation: finds candidates, drives to the chosen candidate, and reports when a choice is due.
-
-Used by explorers, which ask for a twist each control period, and by `ExploreFrontiers-v0`, whose steps are whole
-drives. Each control period, call `update`, then `command`. When `update` returns an outcome, call `choose` with one of
-`candidates`. Without candidates, exploration is over.
-"""
+"""Navigation between frontiers, for explorers and for `ExploreFrontiers-v0`."""
 
 import math
 
@@ -27,17 +22,21 @@ from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING = 0.2
-"""Speed above which a person counts as walking [m/s]."""
+"""Minimum speed of a walking person [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
-"""Maximum length of a drive out of a mapped obstacle [m], and maximum number of successive attempts."""
+"""Maximum length of a drive out of a mapped obstacle [m], and maximum successive attempts."""
 MET_CELL = 0.3
-"""Side of the cells that each keep one position where a person was met [m]."""
+"""Cell side for positions of people met; one position is kept per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
-"""Outcome of a drive by its final progress. `FRONTIER_GONE` is determined separately."""
+"""Outcome by final progress; `FRONTIER_GONE` is determined separately."""
 
 
 class FrontierNavigator:
-    """Frontier exploration except for the choice of candidates. Uses pose estimates, no ground truth."""
+    """Finds candidates, drives to the chosen candidate, and reports when a choice is due.
+
+    Each control period, call `update`, then `command`. After an outcome of `update`, call `choose` with one of
+    `candidates`. Without candidates, exploration is over. Never uses ground truth.
+    """
 
     def __init__(
         self,
@@ -49,10 +48,10 @@ class FrontierNavigator:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Create a navigator for a robot.
+        """Create a navigator.
 
         `control_period`: time between calls of `update` [s]. `max_candidates`: maximum number of candidates, cheapest
-        first; None for all. `max_time`: maximum duration of a drive [s], extended by a running recovery.
+        first; None for all. `max_time`: maximum drive time [s], extended by a running recovery.
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.params = params
@@ -62,12 +61,12 @@ class FrontierNavigator:
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
-        """Points of unmapped obstacles, such as other robots: shape (n, 2), float64, base frame [m]."""
+        """Unmapped obstacle points, such as other robots, shape (n, 2), float64, base frame [m]."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
-        """Begin an episode with the first reading, and find the first candidates."""
+        """Begin an episode and find the first candidates."""
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
-        """Planning map of the robot."""
+        """Planning map."""
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
         self._level = 0
@@ -76,10 +75,10 @@ class FrontierNavigator:
         self.target: tuple[float, float] | None = None
         """Frontier chosen last (x, y), map frame [m]."""
         self._last_failed = False
-        # Whether the map may have changed since the last check of the chosen frontier.
+        # Whether to check again that the chosen frontier exists.
         self._has_changed = True
         self._has_start = True
-        self._is_looking = False  # turns at the viewpoint to see more
+        self._is_looking = False  # around at a viewpoint
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
@@ -96,7 +95,7 @@ class FrontierNavigator:
 
     @property
     def end_reason(self) -> str:
-        """Reason for having no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
+        """Reason for no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
@@ -107,7 +106,7 @@ class FrontierNavigator:
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
-        """Write the policy features of the candidates; see `fill_features`."""
+        """Write policy features; see `fill_features`."""
         candidates, max_failures = self.candidates, self.params.max_failures
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
@@ -119,7 +118,7 @@ class FrontierNavigator:
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
 
     def path_to(self, index: int) -> np.ndarray:
-        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; valid only when a choice is due."""
+        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; only valid when a choice is due."""
         row, col = self.candidates["goal"][index].tolist()
         return self._path(self.candidates.costmap.costs, (row, col))
 
@@ -135,13 +134,13 @@ class FrontierNavigator:
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
         """Process a control period; return the outcome if the drive has ended, otherwise None.
 
-        After an outcome, the candidates are new and a choice is due. A robot without candidates first looks around.
+        After an outcome, candidates are new and a choice is due. A robot without candidates first looks around.
         `others`: see `Navigator.sense`.
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Finish `update` after `drive` has returned the progress; return the outcome as `update`."""
+        """Return as `update`, from the progress that `drive` returned."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -160,7 +159,6 @@ class FrontierNavigator:
         return outcome
 
     def _note_people(self, belief: Belief) -> None:
-        """Record where people were met, and who is walking and will not stay."""
         people = belief.people
         self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING]
         for x, y in belief.pose.transform(people[:, :2]).tolist():
@@ -168,7 +166,7 @@ class FrontierNavigator:
 
     @property
     def _obstacles(self) -> np.ndarray:
-        """Obstacle points for planning, base frame [m]: all sensed points except on walking people."""
+        """Obstacle points for planning, without walking people."""
         obstacles = self.navigator.obstacles
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
@@ -187,10 +185,9 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        """Wait for people who may block the way; return False if no further attempt is useful.
+        """Drive near people who may block a passage and look around; return False after too many attempts.
 
-        The robot drives to the reachable cell nearest to a position where a person was met, and looks around. Frontiers
-        that were given up are considered again. With `goes_on`, an interrupted attempt continues and is not counted.
+        With `goes_on`, an interrupted attempt continues.
         """
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
@@ -206,7 +203,7 @@ class FrontierNavigator:
         reached = np.argwhere(planning.expansion.travel.reshape(height + 2, width + 2)[1:-1, 1:-1] < UNREACHED)
         met = np.array(list(self._met.values()))
         gaps, nearest = cKDTree(planning.grid.centers(reached)).query(met)
-        gaps[gaps < planning.side] = math.inf  # reachable positions are not blocked by a person
+        gaps[gaps < planning.side] = math.inf  # reachable, so not a blocked passage
         k = int(gaps.argmin())
         if math.isfinite(gaps[k]):
             row, col = reached[nearest[k]].tolist()
@@ -219,23 +216,23 @@ class FrontierNavigator:
         return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
-        """Process a reading and find the candidates, regardless of the drive."""
+        """Process a reading and find the candidates."""
         self.integrate(belief)
         self.navigator.sense(reading)
         self.find_candidates(reading, belief)
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates after the reading has been processed."""
+        """Find the candidates."""
         self._now = reading.time
         self._find(belief.pose)
 
     @property
     def check_from(self) -> float:
-        """Step of the drive from which `conclude` must follow every step; inf if the map is unchanged."""
+        """Drive step from which `conclude` must follow every step; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading without finding candidates; return the progress, see `Navigator.update`."""
+        """Process a reading; return the progress, see `Navigator.update`."""
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 
@@ -246,7 +243,7 @@ class FrontierNavigator:
         self.navigator.stop()
 
     def free_costmap(self, pose: Pose2D) -> Costmap:
-        """Return the costs for the largest footprint that is collision-free at the robot's pose; a live view."""
+        """Return the costs for the largest footprint that is collision-free at a pose; a live view."""
         for level in range(self.map.max_level + 1):
             costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
@@ -254,11 +251,11 @@ class FrontierNavigator:
         return costmap
 
     def integrate(self, belief: Belief) -> None:
-        """Process the map changes of the last scan, also of another robot that shares the map."""
+        """Process map changes of the last scan."""
         update = belief.update
         if update.redrawn:
             if (correction := update.correction) is not None:
-                # Stored positions move with the map; obstacle points are in the base frame.
+                # Stored positions move with the map.
                 self._failures = correction.carry(self._failures)
                 self._seen[:, :2] = correction.carry(self._seen[:, :2])
                 self.map.ignored_points = correction.carry(self.map.ignored_points)
@@ -271,7 +268,7 @@ class FrontierNavigator:
         self._has_changed |= update.window is not None or update.redrawn
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
-        """Return the outcome of the drive and record a failure; None while the drive goes on."""
+        """Return the outcome of the drive; None while driving."""
         navigator = self.navigator
         is_due = self._has_changed and navigator.record["steps"] >= self._min_steps
         if is_due and navigator.has_goal and not navigator.is_recovering and not self._is_approaching:
@@ -301,18 +298,17 @@ class FrontierNavigator:
         return OUTCOMES[progress]
 
     def _is_frontier_left(self) -> bool:
-        """Return True if a frontier is left near the chosen frontier."""
         assert self.target is not None
         return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
     def _start_cell(self, layer: CostLayer, pose: Pose2D) -> tuple[int, int]:
-        """Return the robot's cell or the nearest traversable cell; (-1, -1) for none."""
+        """Return the nearest traversable cell to the robot; (-1, -1) for none."""
         tables, cell = layer.tables, self.map.cell(pose.x, pose.y)
         row, col = nearest_cell(layer.costs, tables.weights, *cell, tables.radius, COST_INSCRIBED)
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        """Find the candidates; use smaller footprints and shorter frontiers only if nothing else is reachable."""
+        """Find the candidates; smaller footprints and shorter frontiers are fallbacks."""
         if math.dist(pose[:2], self._still[:2]) >= self.params.still_distance:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
@@ -331,8 +327,7 @@ class FrontierNavigator:
                 found, planning.entries = find_candidates(
                     planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
                 )
-                # Later rounds may find cheaper candidates. Sorting or copying records of this size compiles slowly in a
-                # kernel.
+                # Later rounds may find cheaper candidates. Sorting large records in a kernel compiles slowly.
                 table = found[np.argsort(found["travel"], kind="stable")[: self._max_candidates]]
             if len(table):
                 break
@@ -343,15 +338,12 @@ class FrontierNavigator:
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
-        """Current candidates."""
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frontier cells, shape (n, 2), and their parts; see `split_groups`."""
         cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
         return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Replan the path to the goal; return False if there is no path."""
         planning = self.map
         layer = planning.layer(self._level, pose, self._obstacles, self.bodies)
         start = self._start_cell(layer, pose)
@@ -367,13 +359,11 @@ class FrontierNavigator:
         return True
 
     def _path(self, costs: np.ndarray, cell: tuple[int, int]) -> np.ndarray:
-        """Return the path of the last search to a cell, shape (n, 2), float64, map frame [m]."""
         planning, weights = self.map, self.map.tables[self._level].weights
         path: np.ndarray = write_path(costs, weights, planning.expansion, cell, planning.side, planning.origin)
         return path
 
     def _fail(self) -> None:
-        """Record a failed drive, and ignore the frontier after too many failures."""
         assert self.target is not None
         self._failures = np.vstack([self._failures, self.target])
         near = np.hypot(*(self._failures - self.target).T) <= self.params.retry_radius
@@ -386,10 +376,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Ignore frontier cells that were not observed from the viewpoint chosen for them.
-
-        Returns False, without ignoring any cell, if a cell is not well in view: the robot must look around first.
-        """
+        """Ignore frontier cells that the visit did not clear; return False if the robot must look around first."""
         if not self._is_frontier_left():
             return True
         assert self.target is not None
@@ -401,7 +388,7 @@ class FrontierNavigator:
         has_looked = self._is_looking or bool(numbers["sees_around"])
         view = middle, math.pi if has_looked else half_fov
         in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
-        # The visited frontier is always ignored, or the robot would return forever.
+        # Always ignore the visited frontier, or the robot would return forever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)

@@ -1,8 +1,7 @@
 """Frontiers: free cells that border on unknown cells (Yamauchi, 1997), and their visibility.
 
-Kernels share four arrays: `occupancy`, shape (height, width), int8; `ignored` and `frontier`, same shape, bool; and
-`tile_counts`, shape (tile rows, tile columns), int32, number of frontier cells per tile. Cells are (row, column),
-distances are in cells.
+Shared arrays: `occupancy`, shape (height, width), int8; `ignored` and `frontier`, same shape, bool; `tile_counts`,
+int32, number of frontier cells per tile. Cells are (row, column), distances are in cells.
 """
 
 import math
@@ -16,7 +15,7 @@ from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
-"""Side of the tiles in which frontier cells are counted [cells]."""
+"""Side of a tile [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -25,8 +24,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
     top, left, bottom, right = window
     height, width = joined.shape
     first, last = max(left - 1, 0), min(right + 1, width)
-    # The minimum of a 3 x 3 neighbourhood is negative if one of its cells is unknown. Processing whole rows lets the
-    # compiler vectorise the loop.
+    # A neighbourhood's minimum is negative if one of its cells is unknown. Whole rows allow vectorisation.
     lowest = np.zeros(last - first + 2, dtype=np.int8)
     for row in range(top, bottom):
         above = joined[max(row - 1, 0), first:last]
@@ -44,7 +42,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
 
 
 def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
-    """Return True for free map cells with an unknown 8-neighbour: shape (height, width), bool."""
+    """Return which map cells are free with an unknown 8-neighbour, shape (height, width), bool."""
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
@@ -54,7 +52,7 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def ignore_around(ignored, frontier, tile_counts, cells):
-    """Ignore cells and their 8-neighbours as frontier cells; `cells`: shape (n, 2), int64, (row, column)."""
+    """Exclude cells, shape (n, 2), int64, and their 8-neighbours from the frontier."""
     height, width = ignored.shape
     for k in range(cells.shape[0]):
         for row in range(max(cells[k, 0] - 1, 0), min(cells[k, 0] + 2, height)):
@@ -67,7 +65,7 @@ def ignore_around(ignored, frontier, tile_counts, cells):
 
 @njit(cache=True, error_model="numpy")
 def _flood(frontier, left, row, col, cells, count):
-    """Move a connected group of frontier cells to `cells`, from row `count` on; return the next free row."""
+    """Move a connected group of frontier cells to `cells`, from row `count` on; return the next row."""
     height, width = frontier.shape
     frontier[row, col] = False
     left[row // TILE, col // TILE] -= 1
@@ -88,12 +86,12 @@ def _flood(frontier, left, row, col, cells, count):
 
 @njit(cache=True, error_model="numpy")
 def frontier_groups(frontier, tile_counts):
-    """Group frontier cells into 8-connected components, in time proportional to their number.
+    """Group frontier cells into 8-connected components.
 
-    Returns cells, shape (n, 2), int64, sorted by group, and the start index of each group followed by n.
+    Returns cells, shape (n, 2), int64, sorted by group, and the start index of each group, followed by n.
     """
     height, width = frontier.shape
-    # Ungrouped frontier cells per tile: the rest of a tile is skipped once none is left.
+    # Ungrouped frontier cells per tile, to skip the rest of finished tiles.
     left = tile_counts.copy()
     cells = np.empty((left.sum(), 2), dtype=np.int64)
     starts = [0]
@@ -114,9 +112,9 @@ def frontier_groups(frontier, tile_counts):
 
 @njit(cache=True, error_model="numpy")
 def _split(cells, first, last, extent, parts, count):
-    """Split the cells from `first` to `last` - 1 in place, until no part's bounding box exceeds `extent`.
+    """Split cells `first` to `last` - 1 until no part's bounding box exceeds `extent`.
 
-    Writes start and end index of each part to `parts`, from row `count` on, and returns the next free row.
+    Writes start and end index of each part to `parts`, from row `count` on; returns the next row.
     """
     stack = [(first, last)]
     while len(stack) > 0:
@@ -146,10 +144,9 @@ def _split(cells, first, last, extent, parts, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups of frontier cells, from `frontier_groups`, into parts of at most `extent` [cells].
+    """Split groups from `frontier_groups` into parts of at most `extent` cells, without groups below `least` cells.
 
-    Cells are reordered within groups. Groups with fewer than `least` cells are omitted. Returns shape (m, 4), int64:
-    start and end index of each part, size of its group [cells], and index of its group.
+    Reorders cells within groups. Returns shape (m, 4), int64: start and end index, group size [cells], group index.
     """
     parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0
@@ -163,10 +160,6 @@ def split_groups(cells, starts, extent, least):
 
 @njit(cache=True, error_model="numpy")
 def _count_unknown(data, cells, others, radius):
-    """Count the unknown cells within `radius` of both cells of each pair; cells outside `data` are unknown.
-
-    `cells`, `others`: shape (n, 2), int64, (row, column). Returns shape (n,), int64.
-    """
     height, width = data.shape
     counts = np.zeros(len(cells), dtype=np.int64)
     reach = int(radius)
@@ -184,10 +177,10 @@ def _count_unknown(data, cells, others, radius):
 def information_gain(
     grid: OccupancyGrid, points: np.ndarray, radius: float, shared_with: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the unknown area within `radius` [m] of each point: shape (n,), float64 [m2].
+    """Return the unknown area within `radius` [m] of each point, shape (n,), float64 [m2].
 
-    `points`: shape (n, 2), map frame [m]. Cells outside the map are unknown. With `shared_with`, shape (2,), map frame
-    [m], only area within the radius of that point counts as well.
+    `points`: shape (n, 2), map frame [m]. Outside the map is unknown. `shared_with`: count only area that is also
+    within the radius of this point, shape (2,), map frame [m].
     """
     cells = grid.cells(points)
     others = cells if shared_with is None else np.broadcast_to(grid.cells(shared_with), cells.shape)
@@ -197,7 +190,7 @@ def information_gain(
 
 @njit(cache=True, error_model="numpy")
 def is_visible(data, row0, col0, row1, col1):
-    """Return True if no occupied cell of `data` (occupancy, shape (height, width), int8) is between two cells."""
+    """Return True if no occupied cell of `data` (int8) lies between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0), 1)
     d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
     for k in range(1, steps):
@@ -209,9 +202,9 @@ def is_visible(data, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def is_frontier_near(data, block, ignored, row, col, reach):
-    """Return True if a frontier cell is within `reach` of a planning cell, on the current map.
+    """Return True if the map has a frontier cell within `reach` of a planning cell.
 
-    `data`: occupancy of the map, shape (rows, cols), int8. `block`: side of a planning cell [map cells].
+    `data`: occupancy of the map, int8. `block`: side of a planning cell [map cells].
     """
     height, width = ignored.shape
     top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
@@ -229,7 +222,7 @@ def is_frontier_near(data, block, ignored, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_near(frontier, row, col, reach):
-    """Return the frontier cells within `reach` of (row, col): shape (k, 2), int64."""
+    """Return the frontier cells within `reach` of (row, col), shape (k, 2), int64."""
     height, width = frontier.shape
     cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
     count = 0
@@ -243,9 +236,9 @@ def frontier_near(frontier, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_in_sight(joined, frontier, at, view, reach):
-    """Return the frontier cells within `reach`, in the field of view and in line of sight: shape (k, 2), int64.
+    """Return the frontier cells within `reach`, in field of view and line of sight, shape (k, 2), int64.
 
-    `at`: fractional position of the viewpoint (row, column). `view`: centre and half width of the field of view [rad].
+    `at`: viewpoint (row, column), fractional. `view`: centre and half width of the field of view [rad].
     """
     row, col = math.floor(at[0]), math.floor(at[1])
     cells = frontier_near(frontier, row, col, reach)

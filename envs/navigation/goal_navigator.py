@@ -1,4 +1,4 @@
-"""Navigation to goals on known or growing maps: costmap, A*, smoothing, local planner, recovery behaviors."""
+"""Navigation to goals on known or growing maps."""
 
 import logging
 import math
@@ -30,12 +30,12 @@ from lidarnaut.envs.simulation import Reading, Twist
 LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 CLEARED_RADIUS = 1.5
-"""Half the side of the square in which a recovery clears marked obstacles [m]."""
+"""Half side of the square that a recovery clears of marked obstacles [m]."""
 MARGIN, MAX_MARGIN = 3.0, 12.0
-"""Initial and maximum margin of unknown space, around a growing map, the goal and the robot, that paths may cross [m].
-The margin doubles if there is no path."""
+"""Initial and maximum margin of unknown space that paths may cross around map, goal and robot [m]; doubled without a
+path."""
 EDGE = 1.0
-"""Minimum distance between the robot and the edge of the planning map [m]."""
+"""Minimum distance of the robot from the edge of the planning map [m]."""
 EAGER = TrackerParams(
     min_travel=0.25,
     hidden_travel=0.4,
@@ -55,35 +55,32 @@ BLOCKED = {
     COST_INSCRIBED: "too near to an obstacle of the map",
     COST_UNKNOWN: "in unknown space",
 }
-"""Explanation of a missing path by the cost of its start or goal cell."""
+"""Explanation of a missing path by start or goal cost."""
 DETOUR_TIME = 10.0
-"""Time for which people count as obstacles after the robot has failed to make progress [s]."""
+"""Time for which people count as obstacles after a lack of progress [s]."""
 APPROACH = 0.3
-"""Distance to a goal with a heading below which pure pursuit replaces the local planner [m]: DWB stops short of goals
-beside walls."""
+"""Distance to a goal with a heading below which pure pursuit takes over [m]: DWB stops short of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
-"""Spacing of search points around a goal, and maximum length of the path to the next search point [m]."""
+"""Spacing of search points around a goal, and maximum path length to the next search point [m]."""
 HOME = (0.0, 0.0)
 """Origin of the map frame (x, y) [m]."""
 
 
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
-"""Planning parameters for known maps."""
 ON_GROWING_MAPS = PlanningParams(
     cell=0.05, padding=0.0, tight_radii=(0.9, 0.5, 0.25), marking_range=8.0, clearing_range=8.5
 )
-"""Planning parameters for unknown or partial maps: mark obstacles up to 8 m away; allow gaps as narrow as the
-footprint."""
+"""Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint padding levels, on growing maps, whose gaps the robot fits through. Higher levels are a last
-resort: a person seen in a doorway stays in the map until a scan clears the doorway."""
+"""Number of footprint padding levels at which the robot fits. Higher levels are a last resort for maps with outdated
+obstacles."""
 
 
 class LocalPlanner(Protocol):
-    """Follows one path at a time. Constructed with the robot, the control period [s] and a random generator.
+    """Follows one path at a time. Constructed with robot, control period [s] and random generator.
 
-    Obstacles are in the base frame, not from a map, so stops do not depend on the pose estimate. If the planner has an
-    attribute `tracks`, the navigator sets it to the tracked people; see `PeopleTracker.people`.
+    Obstacles are in the base frame, so stops do not depend on the pose estimate. An attribute `tracks` is set to
+    tracked people; see `PeopleTracker.people`.
     """
 
     @property
@@ -108,7 +105,7 @@ LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "dwb": lambda robot, period, _: DwbPlanner(robot, period),
     "mppi": MppiPlanner,
 }
-"""Local planners by name: regulated pure pursuit, its variant for fast robots, DWB and MPPI."""
+"""Regulated pure pursuit, with parameters for fast robots, DWB and MPPI, by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,36 +121,35 @@ class GoalParams:
     goal_tolerance: float = 0.15
     """Goal tolerance [m]."""
     search_radius: float = 0.0
-    """Radius around the goal in which the robot visits further points if the task continues after its arrival [m],
-    because the pose estimate is inaccurate. At 0 the robot stops at the goal."""
+    """Radius around the goal for visits to further points if the task continues after arrival [m]: the pose estimate is
+    inaccurate. 0: stop at the goal."""
     heading_tolerance: float = 0.15
-    """Heading tolerance at the goal [rad]; see `GoalNavigator.set_tolerances`."""
+    """Heading tolerance at the goal [rad]."""
     update_period: float = 0.3
-    """Time between scans that are integrated into the costmap [s]."""
+    """Time between scans integrated into the costmap [s]."""
     check_period: float = 0.3
     """Time between checks that the path is free [s]."""
     stray_distance: float = 0.5
     """Distance from the path that triggers replanning [m]."""
     max_recoveries: int = 6
-    """Maximum number of recovery behaviors per goal; the next one fails the goal."""
+    """Maximum number of recovery behaviors per goal."""
     max_searches: int = 1
-    """Number of failed path searches after which the goal fails; the robot looks around between searches."""
+    """Maximum number of failed path searches; the robot looks around between searches."""
     lost_patience: float = 5.0
-    """Time for which a localized robot drives on after localization is reported lost [s]. Along a bare wall, pose
-    uncertainty grows and shrinks again."""
+    """Time for which a localized robot drives on after localization is lost [s]: along a bare wall, uncertainty grows
+    and shrinks."""
     lost_time: float = 90.0
-    """Maximum time of reactive driving while localization is lost [s]."""
+    """Maximum time of reactive driving while lost [s]."""
     blind_time: float = 5.0
-    """Maximum time to wait for a valid range measurement [s]."""
+    """Maximum time without a valid range [s]."""
 
 
 class GoalNavigator:
-    """Explorer that drives a robot to one goal at a time, from readings and pose estimates.
+    """Explorer that drives to one goal at a time, from readings and pose estimates.
 
-    Obstacle memory, progress checks and recovery behaviors are those of `Navigator`. Each recovery clears marked
-    obstacles near the robot and triggers replanning. While localization is lost, the robot drives reactively by the
-    scan. Without valid ranges, the robot waits. On a growing map, paths may cross unknown space and are replanned if a
-    new obstacle blocks them.
+    Each recovery clears marked obstacles near the robot and triggers replanning. While lost, the robot drives
+    reactively by the scan; without valid ranges, it waits. On a growing map, paths may cross unknown space and are
+    replanned when blocked.
     """
 
     def __init__(
@@ -161,23 +157,19 @@ class GoalNavigator:
         params: GoalParams = GoalParams(),
         planning: PlanningParams | None = None,
     ) -> None:
-        """Set the parameters; `reset` prepares for an episode.
-
-        `planning`: parameters of planning; None selects `ON_KNOWN_MAPS` or `ON_GROWING_MAPS`.
-        """
+        """Set parameters; `planning`: None selects `ON_KNOWN_MAPS` or `ON_GROWING_MAPS`."""
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None
-        """Position that the robot drives to (x, y), map frame [m]: the goal or a search point around the goal."""
+        """Current target (x, y), map frame [m]: goal or search point."""
         self.end_reason: str | None = None
-        """Reason why the drive has ended: "arrived" (by the pose estimate), "no_path", "stuck", "lost" or "blind"; None
-        while driving."""
+        """Outcome: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while driving."""
         self._has_path = False
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period = robot, control_period
-        # The goal is checked in this class, with its heading.
+        # This class checks the goal, with its heading.
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
         make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
@@ -200,7 +192,7 @@ class GoalNavigator:
         self.goal = self.target = self.end_reason = None
         self._around: list[tuple[float, float]] = []
         self.num_recoveries = 0
-        """Number of recovery behaviors since the goal was set."""
+        """Number of recovery behaviors for this goal."""
         self._heading: float | None = None
         self._has_path = self._has_planned = self._is_turning = False
         self._num_counted = int(self._navigator.record["recoveries"])
@@ -217,10 +209,10 @@ class GoalNavigator:
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
-        """Set the tolerances of a task [m, rad]; call before `set_goal`. Later goals are poses.
+        """Set the tolerances of a task [m, rad] before `set_goal`. Goals are then poses.
 
-        The robot aims for half of each tolerance, because its pose estimate is inaccurate. A heading tolerance of pi
-        means that headings are free, and changes nothing.
+        The robot aims for half of each tolerance, since its pose estimate is inaccurate. A heading tolerance of pi
+        changes nothing.
         """
         if heading < math.pi:
             self._takes_headings = True
@@ -228,7 +220,7 @@ class GoalNavigator:
             self._heading_tolerance = min(self.params.heading_tolerance, 0.5 * heading)
 
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
-        """Set a new goal (x, y, ...), map frame [m], and optionally a heading there [rad].
+        """Set a goal (x, y, ...), map frame [m], and optionally a heading there [rad].
 
         Raises:
             ValueError: if a value is not finite.
@@ -260,7 +252,6 @@ class GoalNavigator:
         return twist
 
     def _follow_map(self, belief: Belief) -> PlanningMap:
-        """Process the map changes of the last scan."""
         update = belief.update
         if self.map is None:
             if self.params.allow_unknown is None:
@@ -274,7 +265,6 @@ class GoalNavigator:
         return self.map
 
     def _is_inside(self, pose: Pose2D) -> bool:
-        """Return True if the planning map extends far enough beyond a pose."""
         assert self.map is not None
         (row, col), (height, width) = self.map.cell(*pose[:2]), self.map.joined.shape
         edge = EDGE / self.map.side
@@ -305,7 +295,7 @@ class GoalNavigator:
         is_at_goal = self._is_at_goal(pose)
         turn = 0.0 if self._heading is None else wrap_angle(self._heading - pose.theta)
         if is_at_goal and abs(turn) > self._heading_tolerance:
-            navigator.record["stuck_steps"] = -1  # a turn on the spot is not stuck; a stall still counts
+            navigator.record["stuck_steps"] = -1  # not stuck; stalled turns still count
             return Twist(0.0, turn_rate(turn, navigator.numbers))
         if is_at_goal and not self._drive_on_around(pose, planning):
             self.end_reason = "arrived"
@@ -323,7 +313,7 @@ class GoalNavigator:
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
-        """Update the obstacles; return True if the robot has failed to make progress."""
+        """Update obstacles; return True if the robot has failed to make progress."""
         if reading.time < self._time:
             raise ValueError(
                 f"time went backwards: the reading is of {reading.time:.2f} s, the one before was of {self._time:.2f} "
@@ -337,10 +327,9 @@ class GoalNavigator:
         return False
 
     def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        """Return the ranges for the costmap, shape (num_beams,) [m], NaN on people, who will move on.
+        """Return ranges for the costmap, NaN on people, who could otherwise cause long detours.
 
-        A person in a doorway could otherwise cause a long detour through unknown space. After the robot has failed to
-        make progress, people count as obstacles for `DETOUR_TIME`.
+        After a lack of progress, people count as obstacles for `DETOUR_TIME`.
         """
         if belief.on_people is None or reading.time < self._waited_until:
             return reading.ranges
@@ -353,7 +342,6 @@ class GoalNavigator:
                 self._planner.tracks = self.tracks
 
     def _is_due(self, period: float) -> bool:
-        """Return True once in each `period` [s]."""
         return self._steps % max(1, round(period / self._period)) == 0
 
     def _distance(self, pose: Pose2D) -> float:
@@ -361,14 +349,14 @@ class GoalNavigator:
         return math.dist(pose[:2], self.target)
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
-        # A path may end beside a goal in collision, and planners stop slightly off the path's end. While the robot
-        # turns there, its pose estimate may change.
+        # A path may end beside a goal in collision, and planners stop slightly off its end. A turn may move the pose
+        # estimate.
         is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
         self._is_turning = is_near and self._heading is not None
         return is_near
 
     def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Select the next search point with a short path to it; return False if none is left."""
+        """Select the next search point with a short path; return False if none is left."""
         costmap = planning.costmap(0, pose)
         while self._around:
             self.target = self._around.pop(0)
@@ -381,8 +369,8 @@ class GoalNavigator:
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Plan a path; return False if there is none yet.
 
-        Fallbacks, in order: smaller footprints, a larger margin of unknown space, without marked obstacles, straight
-        out of a mapped obstacle, and on growing maps through gaps that are too narrow for the robot.
+        Fallbacks: smaller footprints, more unknown space, no marked obstacles, straight exits from mapped obstacles,
+        and on growing maps gaps that are too narrow.
         """
         assert self.goal is not None
         assert self.target is not None
@@ -401,7 +389,7 @@ class GoalNavigator:
             path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
                 if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
-                    path[-1] = self.target  # exact goal instead of its cell's centre
+                    path[-1] = self.target  # exact goal instead of cell centre
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
                 self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
@@ -415,12 +403,12 @@ class GoalNavigator:
         if self._num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
         else:
-            self._navigator.spin()  # the obstacle may have moved by the next search
+            self._navigator.spin()  # the obstacle may move
             self._num_counted = 0
         return False
 
     def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
-        """Return a path; with `drive_out`, it may begin with a straight exit from a mapped obstacle."""
+        """Return a path; with `drive_out`, possibly from a straight exit of a mapped obstacle."""
         assert self.target is not None
         unknown = self._allow_unknown
         search = partial(plan_path, costmap, goal=self.target, tolerance=self._tolerance, allow_unknown=unknown)
@@ -433,7 +421,6 @@ class GoalNavigator:
         return path
 
     def _blocked(self, pose: Pose2D, costmap: Costmap) -> str:
-        """Explain a missing path by the costs of its start and goal cells."""
         assert self.target is not None
         texts = []
         for name, point in (("start", pose[:2]), ("goal", self.target)):
@@ -443,7 +430,6 @@ class GoalNavigator:
         return ", and ".join(texts) or "no gap between obstacles of the map is wide enough"
 
     def _count_recovery(self, reading: Reading, pose: Pose2D, planning: PlanningMap) -> None:
-        """Clear marked obstacles after a recovery and request a new plan; end as stuck after too many recoveries."""
         navigator = self._navigator
         if navigator.record["recoveries"] == self._num_counted:
             navigator.recover()
@@ -460,7 +446,7 @@ class GoalNavigator:
         self._has_path = False
 
     def _is_lost(self, is_lost: bool, planning: PlanningMap) -> bool:
-        """Return True while the robot must drive reactively because it is lost; end the drive after a while."""
+        """Return True while the robot must drive reactively; end the drive after `lost_time`."""
         patience = self.params.lost_patience if self._was_localized else 0.0
         lost_for = self._lost_steps * self._period - patience
         if not is_lost:
@@ -477,7 +463,7 @@ class GoalNavigator:
         return is_driving_reactively
 
     def _is_blind(self, ranges: np.ndarray) -> bool:
-        """Return True if no range is valid; end the drive after a while."""
+        """Return True without valid ranges; end the drive after `blind_time`."""
         self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
         if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
             self.end_reason = "blind"
@@ -485,16 +471,16 @@ class GoalNavigator:
 
 
 class HomeNavigator(GoalNavigator):
-    """Drives a robot back to the origin of its map through known space, after exploration."""
+    """Drives a robot back to the origin of its map, through known space."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Create a navigator for a robot; `rng`: random generator of reactive driving."""
+        """Create a navigator; `rng`: random generator of reactive driving."""
         super().__init__(GoalParams(allow_unknown=False, goal_tolerance=0.2, max_searches=3), PlanningParams())
         self.reset(robot, control_period, rng)
         self.set_goal(HOME)
 
     @property
     def home_reason(self) -> str | None:
-        """Why the drive has ended: `"arrived_home"`, by the estimate, or `"no_path_home"`; None while it has not."""
+        """Outcome: `"arrived_home"` (by pose estimate) or `"no_path_home"`; None while driving."""
         reasons = {None: None, "arrived": "arrived_home"}
         return reasons.get(self.end_reason, "no_path_home")

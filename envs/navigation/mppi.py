@@ -1,8 +1,8 @@
-"""Model predictive path integral control (MPPI): average sampled sequences of twists, weighted by cost.
+"""Model predictive path integral control (MPPI): average sampled twist sequences, weighted by cost.
 
 After Williams et al., "Information theoretic MPC for model-based reinforcement learning" (ICRA 2017), algorithm 2, with
-the critics of Nav2's MPPI controller in seconds and metres. As in Nav2, noise is drawn once. Tracked people are
-predicted with constant velocity, and their points are removed from the scan.
+critics of Nav2's MPPI controller in seconds and metres. Noise is drawn once, as in Nav2. Tracked people move with
+constant velocity.
 """
 
 import math
@@ -23,18 +23,18 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 TOUCHED = 1e5
-"""Cost of a collision at the end of a sequence; a collision at its start costs twice as much."""
+"""Cost of a collision at the end of a sequence; twice as much at its start."""
 TURNING = 10
-"""Stride of the sequences that turn on the spot, which random samples rarely do."""
+"""Stride of sequences that turn on the spot, which is rarely sampled."""
 AHEAD = 10
-"""Index offset, from the nearest path point, of the point that a sequence should head for at its end."""
+"""Index offset from the nearest path point to the point that a sequence should head for."""
 NO_ANGLE = 0.2
-"""Distance to the point ahead on the path below which the heading costs nothing [m]."""
+"""Distance to the path point ahead below which heading costs nothing [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class MppiParams:
-    """Parameters of sampling and costs. Defaults are tuned for the world family `hall`."""
+    """Sampling and cost parameters, tuned for the world family `hall`."""
 
     num_samples: int = 800
     """Number of sampled sequences (Nav2: 2,000)."""
@@ -45,11 +45,11 @@ class MppiParams:
     w_std: float = 0.4
     """Standard deviation of yaw rates, as a fraction of the maximum yaw rate (Nav2: 0.2)."""
     correlation: float = 0.7
-    """Correlation of the noise between successive control periods (Nav2: white noise)."""
+    """Correlation of noise between successive control periods (Nav2: white noise)."""
     temperature: float = 0.3
-    """Temperature: difference in cost that divides a weight by e (lambda of Williams et al.)."""
+    """Cost difference that divides a weight by e (lambda of Williams et al.)."""
     gamma: float = 0.015
-    """Weight of the control cost, for deviations from the previous mean."""
+    """Weight of the control cost for deviations from the previous mean."""
     max_rotation: float = 4.0
     """Maximum yaw rate [rad/s], limited by the robot."""
     backwards: float = 0.0
@@ -61,29 +61,29 @@ class MppiParams:
     angle: float = 1.0
     """Cost per radian between the final heading and the direction to the path ahead."""
     nearness: float = 2.0
-    """Cost per second at an obstacle; decreases quadratically with the distance."""
+    """Cost per second at an obstacle; decreases quadratically with distance."""
     margin: float = 0.25
-    """Distance from obstacles above which `nearness` costs nothing [m]."""
+    """Gap to obstacles above which `nearness` costs nothing [m]."""
     people: float = 20.0
-    """Cost per second at a person; decreases quadratically with the distance."""
+    """Cost per second at a person; decreases quadratically with distance."""
     people_margin: float = 0.8
-    """Distance from people above which `people` costs nothing [m]."""
+    """Gap to people above which `people` costs nothing [m]."""
     people_touched: float = 400.0
-    """Cost of each control period in contact with a predicted person; decays with the prediction time."""
+    """Cost of each control period in contact with a predicted person; decays with prediction time."""
     people_gap: float = 0.05
-    """Gap between footprint and person that counts as contact [m]."""
+    """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of `people_gap` per forward speed of the robot [s], because people swerve."""
+    """Increase of `people_gap` with speed [s], because people swerve."""
     doubt_time: float = 3.0
-    """Time constant of the decay of `people_touched` [s], because people turn."""
+    """Decay time constant of `people_touched` [s], because people turn."""
     twirl: float = 0.1
     """Cost per rad/s of mean yaw rate."""
     braking: float = 0.3
-    """Fraction of the robot's maximum deceleration assumed in the final check of a command."""
+    """Fraction of maximum deceleration assumed in the final collision check."""
     reverse: float = 2.0
     """Cost per second of driving backwards at full speed."""
     resolution: float = 0.03
-    """Side of a cell of the obstacle distance raster [m]."""
+    """Cell side of the obstacle distance raster [m]."""
     max_range: float = 4.0
     """Maximum range of the obstacle distance raster [m]."""
 
@@ -91,11 +91,11 @@ class MppiParams:
 _OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
 _OWN = tuple(field.name for field in fields(MppiParams))
 MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[misc]
-"""Kernel constants from the robot and `MppiParams`, all float."""
+"""Kernel constants of robot and `MppiParams`, all float."""
 
 
 def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
-    """Return the kernel constants of a robot with a control period `period` [s]."""
+    """Return the kernel constants of a robot; `period`: control period [s]."""
     limits = robot.max_v, -params.backwards * robot.max_v, min(params.max_rotation, robot.max_w)
     of_robot = period, robot.radius, *limits, robot.max_acc_v, robot.max_acc_w
     return MppiNumbers(*map(float, (*of_robot, *attrgetter(*_OWN)(params))))
@@ -103,12 +103,11 @@ def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def rate(controls, mean, now, path, along, squared, tracks, p, costs):
-    """Compute the costs of sequences of twists.
+    """Compute the costs of twist sequences in the base frame.
 
-    `controls`: sequences, shape (n, num_steps, 2) [m/s, rad/s]. `mean`: mean of the samples, shape (num_steps, 2).
-    `now`: current forward speed and yaw rate. `path`: shape (k, 2), k > 0. `along`: path length up to each point [m].
-    `squared`: squared distances from obstacles [cells2], with the robot in the centre. `tracks`: see
-    `PeopleTracker.people`. Positions are in the base frame [m]. Writes `costs`, shape (n,), float64.
+    `controls`: sequences, shape (n, num_steps, 2) [m/s, rad/s]. `mean`: their mean. `now`: current twist. `path`: shape
+    (k, 2), k > 0 [m]. `along`: path length up to each point [m]. `squared`: squared obstacle distances [cells2], robot
+    in the centre. `tracks`: see `PeopleTracker.people`. Writes `costs`, shape (n,).
     """
     side, last = squared.shape[0], path.shape[0] - 1
     half, dt = 0.5 * side, p.period
@@ -154,7 +153,7 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
 
 @njit(cache=True, error_model="numpy")
 def _cost_of_people(x, y, v, time, tracks, p):
-    """Return the cost of a position (x, y) at a speed v [m/s] after `time` [s], near people with constant velocity."""
+    """Return the cost at (x, y) at speed v [m/s] after `time` [s], near people with constant velocity."""
     cost = 0.0
     for k in range(tracks.shape[0]):
         away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
@@ -172,14 +171,14 @@ class MppiPlanner:
     def __init__(
         self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
     ) -> None:
-        """Create a planner; `control_period`: time between calls of `command` [s], `rng`: source of the noise."""
+        """Create a planner; `rng`: source of the noise."""
         self._numbers = mppi_numbers(robot, control_period, params)
         self._params, self._horizon = params, params.num_steps * control_period
         noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
         for t in range(1, params.num_steps):
             noise[t] = params.correlation * noise[t - 1] + math.sqrt(1.0 - params.correlation**2) * noise[t]
         noise *= params.v_std * robot.max_v, params.w_std * self._numbers.max_w
-        noise[:, 0] = 0.0  # the previous mean without noise
+        noise[:, 0] = 0.0  # previous mean without noise
         self._noise = np.ascontiguousarray(noise.transpose(1, 0, 2))
         self._mean = np.zeros((params.num_steps, 2))
         reach = min(robot.max_v * self._horizon + robot.radius, params.max_range)
@@ -190,15 +189,12 @@ class MppiPlanner:
         self.tracks = np.empty((0, 5))
         """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
-        """True if obstacles kept the last command from driving on."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """Remaining path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray) -> None:
-        """Set the path; see `LocalPlanner.set_path`."""
         self._path, self._index = path, 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
@@ -211,7 +207,7 @@ class MppiPlanner:
         scene = path[:count], along[:count], self._look(obstacles), self.tracks, p
         self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
         controls = self._mean + self._noise
-        controls[1] = 0.0  # braking
+        controls[1] = 0.0
         controls[2::TURNING, :, 0] = 0.0
         np.clip(controls, (p.min_v, -p.max_w), (p.max_v, p.max_w), out=controls)
         costs = np.empty(len(controls))
@@ -219,7 +215,7 @@ class MppiPlanner:
         weights = np.exp((costs.min() - costs) / p.temperature)
         mean = np.tensordot(weights / weights.sum(), controls, axes=1)
         best = controls[int(costs.argmin())]
-        # The mean of two paths around an obstacle may lead into the obstacle.
+        # The mean of two paths around an obstacle may collide.
         pair = np.stack([mean, best])
         rate(pair, self._mean, tuple(twist), *scene, costs)
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
@@ -231,16 +227,13 @@ class MppiPlanner:
         return Twist(v, w)
 
     def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
-        """Return a twist on an equal arc from which the robot can stop before all scanned points, including people.
-
-        This protects against wrong predictions, and against walls that were tracked as people.
-        """
+        """Return a twist on the same arc that can stop before all scanned points, in case predictions are wrong."""
         p = self._numbers
         share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
-        """Return the squared distances from obstacles around the robot, shape (side, side), uint16 [cells2]."""
+        """Return squared obstacle distances, shape (side, side), uint16 [cells2]."""
         points = without_people(obstacles, self.tracks)
         cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]

@@ -1,9 +1,6 @@
 """Navigator: drives a robot along paths, triggers recovery behaviors, and reports progress.
 
-Each control period, call `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
-turns once on the spot. `update` returns `DRIVING`, or how the drive has ended.
-
-    navigator = Navigator(robot, control_period)
+navigator = Navigator(robot, control_period)
     navigator.reset(reading)
     navigator.drive_to(path)                       # shape (n, 2), map frame [m]
     while navigator.update(reading, belief.pose) in (DRIVING, REPLAN):
@@ -33,13 +30,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
-"""Maximum number of obstacle points on other robots."""
+"""Maximum number of points on other robots."""
 NOTHING = (math.nan, math.nan)
-"""Missing position (x, y)."""
+"""Missing position."""
 
 
 class NavigatorArrays(NamedTuple):
-    """Arrays of a navigator for kernels; see `lidarnaut.envs.navigation.navigator_kernels`."""
+    """Arrays of a navigator for kernels; see `navigator_kernels`."""
 
     records: np.ndarray
     path: np.ndarray
@@ -49,7 +46,7 @@ class NavigatorArrays(NamedTuple):
 
 
 class Navigator:
-    """Drives a robot to one goal at a time, with velocities from odometry."""
+    """Drives a robot to one goal at a time."""
 
     def __init__(
         self,
@@ -59,10 +56,10 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Create a navigator; `max_time`: maximum duration of a drive [s], extended by a running recovery."""
+        """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        """Kernel constants as scalars; see `navigator_numbers`."""
+        """Kernel constants; see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -71,12 +68,11 @@ class Navigator:
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
-        """Current velocity by odometry."""
+        """Velocity by odometry."""
         self.motion = ORIGIN
         """Motion by odometry since the last reading."""
 
     def reset(self, reading: Reading) -> None:
-        """Begin an episode with its first reading."""
         records = self._records
         records[:] = 0
         records["side"] = 1.0
@@ -87,7 +83,7 @@ class Navigator:
 
     @property
     def record(self) -> Any:
-        """State record of type `NAVIGATOR`; a live view."""
+        """State, `NAVIGATOR`; a live view."""
         return self._records[0]
 
     @property
@@ -116,7 +112,7 @@ class Navigator:
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
     def note_command(self, twist: Twist) -> None:
-        """Record a commanded twist that replaces the result of `command`."""
+        """Record a commanded twist that replaces `command`."""
         self.record["forward"] = int(twist.v >= 0.0)
 
     @property
@@ -132,10 +128,10 @@ class Navigator:
         view: tuple[float, float] = NOTHING,
         keep_clocks: bool = False,
     ) -> None:
-        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or to a nearby `goal` (x, y).
+        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or a nearby `goal` (x, y).
 
-        `view`: position (x, y) to bring into the lidar's view at the goal. `keep_clocks`: continue the time limits of
-        the last drive. Otherwise, frequent goal changes would prevent the detection of a stuck robot.
+        `view`: position (x, y) to see from the goal. `keep_clocks`: continue the time limits of the last drive, so that
+        frequent goal changes do not hide a stuck robot.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         record = self.record
@@ -149,12 +145,12 @@ class Navigator:
         record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray) -> None:
-        """Replace the path to the current goal: shape (n, 2), n > 0, map frame [m]."""
+        """Replace the path to the goal: shape (n, 2), n > 0, map frame [m]."""
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
     def carry(self, correction: Correction) -> None:
-        """Move path, goal and view position with a correction of the map."""
+        """Move path, goal and view position with a map correction."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
@@ -164,7 +160,7 @@ class Navigator:
                 record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
 
     def plan_anew(self) -> None:
-        """Request a new plan at the next progress check, because the whole map has changed."""
+        """Request a new plan, because the whole map has changed."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def restart_progress(self) -> None:
@@ -172,7 +168,7 @@ class Navigator:
         self.record["stall_steps"] = -1
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
-        """Turn counter-clockwise on the spot by an angle [rad], instead of driving."""
+        """Turn on the spot by an angle [rad], counter-clockwise, instead of driving."""
         rate = float(self.numbers["spin_rate"])
         for name in ("has_goal", "steps", "recoveries", "back_steps"):
             self.record[name] = 0
@@ -185,12 +181,12 @@ class Navigator:
         recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 
     def stop(self) -> None:
-        """Cancel the goal and any recovery behavior, and stop."""
+        """Cancel the goal and any recovery behavior."""
         for name in ("has_goal", "back_steps", "turn_steps"):
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Update odometry and obstacles from a reading, outside of drives; `update` includes this.
+        """Update odometry and obstacles outside of drives; `update` includes this.
 
         `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
@@ -200,15 +196,15 @@ class Navigator:
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading (see `sense`) at a pose estimate, map frame; return the progress, such as `DRIVING`."""
+        """Process a reading at a pose estimate, map frame; return the progress, such as `DRIVING`."""
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Return the progress of a drive whose last reading was processed by kernels; see `update`."""
+        """Return as `update`, after kernels have processed the reading."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period; `pose`: pose estimate, map frame."""
+        """Return the twist for the next control period."""
         state = self._records, self._path, self._obstacles
         return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

@@ -1,15 +1,12 @@
-"""Kernels of `Navigator` on one record: obstacle memory, velocity commands, recovery, progress checks.
+"""Kernels of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
 
-The components follow Nav2: controller (regulated pure pursuit), progress checker, goal checker, and recovery behaviors
-BackUp and Spin. Arguments are arrays, which are cheapest to pass:
+Arguments are arrays, which are cheapest to pass:
 
-- `navigators`: state, shape (1,), `NAVIGATOR`, written. `constants`: shape (1,), fields of `navigator_numbers`.
-- `obstacles`: points, shape (n, 2), float64, base frame [m]; the first `num_obstacles` are valid. `others`: further
-  points, shape (m, 2), float64, base frame [m], not remembered.
-- `sensors`: ranges (shape (num_beams,), float32 [m], as in `Reading`), beam directions in the base frame (shape
-  (2, num_beams), float64: cosine and sine), and bumper state.
-- `motion`: current base pose relative to the base at the last call. `pose`: pose estimate x, y [m], theta [rad], map
-  frame.
+- `navigators`: state, shape (1,), `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
+- `obstacles`: points, shape (n, 2), base frame [m]; the first `num_obstacles` are valid. `others`: further points,
+  not remembered.
+- `sensors`: ranges as in `Reading`, beam directions in the base frame (shape (2, num_beams): cosine, sine), bumper.
+- `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
 """
 
 import math
@@ -26,41 +23,40 @@ from lidarnaut.envs.navigation.pursuit import FOLLOWER_FIELDS, follow, follower_
 from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
-"""Progress of a drive: still driving, path due for a replan, goal reached, drive failed, time limit reached, spin
-completed."""
+"""Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Maximum bearing of a point that is well in view, as a fraction of half the field of view."""
+"""Maximum bearing of a point that is well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
-"""Margin around the footprint within which a stall after a contact clears remembered points [m]."""
+"""Margin around the footprint for clearing remembered points after a contact and a stall [m]."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
         ("goal_x", np.float64),
         ("goal_y", np.float64),
-        ("view_x", np.float64),  # position to see from the goal; NaN for none
+        ("view_x", np.float64),  # to see from the goal; NaN for none
         ("view_y", np.float64),
         ("has_goal", np.int64),
-        ("steps", np.int64),  # since the drive began
-        ("planned", np.int64),  # step of the last plan
-        ("stall_x", np.float64),  # pose at the last translation or rotation
+        ("steps", np.int64),
+        ("planned", np.int64),
+        ("stall_x", np.float64),  # pose at the last motion
         ("stall_y", np.float64),
         ("stall_theta", np.float64),
         ("stall_steps", np.int64),
-        ("stuck_x", np.float64),  # position after the last large displacement
+        ("stuck_x", np.float64),  # position at the last large displacement
         ("stuck_y", np.float64),
         ("stuck_steps", np.int64),
         ("recoveries", np.int64),
-        ("back_v", np.float64),  # BackUp, followed by Spin
+        ("back_v", np.float64),  # BackUp, then Spin
         ("back_steps", np.int64),
         ("turn_w", np.float64),
         ("turn_steps", np.int64),
-        ("forward", np.int64),  # 1 if the last command was not backwards
-        ("pressed", np.int64),  # 1 if the bumper was pressed at the last reading
-        ("marked", np.int64),  # 1 if contact points may be remembered
-        ("num_remembered", np.int64),  # remembered obstacle points, see `remember`
-        ("num_seen", np.int64),  # remembered and visible points
-        ("num_obstacles", np.int64),  # remembered and visible points, and other robots
+        ("forward", np.int64),
+        ("pressed", np.int64),  # bumper state of the last reading
+        ("marked", np.int64),  # contacts may be remembered
+        ("num_remembered", np.int64),  # obstacles, see `remember`
+        ("num_seen", np.int64),  # and visible obstacles
+        ("num_obstacles", np.int64),  # and other robots
     ]
 )
 """State of a navigator, map frame [m, rad]."""
@@ -69,7 +65,7 @@ NAVIGATOR = record_type(
 def navigator_numbers(
     robot: RobotParams, period: float, max_time: float, params: NavigatorParams
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the kernel constants in m, s, rad; `period`: control period, `max_time`: maximum drive time [s]."""
+    """Return the kernel constants of a robot; `period`: control period, `max_time`: maximum drive time [s]."""
     lidar = robot.lidar
     times = {"max": max_time, "replan": params.replan_time, "stall": params.stall_time, "stuck": params.stuck_time}
     return {
@@ -77,24 +73,24 @@ def navigator_numbers(
         **asdict(params),
         **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
-        # A beam's width is added so that rounding leaves no gap in a full turn.
+        # A beam's width avoids a gap in full turns by rounding.
         "half_fov": 0.5 * lidar.fov + lidar.angle_increment,
         "sees_around": lidar.fov > 2.0 * math.pi - 0.1,
         "range_min": lidar.range_min,
-        "range_far": 2.0 * robot.radius + 0.3,  # limit for remembered points beside the field of view
+        "range_far": 2.0 * robot.radius + 0.3,  # of remembered points
         "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
         "stall_distance": 0.25 * robot.radius + 0.02,
         "spin_rate": min(robot.max_w, params.spin_rate),
-        "back_reach": 0.5 * robot.radius + 0.1,  # distance of BackUp
+        "back_reach": 0.5 * robot.radius + 0.1,
         "back_speed": min(0.4 * robot.max_v, 0.4),
     }
 
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan; remember points outside the field of view and move them by odometry.
+    """Process a scan; points outside the field of view are remembered and moved by odometry.
 
-    A contact replaces the points of the previous contact, which would otherwise enclose a robot that turns in contact.
+    Each contact replaces the previous contact, or contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
@@ -114,7 +110,7 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
 
 @njit(cache=True, error_model="numpy")
 def _turn_to_view(record, pose, numbers):
-    """Return the turn that brings the view position well into view [rad]; 0 if not needed."""
+    """Return the turn that brings the view position well into view [rad]."""
     dx, dy = record.view_x - pose[0], record.view_y - pose[1]
     if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
         return 0.0
@@ -129,16 +125,16 @@ def _is_at_goal(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
-    """Return the next twist within the robot's limits: forward speed [m/s] and yaw rate [rad/s].
+    """Return the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
 
-    `path`: shape (n, 2), float64, map frame [m]. `v_now`: forward speed by odometry [m/s].
+    `path`: shape (n, 2), map frame [m]. `v_now`: forward speed by odometry [m/s].
     """
     record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]
     v, w = 0.0, 0.0
     if record.back_steps > 0:
         record.back_steps -= 1
-        # Distance covered in the period and while braking.
+        # Braking distance.
         look = record.back_v * numbers.period + 0.5 * record.back_v * abs(record.back_v) / numbers.braking_v
         if free_distance(around, 0.0, numbers.radius, look) < abs(look):
             record.back_steps = 0
@@ -159,7 +155,7 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
 
 @njit(cache=True, error_model="numpy")
 def recover(navigators, around, backwards, constants):
-    """Begin a recovery: BackUp, or forward if there is more room, then a small Spin, alternately left and right."""
+    """Begin a recovery: BackUp, or forward if there is more room, then Spin, alternately left and right."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach
@@ -169,7 +165,6 @@ def recover(navigators, around, backwards, constants):
         sign = -sign
     record.back_v = sign * numbers.back_speed
     record.back_steps = max(1, round(reach / numbers.back_speed / numbers.period))
-    # 0.6, 0.8, 1.0 rad, ...: a different direction each time.
     angle = 0.4 + 0.2 * min(record.recoveries, 5)
     record.turn_w = numbers.spin_rate * record.side * (1.0 if record.recoveries % 2 else -1.0)
     record.turn_steps = max(1, round(angle / numbers.spin_rate / numbers.period))
@@ -178,7 +173,6 @@ def recover(navigators, around, backwards, constants):
 
 @njit(cache=True, error_model="numpy")
 def _count_still(record, pose, numbers):
-    """Count the steps without translation or rotation, and the steps without a large displacement."""
     x, y, theta = pose
     moved = math.hypot(x - record.stall_x, y - record.stall_y) >= numbers.stall_distance
     moved |= abs(wrap_angle(theta - record.stall_theta)) >= numbers.stall_angle
@@ -204,14 +198,14 @@ def _forget(record, obstacles, radius):
 
 @njit(cache=True, error_model="numpy")
 def _fail(record, obstacles, numbers):
-    """Drop remembered points inside the footprint, which would block later drives, and return `FAILED`."""
+    """Return `FAILED`; drop remembered points inside the footprint, which would block later drives."""
     _forget(record, obstacles, numbers.radius)
     return FAILED
 
 
 @njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
-    """Return the progress of the drive, such as `DRIVING`, after `update_obstacles` has processed the scan."""
+    """Return the progress of the drive, such as `DRIVING`, after `update_obstacles`."""
     record, numbers = navigators[0], constants[0]
     around = obstacles[: record.num_obstacles]
     record.steps += 1
@@ -226,13 +220,13 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     if _is_at_goal(record, pose, numbers) and _turn_to_view(record, pose, numbers) == 0.0:
         return REACHED
     _count_still(record, pose, numbers)
-    # The robot may have been stuck before this drive: a new goal gets the full time of a drive.
+    # A robot that was stuck before gets the full time for a new goal.
     if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
         record.stuck_steps = -1
         return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
         recover(navigators, around, True, constants)
-        if record.marked == 1:  # contact points may enclose the robot, which has moved slightly
+        if record.marked == 1:  # contacts may enclose the robot
             record.marked = 0
             _forget(record, obstacles, numbers.radius + CONTACT_MARGIN)
         return DRIVING

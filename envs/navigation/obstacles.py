@@ -1,4 +1,4 @@
-"""Obstacle points in the base frame, independent of any map."""
+"""Obstacle points in the base frame, without a map."""
 
 import math
 
@@ -7,20 +7,20 @@ from numba import njit
 
 NO_POINTS = np.empty((0, 2))
 SIGHT_STEP = 0.02
-"""Spacing of footprint tests along an arc [m]."""
+"""Spacing of collision tests along an arc [m]."""
 SAME_POINT = 0.02
-"""Distance below which a new point duplicates a remembered point [m]."""
+"""Distance below which points are duplicates [m]."""
 SLOWEST = 1e-9
-"""Minimum divisor for forward speeds [m/s]."""
+"""Minimum forward speed in divisions [m/s]."""
 CAPACITY = 1000
 """Maximum number of remembered points."""
 BUMP_POINTS = 5
-"""Number of points that represent a bumper contact."""
+"""Number of points per bumper contact."""
 
 
 @njit(cache=True, error_model="numpy")
 def scan_points(ranges, directions, mount, points):
-    """Write the end points of beams with a return to `points`, base frame [m]; return their number.
+    """Write the end points of beams with a return, base frame [m]; return their number.
 
     `ranges`, `directions`: see `update_obstacles`. `mount`: lidar pose in the base frame (x, y, yaw).
     """
@@ -35,10 +35,10 @@ def scan_points(ranges, directions, mount, points):
 
 @njit(cache=True, error_model="numpy")
 def remember(points, num_remembered, num_points, motion, numbers):
-    """Move points with the robot's motion, and keep points that the lidar no longer sees.
+    """Move points with the robot's motion; keep points that the lidar no longer sees.
 
-    The first `num_remembered` of `num_points` are older points, the rest are from the last scan. Rewrites `points` in
-    the base frame after the motion. Returns the number of kept points, at most `MAX_REMEMBERED`, which come first.
+    The first `num_remembered` of `num_points` are older, the rest are from the last scan. Returns the number of kept
+    points, which come first, at most `MAX_REMEMBERED`.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount
@@ -68,7 +68,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Append points of a contact at the front or rear of the footprint; return the new number of points."""
+    """Append contact points at the front or rear of the footprint; return the number of points."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)
@@ -78,7 +78,7 @@ def add_bump(points, count, radius, forward):
 
 @njit(cache=True, error_model="numpy")
 def forget_inside(points, num_remembered, num_points, radius):
-    """Drop remembered points within `radius` [m], where the robot is; return the number of dropped points."""
+    """Drop remembered points within the robot's `radius` [m]; return their number."""
     kept = 0
     for k in range(num_points):
         if k >= num_remembered or math.hypot(points[k, 0], points[k, 1]) > radius:
@@ -89,7 +89,7 @@ def forget_inside(points, num_remembered, num_points, radius):
 
 @njit(cache=True, error_model="numpy")
 def points_within(points, distance):
-    """Return the points within `distance` [m] of the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
+    """Return the points within `distance` [m] of the origin, shape (n, 2) to (k, 2) [m]."""
     near = np.empty_like(points)
     count = 0
     for k in range(points.shape[0]):
@@ -102,15 +102,15 @@ def points_within(points, distance):
 def free_distance(points, curvature, radius, distance):
     """Return the distance along an arc before the footprint touches a point [m], at most `abs(distance)`.
 
-    A point that is already inside the footprint, by noise, only blocks motion towards it. `points`: obstacles, shape
-    (n, 2), float64, base frame [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m].
-    `distance`: maximum distance, negative for backwards [m].
+    A point inside the footprint, by noise, only blocks motion towards it. `points`: obstacles, shape (n, 2), float64,
+    base frame [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m]. `distance`: negative for
+    backwards [m].
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf
     for k in range(points.shape[0]):
         nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
-    # An arc is no shorter than its chord: up to this length the footprint cannot reach the nearest point.
+    # Below this length, the footprint cannot reach the nearest point.
     clear = math.sqrt(nearest) - radius
     for step in range(1, num_steps + 1):
         along = abs(distance) * step / num_steps
@@ -131,10 +131,10 @@ def free_distance(points, curvature, radius, distance):
 
 @njit(cache=True, error_model="numpy")
 def stoppable_share(points, v, w, radius, braking, period):
-    """Return the largest fraction of a twist, at most 1, from which the robot can stop before it touches a point.
+    """Return the largest fraction of a twist, at most 1, that allows a stop before a collision.
 
-    The robot drives one more control period `period` [s], then brakes on its arc at `braking` [m/s2]. For `points` and
-    `radius`, see `free_distance`.
+    The robot drives on for one control period `period` [s], then brakes at `braking` [m/s2]. `points`, `radius`: see
+    `free_distance`.
     """
     if v == 0.0:
         return 1.0
@@ -144,7 +144,7 @@ def stoppable_share(points, v, w, radius, braking, period):
 
 
 def without_people(points, people, margin=0.15):
-    """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m]."""
+    """Return the points farther than `margin` [m] from people, shape (n, 2) to (k, 2), base frame [m]."""
     if not len(people):
         return points
     gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]

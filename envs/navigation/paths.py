@@ -1,4 +1,4 @@
-"""Paths on a costmap: extraction from `astar` searches, shortcuts, smoothing and validity checks."""
+"""Paths on a costmap: extraction, shortcuts, smoothing and validity checks."""
 
 import math
 from dataclasses import dataclass
@@ -28,22 +28,22 @@ from lidarnaut.envs.navigation.obstacles import free_distance
 SHORTCUT = 4.0
 """Maximum length of a straight shortcut [m]."""
 MAX_POINTS = 1024
-"""Maximum number of points of `write_path`; the next plan continues a longer path."""
+"""Maximum number of points of `write_path`."""
 DATA_WEIGHT = 0.2
-"""Weight that pulls each point to its original position (Nav2's `w_data`)."""
+"""Weight of each point's original position (Nav2's `w_data`)."""
 SMOOTH_WEIGHT = 0.3
-"""Weight that pulls each point to the midpoint of its neighbours (Nav2's `w_smooth`)."""
+"""Weight of the midpoint of a point's neighbours (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
-"""Maximum number of smoothing sweeps over the path."""
+"""Maximum number of smoothing sweeps."""
 NUM_EXITS = 32
-"""Number of directions tried for an exit from a mapped obstacle."""
+"""Number of directions tried for an exit from an obstacle."""
 SETTLED = 1e-4
-"""Maximum displacement of a point in the last smoothing sweep [m]."""
+"""Maximum displacement in the last smoothing sweep [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def walk_back(predecessor, row, col):
-    """Return the path cells from the start to (row, col), shape (n, 2), int64, without the border's offset."""
+    """Return the path cells from the start to (row, col), shape (n, 2), int64."""
     length = 1
     r, c = row + 1, col + 1
     while predecessor[r, c] != NO_STEP:
@@ -62,10 +62,10 @@ def walk_back(predecessor, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(costs, weights, row0, col0, row1, col1):
-    """Return the integral of the weights along a line between two cells, in units of `search`; -1 if blocked."""
+    """Return the cost of a straight line between two cells, in units of `search`; -1 if blocked."""
     d_row, d_col = row1 - row0, col1 - col0
     length = math.hypot(d_row, d_col)
-    # Four samples per cell skip at most the tip of a corner.
+    # Four samples per cell skip at most a corner's tip.
     num_samples = max(1, math.ceil(4.0 * length))
     total = 0.0
     for k in range(num_samples):
@@ -81,8 +81,8 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 def shorten(costs, weights, travel, cells, reach):
     """Replace stretches of a path, up to `reach` cells long, by straight lines that cost no more.
 
-    `travel`: travel costs of the search, shape (height + 2, width + 2), int32. `cells`: path, shape (n, 2), int64.
-    Returns the corners including both ends, shape (m, 2), int64.
+    `travel`: travel costs with a border of one cell. `cells`: path, shape (n, 2), int64. Returns the corners and both
+    ends, shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
     write_row(kept[0], cells[0])
@@ -104,7 +104,7 @@ def shorten(costs, weights, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def nearest_cell(costs, weights, row, col, reach, max_cost):
-    """Return the nearest cell within `reach` cells of cost `max_cost` or less; (-1, -1) for none.
+    """Return the nearest cell within `reach` cells that costs at most `max_cost`; (-1, -1) for none.
 
     Unknown cells count if `weights` allows them.
     """
@@ -121,10 +121,9 @@ def nearest_cell(costs, weights, row, col, reach, max_cost):
 
 @njit(cache=True, error_model="numpy")
 def write_path(costs, weights, expansion, cell, side, origin):
-    """Return the path to a cell reached by a search, as points at most half a planning cell apart.
+    """Return the path to a cell reached by a search, points at most half a cell apart, shape (n, 2), map frame [m].
 
-    `expansion`: state of the search. `side`: side of a cell [m]. `origin`: origin of the raster, map frame [m]. Returns
-    shape (n, 2), float64, map frame [m], cut off after `MAX_POINTS`.
+    `side`: cell side [m]. `origin`: raster origin, map frame [m]. Paths are cut off after `MAX_POINTS`.
     """
     left, low = origin
     shape = (costs.shape[0] + 2, costs.shape[1] + 2)
@@ -148,10 +147,9 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 @njit(cache=True, error_model="numpy")
 def search_goal(layer, weights, expansion, entries, start, goal, slack):
-    """Search for the cheapest path to a goal with A*; the path may end up to `slack` cells from the goal.
+    """Search for the cheapest path to within `slack` cells of a goal; return its last cell, (-1, -1) for none.
 
-    `layer`: costs and the `open_weights` of `_expand`. `expansion`, `queue`: workspace, see `_expand`. Returns the last
-    cell, (-1, -1) without a path, and `queue`.
+    `layer`: costs and the `open_weights` of `_expand`. Also returns `queue`.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
@@ -166,27 +164,26 @@ def search_goal(layer, weights, expansion, entries, start, goal, slack):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TravelField:
-    """Cost-to-come of every cell from a start, with predecessors."""
+    """Cost-to-come of every cell from a start."""
 
     costmap: Costmap
     """Costmap of the search."""
     weights: np.ndarray
-    """Weight of a unit of length for each cell cost, shape (256,), uint8; see `step_weights`."""
+    """Weight of each cell cost, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
-    """Cost-to-come in units of `search`, shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED`
-    without a path."""
+    """Cost-to-come, shape (height + 2, width + 2), int32, with a border; `UNREACHED` without a path."""
     predecessor: np.ndarray
-    """Index into `STEPS` of the step into each cell, shape (height + 2, width + 2), uint8."""
+    """Index into `STEPS` of the step into each cell, uint8, shape of `travel`."""
 
     @property
     def costs(self) -> np.ndarray:
-        """Cost-to-come of all cells, shape (height, width), float32 [m]; inf without a path."""
+        """Cost-to-come, shape (height, width), float32 [m]; inf without a path."""
         return self._metres(self.travel[1:-1, 1:-1]).astype(np.float32)
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
-        """Return the cost-to-come of cells inside the raster, shape (...) [m]; inf without a path.
+        """Return the cost-to-come of cells, shape (...) [m]; inf without a path.
 
-        `cells`: shape (..., 2), int, (row, column).
+        `cells`: (row, column), shape (..., 2), int, inside the raster.
         """
         return self._metres(self.travel[cells[..., 0] + 1, cells[..., 1] + 1])
 
@@ -194,10 +191,7 @@ class TravelField:
         return np.where(travel == UNREACHED, np.inf, travel * (self.costmap.grid.resolution / (STRAIGHT * SCALE)))
 
     def path(self, row: int, col: int) -> np.ndarray | None:
-        """Return the path to a cell, shape (n, 2), float64, points a cell apart [m]; None without a path.
-
-        Straight lines replace staircases if they cost no more.
-        """
+        """Return the path to a cell, points a cell apart, shape (n, 2), float64 [m]; None without a path."""
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
         cells = walk_back(self.predecessor, row, col)
@@ -210,7 +204,6 @@ class TravelField:
 def _traversable_cell(
     costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, max_cost: int
 ) -> tuple[int, int] | None:
-    """Return the traversable cell nearest to a point within `tolerance` [m]; None without one."""
     row, col = (int(k) for k in costmap.grid.cells(np.array(point)))
     reach = math.floor(tolerance / costmap.grid.resolution + 1e-9)
     row, col = nearest_cell(costmap.costs, weights, row, col, reach, max_cost)
@@ -227,9 +220,8 @@ def travel_field(
 ) -> TravelField | None:
     """Search from a start (x, y), map frame [m], to all cells (Dijkstra) or to a goal (row, column) (A*).
 
-    If the start is not traversable, the search begins at the nearest traversable cell within the robot's radius;
-    returns None without one. With a goal, only the path to the goal is final. Unknown cells, if allowed, have the
-    highest cost of free cells.
+    A start in collision is moved to the nearest traversable cell within the robot's radius; returns None without one.
+    With a goal, only the path to it is final. Unknown cells, if allowed, have the highest cost of free cells.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -246,10 +238,10 @@ def plan_path(
     tolerance: float = 0.0,
     allow_unknown: bool = False,
 ) -> np.ndarray | None:
-    """Return the cheapest path between two positions (x, y), map frame [m], by A*; None without a path.
+    """Return the cheapest path between positions (x, y), map frame [m], by A*; None without a path.
 
-    The path may end up to `tolerance` [m] from a goal that is not traversable. Unknown cells, if allowed, have the
-    highest cost of free cells. Returns shape (n, 2), float64, points a cell apart [m].
+    The path may end up to `tolerance` [m] from a goal in collision. Unknown cells, if allowed, have the highest cost of
+    free cells. Returns points a cell apart, shape (n, 2), float64 [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
@@ -261,9 +253,9 @@ def plan_path(
 def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
     """Return straight paths out of mapped obstacles that the scan does not show, shortest first.
 
-    Such obstacles result from moved furniture or inaccurate maps. `obstacles`: visible points, shape (k, 2), base frame
-    [m]. `reach`, `least`: maximum and minimum length [m]. Paths: shape (n, 2), float64, points at most a cell apart,
-    map frame [m]. Returns an empty list if the footprint touches no mapped obstacle.
+    Furniture may have moved, or the map may be inaccurate. `obstacles`: visible points, shape (k, 2), base frame [m].
+    `reach`, `least`: maximum and minimum length [m]. Paths: shape (n, 2), points at most a cell apart, map frame [m];
+    none if the footprint is free.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))
@@ -284,10 +276,7 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
 @njit(cache=True, error_model="numpy")
 def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
-    """Return a smoothed copy of a path, after Nav2's simple smoother with in-place updates (Gauss-Seidel).
-
-    No point moves into an untraversable cell. Both ends stay.
-    """
+    """Return a smoothed copy of a path; its ends stay. After Nav2's simple smoother, with in-place updates."""
     height, width = costs.shape
     smooth = points.copy()
     for _ in range(NUM_SWEEPS):
@@ -310,10 +299,10 @@ def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
 
 
 def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
-    """Round off the corners of a path without collisions. Both ends stay.
+    """Smooth a path without collisions; its ends stay.
 
-    `path`: shape (n, 2), n > 0, points about a cell apart [m]. Returns shape (m, 2), float64, points at most a cell
-    apart [m].
+    `path`: points about a cell apart, shape (n, 2), n > 0 [m]. Returns points at most a cell apart, shape (m, 2),
+    float64 [m].
     """
     grid = costmap.grid
     path = np.ascontiguousarray(path, dtype=np.float64)
@@ -324,8 +313,7 @@ def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = Fal
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
     """Return True if a path stays inside the map and touches no known obstacle.
 
-    `path`: shape (n, 2), points about a cell apart [m]. Collisions at the start are ignored if the rest of the path is
-    free.
+    `path`: points about a cell apart, shape (n, 2) [m]. A path may start in collision if it leaves the obstacle.
     """
     grid = costmap.grid
     cells = grid.cells(path)

@@ -1,7 +1,7 @@
-"""Kernels of `lidarnaut.envs.navigation.planning_map`: update planning cells, marks and costs in a `Window`.
+"""Kernels of `planning_map`: update planning cells, marks and costs in a `Window`.
 
-`occupancy` and `marks`, shape (height, width), int8: occupancy of planning cells from the map and from scans. Cells are
-(row, column), shape (n, 2), int64, and may lie outside the raster.
+`occupancy` and `marks`: occupancy of planning cells by map and by scans, shape (height, width), int8. Cells are (row,
+column), shape (n, 2), int64, possibly outside the raster.
 """
 
 import math
@@ -17,10 +17,7 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, joined, window):
-    """Combine blocks of `block` x `block` map cells into planning cells, within a window.
-
-    The highest occupancy counts; unknown (-1) if all map cells are unknown.
-    """
+    """Write the maximum occupancy of each `block` x `block` map cells in a window; unknown is -1."""
     top, left, bottom, right = window
     rows, cols = data.shape
     width = right - left
@@ -44,7 +41,7 @@ def join_cells(data, block, joined, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells of points, shape (k, 2), float64 [m]; `left`, `low`: origin of the raster (x, y) [m]."""
+    """Return the cells of points, shape (k, 2) [m]; `left`, `low`: raster origin [m]."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -54,9 +51,9 @@ def cells_of(points, left, low, side):
 
 @njit(cache=True, error_model="numpy")
 def obstacle_cells(points, marking_range, pose, origin, side):
-    """Return the cells of points, shape (n, 2), float64, base frame [m], within `marking_range` [m] of the robot.
+    """Return the cells of points, shape (n, 2), base frame [m], within `marking_range` [m] of the robot.
 
-    `origin`: origin of the raster, map frame [m]. `side`: side of a cell [m].
+    `origin`: raster origin, map frame [m]. `side`: cell side [m].
     """
     near = points_within(points, marking_range)
     x, y, theta = pose
@@ -82,7 +79,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, joined, cells, reach):
-    """Mark obstacle cells without an occupied map cell within `reach`; a `reach` of -1 marks all cells."""
+    """Mark obstacle cells without an occupied map cell within `reach`; all cells if `reach` is -1."""
     height, width = joined.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
@@ -98,14 +95,14 @@ def mark(marks, joined, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, window):
-    """Update the costs in a window: inflate obstacles of the map, marked obstacles and visible obstacles.
+    """Update costs in a window by inflation of mapped, marked and visible obstacles.
 
-    Cells of `obstacles` count unless an occupied map cell is near; cells of `bodies` always count. Writes `costs`,
-    shape (height, width), uint8, and `open_weights`, see `_expand`.
+    `obstacles` count unless an occupied map cell is near; `bodies` always count. Writes `costs`, shape (height, width),
+    uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window
     height, width = joined.shape
-    # Obstacles outside the window inflate into it, and may in turn be explained by map cells farther outside.
+    # Obstacles outside the window inflate into it, and map cells farther outside may explain them.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     last_row, last_col = min(bottom + reach, height), min(right + reach, width)

@@ -1,7 +1,4 @@
-"""Planning map: map, marked obstacles and inflation, updated incrementally in the windows that scans change.
-
-A map that has grown or was rebuilt is processed in full.
-"""
+"""Planning map, updated incrementally in the windows that scans change."""
 
 import math
 from collections.abc import Sequence
@@ -26,11 +23,11 @@ from lidarnaut.envs.navigation.planning_kernels import (
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0
-"""Initial limit of travel cost in the search for candidates [m]; doubled until enough candidates are known."""
+"""Initial travel cost limit of the candidate search [m], doubled as needed."""
 
 
 class PlanningTables(NamedTuple):
-    """Robot and `PlanningParams` in cells and units of `search`, for one footprint padding level."""
+    """Parameters in cells and units of `search`, for one footprint padding level."""
 
     costs: np.ndarray
     weights: np.ndarray
@@ -52,7 +49,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         costs=costmap.table(side),
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
-        radius=max(1, math.floor(radius / side + 1e-9)),  # maximum distance of a search's start from the robot's cell
+        radius=max(1, math.floor(radius / side + 1e-9)),  # maximum distance of the start cell
         same_obstacle=round(params.same_obstacle / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
@@ -60,7 +57,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
         view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
         heading_steps=max(1, round(params.heading_distance / side)),
-        robot_radius=radius,  # footprint radius of this level [m]
+        robot_radius=radius,  # footprint radius [m]
     )
 
 
@@ -70,24 +67,24 @@ class CostLayer:
     def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
-        """Costs, shape (height, width), uint8, as in `Costmap`."""
+        """Costs, shape (height, width), uint8; see `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Cell weights with a border, shape ((height + 2) * (width + 2),), uint8; see `_expand`."""
+        """Cell weights, uint8; see `_expand`."""
         self.pending: Window | None = None
-        """Window to recompute: changes of map or marks since the last update, with inflation."""
+        """Window to recompute, with inflation."""
         self.in_sight: Window | None = None
-        """Window of the visible obstacles at the last update, with inflation."""
+        """Window of the obstacles visible at the last update, with inflation."""
 
 
 class PlanningMap:
-    """Planning cells of one robot's map, in layers as in Nav2: map, marked obstacles, inflation.
+    """Planning cells of a robot's map, in layers as in Nav2: map, marked obstacles, inflation.
 
-    Scans (`integrate`) mark obstacles farther than `same_obstacle` from all occupied map cells. Nav2 marks all
-    obstacles, so pose errors can close narrow doors. Beams clear marks, never the map.
+    Scans mark only obstacles farther than `same_obstacle` from occupied map cells, so that pose errors do not close
+    doors, as in Nav2. Beams clear marks, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
-        """Create a planning map for maps with cells of side `resolution` [m]."""
+        """Create a planning map; `resolution`: side of a map cell [m]."""
         self.params = params
         self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
         """Side of a planning cell [map cells]."""
@@ -95,22 +92,22 @@ class PlanningMap:
         """Side of a planning cell [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
-        """Constants per footprint padding level: the padded robot first, followed by smaller footprints."""
+        """Constants per footprint padding level: the padded robot, then smaller footprints."""
         self._data: np.ndarray | None = None
         self._pending: Window | None = None
         self._known: Window | None = None
         self._beyond, self._points = 0.0, np.zeros((1, 2))
         self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
-        """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]; their neighbours are also ignored."""
+        """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]."""
         self.origin = (0.0, 0.0)
-        """Corner of the raster's first row and column (x, y), map frame [m]."""
+        """Corner of the first row and column (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: tuple[int, int, int, int] | None, *, redrawn: bool = False) -> None:
-        """Record the map cells that the last scan has changed; call after each scan.
+        """Record the map changes of each scan.
 
-        `window`: first column and row, last column and row of changed map cells; None for no change. `redrawn`: the map
-        was rebuilt, and marks are discarded.
+        `window`: first column and row, last column and row of changed map cells; None for none. `redrawn`: the map was
+        rebuilt; discard marks.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
@@ -130,7 +127,7 @@ class PlanningMap:
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
-        """Update the occupancy and the frontier of the planning cells."""
+        """Update occupancy and frontier."""
         window, self._pending = self._pending, None
         if window is None:
             return
@@ -145,10 +142,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs of a footprint padding level, 0 to `max_level`, with the obstacles near the robot.
+        """Return the costs of a footprint padding level, 0 to `max_level`, with obstacles near a pose.
 
-        `obstacles`: points that occupied map cells may explain. `bodies`: points that no map cell explains. Both have
-        shape (n, 2), float64, base frame [m].
+        `obstacles`: points that the map may explain. `bodies`: points that the map cannot explain. Shape (n, 2),
+        float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
@@ -188,13 +185,13 @@ class PlanningMap:
         return self.costmap_of(self.layer(level, pose, obstacles, bodies))
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
-        """Return the current costs of a layer; a live view."""
+        """Return the costs of a layer; a live view."""
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
-        """Mark scanned obstacles that the map lacks, and clear marks along the beams.
+        """Mark scanned obstacles that the map lacks; clear marks along beams.
 
-        `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for beams to ignore.
+        `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for ignored beams.
 
         Raises:
             ValueError: if the pose is not finite, or the number of ranges is wrong.
@@ -207,7 +204,7 @@ class PlanningMap:
         x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         is_valid = ranges >= 0.0
         angles, ranges = theta + lidar.angles[is_valid], ranges[is_valid].astype(np.float64)
-        # Clearing stops a map cell before the hit, so that range noise does not clear a wall.
+        # A map cell of margin, so that range noise does not clear walls.
         lengths = np.minimum(ranges - self.side / self.block, self.params.clearing_range) / self.side
         col, row = (x - self.origin[0]) / self.side, (y - self.origin[1]) / self.side
         clear_beams(self.marks, col, row, angles[lengths > 0.0], lengths[lengths > 0.0])
@@ -218,7 +215,7 @@ class PlanningMap:
         self._spoil(self._around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:
-        """Mark obstacle points that no scan shows, such as contacts: shape (n, 2), map frame [m]."""
+        """Mark obstacle points that no scan shows, such as contacts, shape (n, 2), map frame [m]."""
         self.refresh()
         mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
         if len(points):
@@ -226,7 +223,7 @@ class PlanningMap:
             self._spoil(self._around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
     def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
-        """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all marks."""
+        """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all."""
         top, left, bottom, right = window = self._around(*around, radius)
         self.marks[top : max(bottom, top), left : max(right, left)] = UNKNOWN
         self._spoil(window)
@@ -237,22 +234,22 @@ class PlanningMap:
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
     def look_again_at(self, points: np.ndarray) -> None:
-        """Consider points, shape (n, 2), again that were passed to `ignore`, from the next `update` on."""
+        """Undo `ignore` for points, shape (n, 2), from the next `update` on."""
         is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
         if is_given.any():
             self.ignored_points, self._data = self.ignored_points[~is_given], None
 
     def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
-        """Return True if a frontier cell lies within `radius` [m] of a position (x, y), map frame [m]."""
+        """Return True if a frontier cell is within `radius` [m] of a point (x, y), map frame [m]."""
         reach = math.ceil(radius / self.side - 1e-9)
         return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the planning cell (row, column) of a position, map frame [m]; it may lie outside the raster."""
+        """Return the planning cell (row, column) of a position, map frame [m]; possibly outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
-        """Process a whole map; marks keep their positions in the map frame, unless the map was redrawn."""
+        """Process a whole map; marks keep their positions unless the map was redrawn."""
         marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
         self._data, (rows, cols) = grid.data, grid.data.shape
         self._size = -(-rows // self.block), -(-cols // self.block)
@@ -264,7 +261,7 @@ class PlanningMap:
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
         self.joined = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Occupancy of planning cells, shape (height, width), int8; unknown if no map cell is known."""
+        """Occupancy of planning cells, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
         """Marks of scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.joined, cells_of(marked, *self.origin, self.side), -1)
@@ -272,14 +269,14 @@ class PlanningMap:
         """Frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
-        """Cells excluded from the frontier, shape (height, width), bool."""
+        """Ignored frontier cells, shape (height, width), bool."""
         ignored = cells_of(self.ignored_points, *self.origin, self.side)
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
-        """Search state, reused by all searches."""
+        """Search state."""
         self.entries = np.empty((1024, 2), dtype=np.int32)
-        """Search queue, reused by all searches; see `_expand`."""
+        """Search queue; see `_expand`."""
         first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
         self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
         self._known = None
@@ -290,19 +287,17 @@ class PlanningMap:
             self._known = top, left, row + 1, col + 1
 
     def _spoil(self, window: Window) -> None:
-        """Add a changed window to the pending updates of all layers."""
         for layer in self._layers.values():
             layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
 
     def _around(self, x: float, y: float, radius: float) -> Window:
-        """Return the window of the cells within `radius` of (x, y), map frame [m], and their neighbours."""
+        """Return the window of cells within `radius` of (x, y), map frame [m], and their neighbours."""
         if math.isinf(radius):
             return 0, 0, *self.joined.shape
         (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)
         return self._dilated((top, left, bottom + 1, right + 1), 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
-        """Return a window extended by `reach` cells, clipped to the raster."""
         height, width = self.joined.shape
         top, left, bottom, right = window
         return max(top - reach, 0), max(left - reach, 0), min(bottom + reach, height), min(right + reach, width)

@@ -1,9 +1,8 @@
-"""Regulated pure pursuit: the speed depends on curvature, obstacles and remaining distance.
+"""Regulated pure pursuit: curvature, obstacles and remaining distance limit the speed.
 
-After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023). Values that do not depend
-on the robot's speed are Nav2's. Obstacles come from the scan instead of a costmap, so stops do not depend on the pose
-estimate. If the arc to the lookahead point is blocked, the lookahead distance shrinks before the robot slows down, so
-the robot does not cut corners.
+After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023). Unlike in Nav2, obstacles
+come from the scan, so stops do not depend on the pose estimate, and a blocked arc first shortens the lookahead
+distance, so the robot does not cut corners.
 """
 
 import math
@@ -20,19 +19,19 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 BEND_CHORD = 5
-"""Number of path points in a chord that measures the direction of the path."""
+"""Number of path points in a chord, to measure path direction."""
 NEAREST_WINDOW = 40
-"""Number of path points searched for the nearest point: more than a second of driving at full speed."""
+"""Number of path points searched for the nearest point: over a second at full speed."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
-"""Number of directions tried on either side of the lookahead point in narrow passages, and their spacing [rad]."""
+"""Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
-"""State of a follower: index of the nearest path point, side of the last sidestep (1 left, -1 right), and 1 while
-turning on the spot."""
+"""Follower state: index of the nearest path point, side of the last sidestep (1 left, -1 right), whether turning on the
+spot."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowerParams:
-    """Parameters of pure pursuit. Several are relative to the robot's size or limits."""
+    """Parameters of pure pursuit."""
 
     lookahead_time: float = 1.5
     """Lookahead distance divided by speed [s]."""
@@ -41,24 +40,24 @@ class FollowerParams:
     max_lookahead: float = 0.9
     """Maximum lookahead distance [m]."""
     rotate_from: float = 0.785
-    """Angle to the lookahead point above which the robot first turns on the spot [rad]."""
+    """Angle to the lookahead point above which the robot turns on the spot [rad]."""
     rotate_until: float = 0.3
-    """Angle to the lookahead point below which a turning robot drives on [rad]."""
+    """Angle to the lookahead point below which a turn ends [rad]."""
     max_rotation: float = 1.8
     """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
     """Minimum time to drive the length of an arc's radius [s]; limits the speed in curves."""
     min_speed: float = 0.35
-    """Minimum speed to which curvature and obstacles slow the robot down, as a fraction of the maximum speed."""
+    """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept between footprint and obstacles, in robot radii; at most 0.03 m. It is reduced by 1.5 standard
-    deviations of the lidar noise, because the nearest of many points on a wall appears that much too near."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise: the
+    nearest of many points on a wall appears that much too near."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Angles tried on either side to steer past obstacles before the lookahead point [rad]."""
+    """Angles tried on either side to steer past obstacles [rad]."""
     braking: float = 0.5
-    """Fraction of the robot's maximum deceleration assumed for braking."""
+    """Fraction of maximum deceleration assumed for braking."""
 
 
 FAST = FollowerParams(
@@ -70,13 +69,13 @@ FAST = FollowerParams(
     min_speed=0.25,
     nearness_time=0.3,
 )
-"""Parameters for fast, agile robots that do not match scans; tuned on the world family `clutter`."""
+"""Parameters for fast, agile robots without scan matching; tuned on the world family `clutter`."""
 
 
 def follower_numbers(
     robot: RobotParams, period: float, params: FollowerParams = FollowerParams()
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the kernel constants in m, s, rad of a robot with a control period `period` [s], for `as_record`."""
+    """Return the kernel constants of a robot, for `as_record`; `period`: control period [s]."""
     braking_v = params.braking * robot.max_acc_v
     return asdict(params) | {
         "period": period,
@@ -84,20 +83,19 @@ def follower_numbers(
         "max_v": robot.max_v,
         "max_w": robot.max_w,
         "rotation": min(robot.max_w, params.max_rotation),  # maximum yaw rate used
-        "braking_v": braking_v,  # deceleration assumed for braking
+        "braking_v": braking_v,
         "braking_w": params.braking * robot.max_acc_w,
-        # Radius that is kept free of obstacles.
         "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
-        # Radius kept free of obstacles in narrow passages.
+        # In narrow passages.
         "tight_reach": robot.radius - robot.lidar.noise_std,
         "min_lookahead": min(params.min_lookahead * robot.radius, 0.25),
-        # Minimum length of tested arcs: the braking distance from full speed.
+        # Minimum length of tested arcs: braking distance from full speed.
         "look": robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03,
     }
 
 
 def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
-    """Return numbers and tuples of numbers as a structured array of float64, shape (1,).
+    """Return numbers and tuples as a structured float64 array, shape (1,).
 
     Passing an array to a compiled function takes 0.3 us, a named tuple 0.1 us per field.
     """
@@ -118,7 +116,7 @@ def nearest_index(path, x, y, first, window):
 
 @njit(cache=True, error_model="numpy")
 def _carrot_index(path, x, y, first, lookahead):
-    """Return the index of the first point from `first` on at least `lookahead` [m] from (x, y), or of the last."""
+    """Return the index of the first point at least `lookahead` [m] from (x, y), or of the last point."""
     for k in range(first, path.shape[0]):
         if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
             return k
@@ -129,7 +127,7 @@ def _carrot_index(path, x, y, first, lookahead):
 def _distance_to_bend(path, first, chord, angle):
     """Return the path length from index `first` to a bend of more than `angle` [rad], or to the end [m].
 
-    Directions are measured by chords of `chord` points, so the staircase of a raster is no bend.
+    Chords of `chord` points measure direction, so raster staircases are no bends.
     """
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
@@ -145,14 +143,14 @@ def _distance_to_bend(path, first, chord, angle):
 
 @njit(cache=True, error_model="numpy")
 def turn_rate(angle, numbers):
-    """Return the yaw rate of a turn on the spot by `angle` [rad] that brakes in time [rad/s]."""
+    """Return the yaw rate that turns on the spot by `angle` [rad] and brakes in time [rad/s]."""
     rate = min(math.sqrt(2.0 * numbers.braking_w * abs(angle)), 0.5 * abs(angle) / numbers.period)
     return math.copysign(min(rate, numbers.rotation), angle)
 
 
 @njit(cache=True, error_model="numpy")
 def _free(x, y, lookahead, reach, obstacles, numbers):
-    """Return the free length of the arc to a point, base frame [m], tested at least over the braking distance."""
+    """Return the free length of the arc to a point, base frame [m]."""
     curvature = 2.0 * y / max(x * x + y * y, 1e-6)
     return free_distance(obstacles, curvature, reach, max(lookahead, numbers.look))
 
@@ -173,10 +171,7 @@ def _sidestep(state, x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _squeeze(x, y, free, obstacles, numbers):
-    """Return the point near the lookahead point whose arc has most clearance, without a margin.
-
-    This keeps the robot in the middle of narrow passages. Returns the lookahead point if no arc is free.
-    """
+    """Return the point near the lookahead point whose free arc has most clearance, for narrow passages."""
     most, found = -np.inf, (x, y, free)
     for k in range(-NUM_SQUEEZES, NUM_SQUEEZES + 1):
         c, s = math.cos(SQUEEZE_STEP * k), math.sin(SQUEEZE_STEP * k)
@@ -192,7 +187,7 @@ def _squeeze(x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _room(x, y, obstacles, numbers):
-    """Return the mean clearance along the arc to a point, each sample limited to the distance kept [m]."""
+    """Return the mean clearance along the arc to a point [m], each sample limited to `reach`."""
     angle, total = math.atan2(y, x), 0.0
     for share in (0.25, 0.5, 0.75, 1.0):
         chord = math.hypot(x, y) * (math.sin(angle * share) / math.sin(angle) if abs(angle) > 1e-3 else share)
@@ -206,7 +201,7 @@ def _room(x, y, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
-    """Return the lookahead point, base frame [m], and the free length of the arc to it [m]."""
+    """Return the lookahead point, base frame [m], and the free length of its arc [m]."""
     c, s = math.cos(theta), math.sin(theta)
     while True:
         k = _carrot_index(path, x, y, state.index, lookahead)
@@ -222,7 +217,7 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _speed_for(free, numbers):
-    """Return the maximum speed [m/s] that allows a stop within `free` [m], after one control period of delay."""
+    """Return the maximum speed that allows a stop within `free` [m], after one control period."""
     delay = numbers.braking_v * numbers.period
     return math.sqrt(delay**2 + 2.0 * numbers.braking_v * max(free, 0.0)) - delay
 
@@ -231,7 +226,7 @@ def _speed_for(free, numbers):
 def _approach_speed(ahead, left, obstacles, numbers):
     """Return the speed towards a point, base frame [m], at which gaps to obstacles last `nearness_time`.
 
-    Only the speed towards an obstacle closes a gap, so walls beside the path do not slow the robot down.
+    Only the speed component towards an obstacle counts, so walls beside the path do not.
     """
     distance = math.hypot(ahead, left)
     v = np.inf
@@ -246,12 +241,12 @@ def _approach_speed(ahead, left, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
-    """Return the forward speed [m/s] along the arc to a point, base frame [m], with a free length `free` [m]."""
+    """Return the forward speed [m/s] on the arc to a point, base frame [m], of free length `free` [m]."""
     max_v, slowest = numbers.max_v, numbers.min_speed
     curvature = 2.0 * left / (ahead**2 + left**2)
     v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))
     v = min(v, max(_approach_speed(ahead, left, obstacles, numbers), slowest * max_v))
-    # The robot brakes before a bend that requires a turn on the spot, and before the end of the path.
+    # Brake before a turn on the spot at a bend, and before the end.
     bend = _distance_to_bend(path, state.index, BEND_CHORD, numbers.rotate_from)
     v = min(v, max(_speed_for(bend, numbers), slowest * max_v))
     return min(v, _speed_for(free, numbers))
@@ -259,17 +254,15 @@ def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def follow(state, path, x, y, theta, v_now, obstacles, numbers):
-    """Return the twist that follows a path for the next period, and whether obstacles block the robot.
+    """Return the twist that follows a path: forward speed [m/s], yaw rate [rad/s], and True if blocked by obstacles.
 
-    `state`: record with `FOLLOWER_FIELDS`, written. `path`: shape (n, 2), float64, n > 0, points up to a map cell
-    apart, map frame [m]. `x`, `y`, `theta`: pose estimate, map frame. `v_now`: forward speed by odometry [m/s].
-    `obstacles`: shape (k, 2), float64, base frame [m]. Returns forward speed [m/s], yaw rate [rad/s], and True if
-    blocked.
+    `state`: record with `FOLLOWER_FIELDS`, written. `path`: points up to a map cell apart, shape (n, 2), n > 0, map
+    frame [m]. `x`, `y`, `theta`: pose estimate. `v_now`: forward speed by odometry [m/s]. `obstacles`: shape (k, 2),
+    base frame [m].
     """
     state.index = nearest_index(path, x, y, state.index, NEAREST_WINDOW)
     lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
     lookahead = min(max(lookahead, numbers.min_lookahead), numbers.max_lookahead)
-    # An arc leads no farther away than its length.
     near = points_within(obstacles, max(lookahead, numbers.look) + numbers.reach)
     ahead, left, free = _carrot(state, path, x, y, theta, lookahead, near, numbers)
     angle = math.atan2(left, ahead)
@@ -294,21 +287,17 @@ class PathFollower:
     """Local planner by regulated pure pursuit; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
-        """Create a follower; `control_period`: time between calls of `command` [s]."""
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=record_type(FOLLOWER_FIELDS))
         self._state["side"] = 1.0
         self._path = np.empty((0, 2))
         self.blocked = False
-        """True if obstacles kept the last command from driving on."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """Remaining path, shape (n, 2), map frame [m]."""
         return self._path[self._state["index"][0] :]
 
     def set_path(self, path: np.ndarray) -> None:
-        """Set the path; see `LocalPlanner.set_path`."""
         self._path = np.ascontiguousarray(path)
         self._state["index"] = 0
 

@@ -1,4 +1,4 @@
-"""Reactive driving by the scan alone, independent of the pose estimate."""
+"""Reactive driving by the scan alone, without a pose estimate."""
 
 import math
 
@@ -9,11 +9,11 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
-"""Curvatures of the tested arcs [1/m]."""
+"""Curvatures of tested arcs [1/m]."""
 REACH = 1.2
-"""Length of the tested arcs beyond the robot's radius [m]."""
+"""Length of tested arcs beyond the robot's radius [m]."""
 MARGIN = 0.04
-"""Distance kept between footprint and obstacles [m]."""
+"""Distance kept from obstacles [m]."""
 SPEED = 0.7
 """Forward speed as a fraction of the maximum speed."""
 TURN_RATE = 0.8
@@ -21,14 +21,13 @@ TURN_RATE = 0.8
 BIAS_TIME = (6.0, 15.0)
 """Minimum and maximum duration of a heading bias [s]."""
 MAX_BIAS = 0.3
-"""Maximum heading bias to either side, as a curvature [1/m]."""
+"""Maximum heading bias, as a curvature [1/m]."""
 
 
 class ReactiveDriver:
-    """Drives along the arc with most clearance. A random heading bias prevents driving in circles."""
+    """Drives along the arc with most clearance. A random heading bias prevents circling."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Create a driver; `control_period`: time between calls of `command` [s], `rng`: source of the heading bias."""
         self._robot, self._period, self._rng = robot, control_period, rng
         self._bias = self._turning = 0.0
         self._bias_steps = 0
@@ -59,6 +58,6 @@ class ReactiveDriver:
         return Twist(0.0, math.copysign(min(TURN_RATE, self._robot.max_w), self._turning))
 
     def _clearance_beside(self, obstacles: np.ndarray, side: float) -> float:
-        """Return the distance to the nearest obstacle on a side (1 left, -1 right), at most `LOOKAHEAD` [m]."""
+        """Return the distance to obstacles on a side (1 left, -1 right), at most `LOOKAHEAD` [m]."""
         beside = obstacles[side * obstacles[:, 1] > 0.0]
         return min(REACH, float(np.hypot(*beside.T).min())) if len(beside) else REACH

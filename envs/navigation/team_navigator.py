@@ -1,11 +1,9 @@
-"""Team navigation: drives robots that share a map, and resolves conflicts of right of way.
+"""Team navigation on a shared map, with rights of way.
 
-Plans lead around peers that have the right of way, and through other peers, which yield; see `docs/team.md`. If the
-peer cannot yield, the robot yields to the peer; if neither robot can, the goal fails. Peers are removed from scans and
-replaced by their footprints, which move and are known outside the lidar's view.
+Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Otherwise
+the robot yields, or its goal fails. Moving footprints replace peers in scans.
 
-Each control period, call `update` with the readings and beliefs, `choose` for the robots returned, and `command` of
-each robot.
+Each control period, call `update`, `choose` for the returned robots, then `command` of each robot.
 """
 
 from collections.abc import Sequence
@@ -24,37 +22,35 @@ from lidarnaut.envs.simulation import Reading
 UNASSIGNED = -1
 """Choice for a robot without a candidate."""
 OVERLAP = 2.0
-"""Distance between two frontiers above which their visible areas do not overlap [m]."""
+"""Distance between frontiers without overlapping views [m]."""
 BLOCKING_REACH = 1.5
-"""Length of the path ahead of a robot on which a peer blocks the robot [m]."""
+"""Length of the path ahead on which a peer blocks a robot [m]."""
 PEER_CLEARANCE = 0.05
-"""Clearance to peers beyond the clearance to other obstacles, because peers move [m]."""
+"""Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""Prediction time of peers: a peer's predicted footprint is an obstacle, too [s]."""
+"""Time ahead at which a peer's predicted footprint is an obstacle, too [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
     """Reduce the visible unknown area of candidates near another robot's frontier, in place.
 
-    The area is scaled by the distance from `frontier` (x, y), map frame, up to `overlap` [m] (after Burgard, Moors,
-    Stachniss, Schneider, "Coordinated multi-robot exploration", 2005).
+    Up to `overlap` [m] from `frontier` (x, y), map frame, area is scaled by distance (after Burgard, Moors, Stachniss,
+    Schneider, "Coordinated multi-robot exploration", 2005).
     """
     gaps = np.hypot(*(candidates["frontier"] - frontier).T)
     candidates["visible"][:] *= np.minimum(gaps / overlap, 1.0)
 
 
 class TeamNavigator:
-    """Navigator of one or several robots, in the order of their indices."""
+    """Navigator of one or several robots, ordered by index."""
 
     def __init__(self, robot: RobotParams, team: Sequence[TeamRobot]) -> None:
-        """Create a navigator; all robots of the team have equal parameters."""
         self.team = team
-        """Robots of the team."""
         self._robot, self._peer_filter = robot, PeerFilter(robot)
 
     @property
     def end_reason(self) -> str | None:
-        """Reason why the team stopped exploring; None while any robot explores."""
+        """Reason why the team stopped exploring; None while exploring."""
         reasons = [robot.ended for robot in self.team]
         if None in reasons:
             return None
@@ -73,9 +69,9 @@ class TeamNavigator:
     def update(
         self, readings: Sequence[Reading], beliefs: Sequence[Belief], *, is_asked: bool = False
     ) -> list[TeamRobot]:
-        """Process the readings of all robots; return the robots that need a frontier.
+        """Process readings; return the robots that need a frontier.
 
-        Idle robots are processed last. They are included if another robot needs a frontier, or if `is_asked`.
+        Idle robots are included if another robot needs a frontier, or if `is_asked`.
         """
         self._poses, due = [belief.pose for belief in beliefs], list[TeamRobot]()
         for robot in self.team:
@@ -90,7 +86,7 @@ class TeamNavigator:
         return due
 
     def choose(self, due: Sequence[TeamRobot], choices: Sequence[int]) -> None:
-        """Begin drives to the chosen candidates; `UNASSIGNED` robots wait for the team, look around or end."""
+        """Begin drives to chosen candidates; `UNASSIGNED` robots wait, look around or end."""
         for robot, index in zip(due, choices, strict=True):
             if index != UNASSIGNED:
                 robot.choose(index)
@@ -103,7 +99,7 @@ class TeamNavigator:
         return [peer for peer in self.team if peer is not robot]
 
     def _observe_peers(self, robot: TeamRobot, reading: Reading) -> Reading:
-        """Set the peers as obstacles of a robot; return its reading without the peers."""
+        """Set peers as obstacles of a robot; return its reading without peers."""
         peers, pose, radius = self._peers_of(robot), self._poses[robot.index], self._robot.radius + PEER_CLEARANCE
         if not peers:
             return reading
@@ -121,7 +117,7 @@ class TeamNavigator:
         return reading._replace(ranges=ranges)
 
     def _resolve_conflict(self, robot: TeamRobot) -> None:
-        """Find the peer that blocks a robot, and make the peer or the robot yield."""
+        """Make a blocking peer or the robot yield."""
         gap = 2.0 * self._robot.radius + 0.1
         for peer in self._peers_of(robot):
             path = robot.plan

@@ -1,4 +1,4 @@
-"""One robot of an exploring team: right of way, yielding and waiting."""
+"""One robot of an exploring team."""
 
 import math
 
@@ -19,21 +19,21 @@ from lidarnaut.envs.simulation import Reading
 PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a passing and a waiting robot [m]."""
 OUTLINE_POINTS = 16
-"""Number of points in the outline of a peer."""
+"""Number of points in a peer's outline."""
 PAUSE_TIME = 1.0
-"""Time between searches for a frontier, while other robots have all frontiers [s]."""
+"""Time between searches for a frontier while other robots have all frontiers [s]."""
 BLOCKED_TIME = 1.0
-"""Time without progress after which a robot counts as blocked [s]."""
+"""Time without progress after which a robot is blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Gap between a waiting robot and the area swept by the other robot's path above which the wait is over [m]."""
+"""Gap between a waiting robot and the area swept along the other robot's path that ends the wait [m]."""
 MAX_WAIT = 15.0
 """Maximum waiting time [s]."""
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
-    """Return the circular outline of a peer as obstacle points: shape (16, 2), float64, base frame [m].
+    """Return the circular outline of a peer as obstacle points, shape (16, 2), base frame [m].
 
-    `pose`, `peer`: poses of the robot and of the peer, map frame. `radius`: radius of the outline [m].
+    `pose`, `peer`: poses of robot and peer, map frame. `radius`: radius of the outline [m].
     """
     away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
@@ -49,10 +49,10 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Return the cell with the lowest travel cost at which another robot can pass; None without one.
+    """Return the cheapest cell to reach at which another robot can pass; None for none.
 
-    `field`: travel field of the waiting robot, with the other robot as an obstacle. `path`: remaining path of the other
-    robot, shape (n, 2), n > 0, map frame [m]. `radius`: footprint radius of both robots [m].
+    `field`: travel field of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
+    `radius`: footprint radius of both [m].
     """
     grid = field.costmap.grid
     cells = grid.cells(path)
@@ -69,7 +69,7 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
 
 
 class TeamRobot(FrontierNavigator):
-    """Frontier navigator of one robot in a team, with right of way, yielding and waiting."""
+    """Frontier navigator in a team, with right of way, yielding and waiting."""
 
     def __init__(
         self,
@@ -82,21 +82,20 @@ class TeamRobot(FrontierNavigator):
         max_time: float = math.inf,
         planning: PlanningParams = PlanningParams(),
     ) -> None:
-        """Create the robot with an index in its team, for one episode.
+        """Create a robot; `patience`: control periods without a reachable frontier after which exploration ends.
 
-        Exploration ends after `patience` control periods without a reachable frontier. For other arguments, see
-        `FrontierNavigator`.
+        For other arguments, see `FrontierNavigator`.
         """
         super().__init__(robot, control_period, max_candidates=max_candidates, max_time=max_time, planning=planning)
         self.index = index
         self.ended: str | None = None
-        """Reason why the robot stopped exploring; None while it explores."""
+        """Reason why the robot stopped exploring; None while exploring."""
         self.yielding_to: TeamRobot | None = None
-        """Robot that this robot lets pass; None otherwise."""
+        """Robot that this robot lets pass, if any."""
         self.passing = NO_POINTS
-        """Outline points of peers that plans may pass through, shape (n, 2), base frame [m]."""
+        """Outline points of peers that plans may cross, shape (n, 2), base frame [m]."""
         self.outcome: str | None = None
-        """Outcome of the last drive, see `FrontierNavigator.update`; None while driving."""
+        """Outcome of the last drive; None while driving."""
         self._patience, self._radius, self._period = patience, robot.radius, control_period
         self._has_begun = self._has_looked_around = self._keeps_clocks = False
         self._idle_steps = self._pause_steps = self._wait_steps = 0
@@ -108,30 +107,30 @@ class TeamRobot(FrontierNavigator):
 
     @property
     def precedence(self) -> tuple[bool, int]:
-        """Order of precedence: the robot with the lower value has the right of way."""
+        """Precedence: the robot with the lower value has the right of way."""
         return self.driving_to is None, self.index
 
     @property
     def is_blocked(self) -> bool:
-        """True if the robot drives to a goal without making progress."""
+        """True if the robot drives to a goal without progress."""
         drive = self.navigator
         return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
 
     @property
     def is_idle(self) -> bool:
-        """True if the robot has begun and has no drive, recovery or wait."""
+        """True without a drive, recovery or wait."""
         is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
         return self._has_begun and not is_busy
 
     @property
     def may_turn_away(self) -> bool:
-        """True if the robot drives to a frontier and may switch to another frontier."""
+        """True if the robot may switch to another frontier."""
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
         """Process a reading without peers; return True if the robot needs a frontier.
 
-        With `is_asked`, a robot searches for a frontier even in a pause.
+        With `is_asked`, a paused robot searches, too.
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -155,7 +154,7 @@ class TeamRobot(FrontierNavigator):
         return self.outcome is not None
 
     def learn(self, belief: Belief) -> None:
-        """Process the map changes of another robot's scan."""
+        """Process map changes of another robot's scan."""
         if self._has_begun:
             self.integrate(belief)
 
@@ -169,13 +168,13 @@ class TeamRobot(FrontierNavigator):
         super().choose(index, keep_clocks=keep_clocks or self._keeps_clocks)
 
     def wait(self) -> None:
-        """Stop for `PAUSE_TIME`, because other robots have all frontiers."""
+        """Pause, because other robots have all frontiers."""
         self._has_looked_around, self.ended = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
 
     def look_around_or_end(self) -> None:
-        """Look around if no frontier is left; end exploration after `patience` steps without a drive."""
+        """Look around if no frontier is left; end exploration after `patience` idle steps."""
         if not self._has_looked_around:
             self._has_looked_around = True
             self.look_around()
@@ -184,7 +183,7 @@ class TeamRobot(FrontierNavigator):
             self.navigator.stop()
 
     def yield_to(self, other: "TeamRobot", pose: Pose2D) -> bool:
-        """Abandon the goal and drive off the path of another robot; return False if there is no free cell."""
+        """Leave another robot's path; return False if there is no free cell."""
         path = other.plan
         field = None if path is None else travel_field(self.free_costmap(pose), pose[:2])
         cell = None if path is None or field is None else find_waiting_cell(field, path, self._radius)
@@ -206,7 +205,7 @@ class TeamRobot(FrontierNavigator):
         return is_off or self._wait_steps * self._period > MAX_WAIT
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Replan the path; pass through peers if no path leads around them, since peers move or yield."""
+        """Replan; cross peers if no path leads around them, since peers move or yield."""
         if super()._replan(pose):
             return True
         bodies, self.bodies = self.bodies, NO_POINTS

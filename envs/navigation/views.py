@@ -1,7 +1,7 @@
-"""Visibility from viewpoints: kernels that cast rays over planning cells, for rules and policies.
+"""Visibility from viewpoints: kernels that cast rays over planning cells.
 
-Rays pass unknown cells and end at an occupied cell or at maximum range (González-Baños and Latombe, "Navigation
-strategies for exploring indoor environments", 2002).
+Rays pass unknown cells and end at occupied cells (González-Baños and Latombe, "Navigation strategies for exploring
+indoor environments", 2002).
 """
 
 import math
@@ -15,24 +15,24 @@ from lidarnaut.envs.navigation.frontiers import is_visible
 NUM_RAYS = 48
 """Number of rays from a viewpoint."""
 NUM_SECTORS = 24
-"""Number of sectors around a viewpoint, each with `PER_SECTOR` rays."""
+"""Number of sectors around a viewpoint."""
 PER_SECTOR = NUM_RAYS // NUM_SECTORS
 RAYS = np.array(
     [(math.sin(angle), math.cos(angle)) for angle in (2.0 * math.pi * k / NUM_RAYS for k in range(NUM_RAYS))]
 )
-"""Unit directions of the rays (row, column), shape (NUM_RAYS, 2)."""
+"""Unit ray directions (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of the discs around a frontier in which the unknown share is computed [m]."""
+"""Radii of discs around a frontier for unknown shares [m]."""
 SHARE_STEPS = 10
-"""Number of sampled cells per radius of a disc."""
+"""Samples per disc radius."""
 
 
 @njit(cache=True, error_model="numpy")
 def cast_view(joined, row, col, reach, free, unknown):
-    """Cast rays of length `reach` [cells] from the centre of a cell; cells outside the raster are unknown.
+    """Cast rays of length `reach` [cells] from a cell's centre; cells outside the raster are unknown.
 
-    Writes for each ray, shape (NUM_RAYS,), float64: `free`, the length up to an occupied cell [cells], and `unknown`,
-    the unknown area in view [cells2]. Returns the index of the ray in the mean direction of the unknown area.
+    Writes for each ray, shape (NUM_RAYS,): `free`, length up to an occupied cell [cells], and `unknown`, unknown area
+    in view [cells2]. Returns the ray in the mean direction of unknown area.
     """
     height, width = joined.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
@@ -45,7 +45,6 @@ def cast_view(joined, row, col, reach, free, unknown):
             x += d_col
             r, c = math.floor(y), math.floor(x)
             if r < 0 or r >= height or c < 0 or c >= width:
-                # All cells from here on are unknown.
                 area += 0.5 * (reach * (reach + 1) - step * (step - 1))
                 break
             occupancy = joined[r, c]
@@ -64,8 +63,8 @@ def cast_view(joined, row, col, reach, free, unknown):
 def fill_sectors(free, unknown, first, reach, sectors):
     """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view`.
 
-    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: the shortest ray of each sector as a fraction of `reach`,
-    followed by the unknown share of each sector's area.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray per sector over `reach`, then unknown share of
+    each sector.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
@@ -79,7 +78,7 @@ def fill_sectors(free, unknown, first, reach, sectors):
 
 @njit(cache=True, error_model="numpy")
 def unknown_share(joined, row, col, radius):
-    """Return the unknown share of a disc of `radius` [cells] around a cell, sampled on a lattice."""
+    """Return the unknown share of a disc of `radius` [cells] around a cell, by samples."""
     height, width = joined.shape
     step = max(radius / SHARE_STEPS, 1.0)
     num = int(radius / step)
@@ -98,8 +97,8 @@ def unknown_share(joined, row, col, radius):
 def cheapest_view(data, travel, cells, reach):
     """Find the cell with the lowest travel cost within `reach` and in line of sight of any of `cells`.
 
-    `cells`: shape (k, 2). `travel`: with a border of one cell. Returns row and column of the viewpoint and the index of
-    the visible cell; -1, -1, -1 for none.
+    `cells`: shape (k, 2). `travel`: with a border of one cell. Returns row, column and index of the visible cell; -1
+    for none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
