@@ -37,7 +37,7 @@ class Correction(NamedTuple):
     after: np.ndarray
     """Shape (n, 3), float64: the same poses in the map that replaces it."""
 
-    def carry(self, points: np.ndarray) -> np.ndarray:
+    def apply(self, points: np.ndarray) -> np.ndarray:
         """Return where points have gone, each with the nearest pose; shape (k, 2), float64, map frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:

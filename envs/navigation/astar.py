@@ -93,26 +93,26 @@ def new_expansion(height, width):
 
 
 @njit(cache=True, error_model="numpy")
-def begin(expansion, entries, costs, start, goal):
+def begin(expansion, queue, costs, start, goal):
     """Start a search at a cell; reset only the cells of the previous search."""
     (row, col), stride = start, costs.shape[1] + 2
     starts_inside = costs[row, col] == COST_LETHAL
     level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
     travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
     for k in range(counters[NUM_ENTRIES]):
-        node = np.uint32(entries[k, 0])
+        node = np.uint32(queue[k, 0])
         travel[node] = UNREACHED
         predecessor[node] = NO_STEP
     expansion.heads[:] = -1
     node = np.uint32((row + 1) * stride + col + 1)
     travel[node] = 0
-    entries[0, 0], entries[0, 1] = node, -1
+    queue[0, 0], queue[0, 1] = node, -1
     expansion.heads[level & (NUM_BUCKETS - 1)] = 0
     counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING], counters[STARTS_INSIDE] = level, 1, 1, starts_inside
 
 
 @njit(cache=True, error_model="numpy")
-def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
+def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
 
     A path that starts in collision may cross cells of weight `touching` until it first leaves them. Diagonal steps
@@ -137,16 +137,16 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     shut = np.int32(touching)
     row, col = np.int64(0), np.int64(0)
     # Eight free entries are required: growing an array inside the loop would be slow.
-    while num_waiting > 0 and np.int64(num_entries) + 8 <= entries.shape[0]:
+    while num_waiting > 0 and np.int64(num_entries) + 8 <= queue.shape[0]:
         while heads[np.uint64(level & mask)] < 0:
             level += 1
         if level > limit >> shift:
             break
         bucket = np.uint64(level & mask)
         entry = np.uint64(heads[bucket])
-        heads[bucket] = entries[entry, 1]
+        heads[bucket] = queue[entry, 1]
         num_waiting -= 1
-        node = np.uint64(entries[entry, 0])
+        node = np.uint64(queue[entry, 0])
         here = travel[node]
         if has_goal:
             row, col = np.int64(node // up) - 1, np.int64(node % up) - 1
@@ -191,7 +191,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
                 d_row, d_col = STEPS[k]
                 there += octile(row + d_row - goal_row, col + d_col - goal_col)
             bucket = np.uint64((there >> shift) & mask)
-            entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
+            queue[num_entries, 0], queue[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
             num_entries += right
             num_waiting += 1
@@ -199,16 +199,16 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def expand(expansion, entries, open_weights, costs, weights, goal, limit):
+def expand(expansion, queue, open_weights, costs, weights, goal, limit):
     """Continue a search, see `_expand`; return `queue`, enlarged if necessary."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
         # Written here: LLVM drops stores after the loop of `_expand`.
-        level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
+        level, num_entries, num_waiting = _expand(expansion, queue, open_weights, stride, touching, goal, limit)
         counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
-        if num_entries + 8 <= entries.shape[0]:
-            return entries
-        entries = np.concatenate((entries, np.empty_like(entries)))
+        if num_entries + 8 <= queue.shape[0]:
+            return queue
+        queue = np.concatenate((queue, np.empty_like(queue)))
 
 
 @njit(cache=True, error_model="numpy")
@@ -225,8 +225,8 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
         for c in range(width):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
     expansion = new_expansion(height, width)
-    entries = np.empty((open_weights.size, 2), dtype=np.int32)
+    queue = np.empty((open_weights.size, 2), dtype=np.int32)
     goal = goal_row, goal_col
-    begin(expansion, entries, costs, (start_row, start_col), goal)
-    expand(expansion, entries, open_weights, costs, weights, goal, np.int64(UNREACHED))
+    begin(expansion, queue, costs, (start_row, start_col), goal)
+    expand(expansion, queue, open_weights, costs, weights, goal, np.int64(UNREACHED))
     return expansion.travel.reshape(height + 2, width + 2), expansion.predecessor.reshape(height + 2, width + 2)

@@ -64,9 +64,9 @@ HALF_SIZE = 2.0
 """Frontier length at feature value 0.5 [m]."""
 HALF_AGE = 60.0
 """Frontier age at feature value 0.5 [s]."""
-REACH = 16.0
+OFFSET_SCALE = 16.0
 """Offset of a candidate, ahead or left, at feature value 1 [m]."""
-FAILED = 1e6
+FAILURE_PENALTY = 1e6
 """Penalty on the scores of candidates with failed drives."""
 
 
@@ -118,7 +118,7 @@ class Candidates:
 
 def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
     """Return scores, shape (k,), with candidates of failed drives last."""
-    return np.where(candidates["failures"] > 0, scores - FAILED, scores)
+    return np.where(candidates["failures"] > 0, scores - FAILURE_PENALTY, scores)
 
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
@@ -147,10 +147,10 @@ def robot_features(robot: RobotParams) -> np.ndarray:
 
 
 @njit(cache=True, error_model="numpy")
-def _view(joined, travel, members, tables, limit, is_complete):
+def _view(occupancy, travel, members, tables, limit, is_complete):
     """Return row, column, visible cell's index and travel cost of the cheapest viewpoint; index -1 if not final."""
     for k in range(len(tables.views)):
-        row, col, seen = cheapest_view(joined, travel, members, tables.views[k])
+        row, col, seen = cheapest_view(occupancy, travel, members, tables.views[k])
         if seen < 0:
             continue
         cost = travel[row + 1, col + 1]
@@ -168,7 +168,7 @@ def _is_beyond(members, start, reach, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
+def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
     """Find the reachable frontiers with the lowest travel costs, at least `max_candidates` if possible.
 
     `layer`: costs, shape (height, width), uint8, and `open_weights` of `_expand`. `frontier`: cells and parts from
@@ -177,9 +177,9 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
     """
     costs, open_weights = layer
     cells, parts = frontier
-    height, width = joined.shape
+    height, width = occupancy.shape
     travel = expansion.travel.reshape(height + 2, width + 2)
-    begin(expansion, entries, costs, start, NO_GOAL)
+    begin(expansion, queue, costs, start, NO_GOAL)
     found = np.empty(len(parts), dtype=CANDIDATE)
     is_settled = np.zeros(len(parts), dtype=np.bool_)
     num_found = 0
@@ -189,7 +189,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
         while True:
             if is_complete or not ((parts[:, 2] >= min_length) & ~is_settled).any():
                 break
-            entries = expand(expansion, entries, open_weights, costs, tables.weights, NO_GOAL, limit)
+            queue = expand(expansion, queue, open_weights, costs, tables.weights, NO_GOAL, limit)
             is_complete = expansion.counters[NUM_WAITING] == 0
             for k in range(len(parts)):
                 if parts[k, 2] < min_length or is_settled[k]:
@@ -197,7 +197,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
                 members = cells[parts[k, 0] : parts[k, 1]]
                 if not is_complete and _is_beyond(members, start, tables.views[-1], limit):
                     continue
-                row, col, seen, cost = _view(joined, travel, members, tables, limit, is_complete)
+                row, col, seen, cost = _view(occupancy, travel, members, tables, limit, is_complete)
                 if seen >= 0:
                     new = found[num_found]
                     new.goal[0], new.goal[1] = row, col
@@ -211,16 +211,16 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
             limit *= 2
         if num_found > 0:
             break
-    return found[:num_found], entries
+    return found[:num_found], queue
 
 
 @njit(cache=True, error_model="numpy")
-def _clearance(joined, row, col, reach):
-    height, width = joined.shape
+def _clearance(occupancy, row, col, reach):
+    height, width = occupancy.shape
     best = reach * reach
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
         for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if joined[r, c] >= OCCUPIED_FROM:
+            if occupancy[r, c] >= OCCUPIED_FROM:
                 best = min(best, (r - row) ** 2 + (c - col) ** 2)
     return math.sqrt(best)
 
@@ -235,7 +235,7 @@ def describe(raster, table, tables, frame, theta, now, past):
 
     Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 if it is gone.
     """
-    joined, predecessor = raster
+    occupancy, predecessor = raster
     left, low, side = frame
     before, failures, chosen, radius = past
     seen, last, least = np.empty((len(table), 3)), -1, radius
@@ -261,11 +261,11 @@ def describe(raster, table, tables, frame, theta, now, past):
         out.cost, out["size"] = out.travel * side / (STRAIGHT * SCALE), (out.span[1] - out.span[0]) * side
         out.group_size *= side
         for i in range(len(SHARE_RADII)):
-            out.unknown[i] = unknown_share(joined, row, col, SHARE_RADII[i] / side)
-        outward = cast_view(joined, goal_row, goal_col, reach, free, unknown)
+            out.unknown[i] = unknown_share(occupancy, row, col, SHARE_RADII[i] / side)
+        outward = cast_view(occupancy, goal_row, goal_col, reach, free, unknown)
         out.visible = unknown.sum() * side * side
         fill_sectors(free, unknown, outward, reach, out.sectors)
-        out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
+        out.clearance = min(_clearance(occupancy, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
         path = walk_back(predecessor, goal_row, goal_col)
         # At the viewpoint, turn towards the frontier cell.
         if path.shape[0] > 1:
@@ -298,8 +298,8 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
         out[SIZE] = row["size"] / (row["size"] + HALF_SIZE)
         out[CLEARANCE] = row.clearance
         out[AGE] = row.age / (row.age + HALF_AGE)
-        out[AHEAD] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
-        out[LEFT] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
+        out[AHEAD] = min(max((c * dx + s * dy) / OFFSET_SCALE, -1.0), 1.0)
+        out[LEFT] = min(max((c * dy - s * dx) / OFFSET_SCALE, -1.0), 1.0)
         out[FAILURES] = min(row.failures / max_failures, 1.0)
         for i in range(sectors.shape[1]):
             sectors[k, i] = row.sectors[i]

@@ -10,9 +10,9 @@ from lidarnaut.envs.robots import RobotParams
 
 BRAKING = 0.5
 """Fraction of the maximum deceleration assumed for braking."""
-MARGIN = 0.02
+STOP_MARGIN = 0.02
 """Distance kept from obstacles, for range noise and wheel slip [m]."""
-CHECKS = 2
+NUM_PASSES = 2
 """Number of passes: a slower command follows a different arc."""
 
 
@@ -22,7 +22,7 @@ def _slow_down(commands, ranges, active, directions, mount, radius, braking, per
     for k in range(commands.shape[0]):
         if active[k]:
             count = scan_points(ranges[k], directions, mount, points)
-            for _ in range(CHECKS):
+            for _ in range(NUM_PASSES):
                 v, w = commands[k, 0], commands[k, 1]
                 commands[k, 0] = v * stoppable_share(points[:count], v, w, radius, braking, period)
 
@@ -38,7 +38,7 @@ class CollisionMonitor:
         """Create a monitor; `period`: control period [s]."""
         lidar = robot.lidar
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
-        self._numbers: Any = lidar.directions, mount, robot.radius + MARGIN, BRAKING * robot.max_acc_v, period
+        self._numbers: Any = lidar.directions, mount, robot.radius + STOP_MARGIN, BRAKING * robot.max_acc_v, period
 
     def slow_down(self, commands: np.ndarray, ranges: np.ndarray, active: np.ndarray) -> None:
         """Limit commands in place.

@@ -19,7 +19,7 @@ ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, G
 NUM_CRITICS = 7
 
 
-AHEAD = 0.1
+FRONT_DISTANCE = 0.1
 """Distance of the alignment point ahead of the robot [m] (Nav2's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
 """Maximum speed that counts as stopped at the goal [m/s]."""
@@ -27,7 +27,7 @@ SLOWING_FACTOR = 5.0
 """Cost factor of squared speed while stopping at the goal."""
 
 
-class Motion(NamedTuple):
+class RolloutParams(NamedTuple):
     """Rollout parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
 
     v: float
@@ -65,21 +65,21 @@ class Ending(NamedTuple):
 
 
 @njit(cache=True, error_model="numpy")
-def roll_out(v, w, motion, poses):
+def roll_out(v, w, rollout, poses):
     """Simulate a twist from the origin with acceleration limits; return the number of poses.
 
     Writes `poses`, shape (n, 3): x, y, heading after each step, base frame [m, m, rad].
     """
-    turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
-    metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
+    turns = max(abs(w), abs(rollout.w)) * rollout.sim_time / rollout.angular_granularity
+    metres = max(abs(v), abs(rollout.v)) * rollout.sim_time / rollout.linear_granularity
     num_steps = min(max(1, math.ceil(max(turns, metres))), poses.shape[0])
-    dt = motion.sim_time / num_steps
+    dt = rollout.sim_time / num_steps
     x = y = theta = 0.0
-    speed, rate, turn = motion.v, motion.w, math.nan
+    speed, rate, turn = rollout.v, rollout.w, math.nan
     c = s = step_c = step_s = 0.0
     for k in range(num_steps):
-        speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
-        rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
+        speed += min(max(v - speed, -rollout.max_acc_v * dt), rollout.max_acc_v * dt)
+        rate += min(max(w - rate, -rollout.max_acc_w * dt), rollout.max_acc_w * dt)
         if rate * dt == turn:
             c, s = c * step_c - s * step_s, s * step_c + c * step_s
         else:
@@ -135,12 +135,12 @@ def cell_of(x, y, side, resolution):
 
 
 @njit(cache=True, error_model="numpy")
-def _rotate_to_goal(v, poses, num_steps, motion, ending):
+def _rotate_to_goal(v, poses, num_steps, rollout, ending):
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
-    if abs(motion.v) > STOPPED_SPEED:
-        return v * v * SLOWING_FACTOR + error if abs(v) < abs(motion.v) else np.nan
+    if abs(rollout.v) > STOPPED_SPEED:
+        return v * v * SLOWING_FACTOR + error if abs(v) < abs(rollout.v) else np.nan
     return error if v == 0.0 else np.nan
 
 
@@ -189,7 +189,7 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, motion, ending, rasters, people, radius, scores):
+def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """Score twists by every critic; lower is better, NaN rejects a twist.
 
     `twists`: shape (n, 2) [m/s, rad/s]. `banned`: whether v < 0, v > 0, w < 0, w > 0 would oscillate. `people`,
@@ -203,13 +203,13 @@ def judge(twists, banned, motion, ending, rasters, people, radius, scores):
         scores[i] = np.nan
         if (v < 0 and banned[0]) or (v > 0 and banned[1]) or (w < 0 and banned[2]) or (w > 0 and banned[3]):
             continue
-        num_steps = roll_out(v, w, motion, poses)
+        num_steps = roll_out(v, w, rollout, poses)
         cost = _clearance_cost(poses, num_steps, rasters)
-        if math.isnan(cost) or meets_people(poses, num_steps, people, motion.sim_time, radius):
+        if math.isnan(cost) or meets_people(poses, num_steps, people, rollout.sim_time, radius):
             continue
         x, y, theta = poses[num_steps - 1]
-        front_x, front_y = x + AHEAD * math.cos(theta), y + AHEAD * math.sin(theta)
-        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, motion, ending)
+        front_x, front_y = x + FRONT_DISTANCE * math.cos(theta), y + FRONT_DISTANCE * math.sin(theta)
+        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, rollout, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
         scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)

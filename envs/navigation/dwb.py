@@ -15,7 +15,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
-from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
+from .critics import FRONT_DISTANCE, NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
 from .obstacles import without_people
 from .pursuit import NEAREST_WINDOW, nearest_index
 
@@ -48,7 +48,7 @@ class DwbPlanner:
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         self._robot = robot
         self._max_w = min(MAX_W, robot.max_w)
-        self._horizon = robot.max_v * SIM_TIME + AHEAD
+        self._horizon = robot.max_v * SIM_TIME + FRONT_DISTANCE
         half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
         self._side = 2 * half + 1
         # Obstacles may lie anywhere in their cells.
@@ -86,15 +86,15 @@ class DwbPlanner:
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
         limits = self._robot.max_acc_v, self._robot.max_acc_w
-        motion = Motion(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
+        rollout = RolloutParams(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
         is_near = self._heading is not None and to_goal <= GOAL_TOLERANCE
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
-        ending = Ending(is_near, heading, to_goal > AHEAD)
+        ending = Ending(is_near, heading, to_goal > FRONT_DISTANCE)
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
         rasters = Rasters(costs, squared, self._rasters, RESOLUTION)
-        judge(twists, bans, motion, ending, rasters, self.tracks, self._robot.radius, scores)
+        judge(twists, bans, rollout, ending, rasters, self.tracks, self._robot.radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
@@ -144,7 +144,7 @@ class DwbPlanner:
         spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)
-        cell = cell_of(x + AHEAD * math.cos(bearing), y + AHEAD * math.sin(bearing), side, RESOLUTION)
+        cell = cell_of(x + FRONT_DISTANCE * math.cos(bearing), y + FRONT_DISTANCE * math.sin(bearing), side, RESOLUTION)
         spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
         return float(np.hypot(*points[-1]))
 

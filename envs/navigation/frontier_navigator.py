@@ -11,7 +11,7 @@ from lidarnaut.envs.navigation.astar import UNREACHED
 from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
-from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
+from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
@@ -21,7 +21,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
-WALKING = 0.2
+WALKING_SPEED = 0.2
 """Minimum speed of a walking person [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
 """Maximum length of a drive out of a mapped obstacle [m], and maximum successive attempts."""
@@ -160,7 +160,7 @@ class FrontierNavigator:
 
     def _note_people(self, belief: Belief) -> None:
         people = belief.people
-        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING]
+        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING_SPEED]
         for x, y in belief.pose.transform(people[:, :2]).tolist():
             self._met[round(x / MET_CELL), round(y / MET_CELL)] = x, y
 
@@ -196,7 +196,7 @@ class FrontierNavigator:
         self._num_looks += not goes_on
         planning.look_again_at(self._given_up)
         self._given_up, self._failures = NO_POINTS, NO_POINTS
-        height, width = planning.joined.shape
+        height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
             return True
@@ -256,13 +256,13 @@ class FrontierNavigator:
         if update.redrawn:
             if (correction := update.correction) is not None:
                 # Stored positions move with the map.
-                self._failures = correction.carry(self._failures)
-                self._seen[:, :2] = correction.carry(self._seen[:, :2])
-                self.map.ignored_points = correction.carry(self.map.ignored_points)
+                self._failures = correction.apply(self._failures)
+                self._seen[:, :2] = correction.apply(self._seen[:, :2])
+                self.map.ignored_points = correction.apply(self.map.ignored_points)
                 if self.target is not None:
-                    x, y = correction.carry(np.array([self.target]))[0].tolist()
+                    x, y = correction.apply(np.array([self.target]))[0].tolist()
                     self.target = (x, y)
-                self.navigator.carry(correction)
+                self.navigator.apply_correction(correction)
             self.navigator.plan_anew()
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         self._has_changed |= update.window is not None or update.redrawn
@@ -321,20 +321,20 @@ class FrontierNavigator:
             table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
                 self._has_start = True
-                workspace = planning.expansion, planning.entries
+                workspace = planning.expansion, planning.queue
                 costs, frontier = (layer.costs, layer.open_weights), (cells, parts)
                 limits = self._lengths, self._max_candidates
-                found, planning.entries = find_candidates(
-                    planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
+                found, planning.queue = find_candidates(
+                    planning.occupancy, costs, *workspace, start, frontier, *limits, layer.tables
                 )
                 # Later rounds may find cheaper candidates. Sorting large records in a kernel compiles slowly.
                 table = found[np.argsort(found["travel"], kind="stable")[: self._max_candidates]]
             if len(table):
                 break
         self._level = level
-        height, width = planning.joined.shape
-        raster = planning.joined, planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
+        height, width = planning.occupancy.shape
+        raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
+        past = self._seen, self._failures, self.target or NO_POSITION, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
@@ -351,8 +351,8 @@ class FrontierNavigator:
             return False
         slack = math.floor(self.navigator.numbers["goal_tolerance"] / planning.side + 1e-9)
         goal, arrays = planning.cell(*self.navigator.goal), (layer.costs, layer.open_weights)
-        workspace = planning.expansion, planning.entries
-        end, planning.entries = search_goal(arrays, layer.tables.weights, *workspace, start, goal, slack)
+        workspace = planning.expansion, planning.queue
+        end, planning.queue = search_goal(arrays, layer.tables.weights, *workspace, start, goal, slack)
         if end[0] < 0:
             return False
         self.navigator.follow(self._path(layer.costs, end))
@@ -387,12 +387,12 @@ class FrontierNavigator:
         middle, half_fov = pose.theta + float(numbers["mount"][2]), float(numbers["half_fov"])
         has_looked = self._is_looking or bool(numbers["sees_around"])
         view = middle, math.pi if has_looked else half_fov
-        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
+        in_sight = frontier_in_sight(planning.occupancy, planning.frontier, at, view, reach)
         # Always ignore the visited frontier, or the robot would return forever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
-        beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
+        beside = frontier_in_sight(planning.occupancy, planning.frontier, *all_around, reach)
         cells = np.vstack([in_sight, [(row, col)], beside])
         away = np.cos(np.arctan2(cells[:, 0] + 0.5 - at[0], cells[:, 1] + 0.5 - at[1]) - middle)
         if not has_looked and (away < math.cos(WELL_IN_VIEW * half_fov)).any():

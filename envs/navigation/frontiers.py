@@ -19,17 +19,17 @@ TILE = 32
 
 
 @njit(cache=True, error_model="numpy")
-def update_frontier(joined, ignored, frontier, tile_counts, window):
+def update_frontier(occupancy, ignored, frontier, tile_counts, window):
     """Update the frontier in a `Window`: free cells with an unknown 8-neighbour, except ignored cells."""
     top, left, bottom, right = window
-    height, width = joined.shape
+    height, width = occupancy.shape
     first, last = max(left - 1, 0), min(right + 1, width)
     # A neighbourhood's minimum is negative if one of its cells is unknown. Whole rows allow vectorisation.
     lowest = np.zeros(last - first + 2, dtype=np.int8)
     for row in range(top, bottom):
-        above = joined[max(row - 1, 0), first:last]
-        middle = joined[row, first:last]
-        below = joined[min(row + 1, height - 1), first:last]
+        above = occupancy[max(row - 1, 0), first:last]
+        middle = occupancy[row, first:last]
+        below = occupancy[min(row + 1, height - 1), first:last]
         for k in range(last - first):
             lowest[k + 1] = min(above[k], middle[k], below[k])
         for col in range(left, right):
@@ -213,10 +213,10 @@ def is_frontier_near(data, block, ignored, row, col, reach):
         return False
     window = (0, 0, bottom - top, right - left)
     shape = window[2:]
-    around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
-    join_cells(data[top * block :, left * block :], block, around, window)
+    occupancy, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
+    join_cells(data[top * block :, left * block :], block, occupancy, window)
     tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
-    update_frontier(around, ignored[top:bottom, left:right], frontier, tile_counts, window)
+    update_frontier(occupancy, ignored[top:bottom, left:right], frontier, tile_counts, window)
     return len(frontier_near(frontier, row - top, col - left, reach)) > 0
 
 
@@ -235,7 +235,7 @@ def frontier_near(frontier, row, col, reach):
 
 
 @njit(cache=True, error_model="numpy")
-def frontier_in_sight(joined, frontier, at, view, reach):
+def frontier_in_sight(occupancy, frontier, at, view, reach):
     """Return the frontier cells within `reach`, in field of view and line of sight, shape (k, 2), int64.
 
     `at`: viewpoint (row, column), fractional. `view`: centre and half width of the field of view [rad].
@@ -246,7 +246,7 @@ def frontier_in_sight(joined, frontier, at, view, reach):
     for k in range(len(cells)):
         bearing = math.atan2(cells[k, 0] + 0.5 - at[0], cells[k, 1] + 0.5 - at[1])
         is_ahead = abs(wrap_angle(bearing - view[0])) <= view[1]
-        if is_ahead and is_visible(joined, row, col, cells[k, 0], cells[k, 1]):
+        if is_ahead and is_visible(occupancy, row, col, cells[k, 0], cells[k, 1]):
             cells[count, 0], cells[count, 1] = cells[k, 0], cells[k, 1]
             count += 1
     return cells[:count]

@@ -31,12 +31,12 @@ LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 CLEARED_RADIUS = 1.5
 """Half side of the square that a recovery clears of marked obstacles [m]."""
-MARGIN, MAX_MARGIN = 3.0, 12.0
+UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
 """Initial and maximum margin of unknown space that paths may cross around map, goal and robot [m]; doubled without a
 path."""
-EDGE = 1.0
+MIN_EDGE_DISTANCE = 1.0
 """Minimum distance of the robot from the edge of the planning map [m]."""
-EAGER = TrackerParams(
+SENSITIVE_TRACKER = TrackerParams(
     min_travel=0.25,
     hidden_travel=0.4,
     position_std=0.04,
@@ -50,7 +50,7 @@ EAGER = TrackerParams(
 NO_TRACKS = np.empty((0, 5))
 EXIT_REACH = 1.5
 """Maximum length of a straight path out of a mapped obstacle [m]."""
-BLOCKED = {
+BLOCKED_REASONS = {
     COST_LETHAL: "in an obstacle of the map",
     COST_INSCRIBED: "too near to an obstacle of the map",
     COST_UNKNOWN: "in unknown space",
@@ -58,7 +58,7 @@ BLOCKED = {
 """Explanation of a missing path by start or goal cost."""
 DETOUR_TIME = 10.0
 """Time for which people count as obstacles after a lack of progress [s]."""
-APPROACH = 0.3
+APPROACH_DISTANCE = 0.3
 """Distance to a goal with a heading below which pure pursuit takes over [m]: DWB stops short of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Spacing of search points around a goal, and maximum path length to the next search point [m]."""
@@ -174,14 +174,16 @@ class GoalNavigator:
         self._navigator = Navigator(robot, control_period, limits)
         make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
         self._planner = make_planner(robot, control_period, rng)
-        self._tracker = PeopleTracker(robot.lidar, control_period, EAGER) if self.params.track_people else None
+        self._tracker = (
+            PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
+        )
         self.tracks = NO_TRACKS
         """Tracked people; see `PeopleTracker.people`."""
         self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
         """Planning map; None before the first `act`."""
-        self._allow_unknown, self._margin = bool(self.params.allow_unknown), MARGIN
+        self._allow_unknown, self._margin = bool(self.params.allow_unknown), UNKNOWN_MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
         self._was_localized = self._takes_headings = False
@@ -190,7 +192,7 @@ class GoalNavigator:
 
     def _forget_goal(self) -> None:
         self.goal = self.target = self.end_reason = None
-        self._around: list[tuple[float, float]] = []
+        self._search_points: list[tuple[float, float]] = []
         self.num_recoveries = 0
         """Number of recovery behaviors for this goal."""
         self._heading: float | None = None
@@ -236,7 +238,7 @@ class GoalNavigator:
         for r in np.arange(step, self.params.search_radius + 1e-9, step):
             angles = np.arange(0.0, 2.0 * math.pi, step / r)
             points = np.column_stack([self.goal[0] + r * np.cos(angles), self.goal[1] + r * np.sin(angles)])
-            self._around += map(tuple, points.tolist())
+            self._search_points += map(tuple, points.tolist())
         if self.map is not None and self._allow_unknown:
             self.map.reach_beyond([self.goal], self._margin)
 
@@ -266,8 +268,8 @@ class GoalNavigator:
 
     def _is_inside(self, pose: Pose2D) -> bool:
         assert self.map is not None
-        (row, col), (height, width) = self.map.cell(*pose[:2]), self.map.joined.shape
-        edge = EDGE / self.map.side
+        (row, col), (height, width) = self.map.cell(*pose[:2]), self.map.occupancy.shape
+        edge = MIN_EDGE_DISTANCE / self.map.side
         return bool(edge < row < height - edge and edge < col < width - edge)
 
     def _decide(self, reading: Reading, belief: Belief, planning: PlanningMap) -> Twist:
@@ -297,7 +299,7 @@ class GoalNavigator:
         if is_at_goal and abs(turn) > self._heading_tolerance:
             navigator.record["stuck_steps"] = -1  # not stuck; stalled turns still count
             return Twist(0.0, turn_rate(turn, navigator.numbers))
-        if is_at_goal and not self._drive_on_around(pose, planning):
+        if is_at_goal and not self._next_search_point(pose, planning):
             self.end_reason = "arrived"
             return STOP
         if self._has_path and self._is_due(self.params.check_period):
@@ -307,7 +309,7 @@ class GoalNavigator:
             self._has_path = is_near and is_path_valid(costmap, path, allow_unknown=allow_unknown)
         if not self._has_path and not self._find_path(pose, planning):
             return navigator.command(pose) if self.is_driving else STOP
-        if self._heading is not None and self._distance(pose) <= APPROACH:
+        if self._heading is not None and self._distance(pose) <= APPROACH_DISTANCE:
             navigator.follow(self._planner.remaining)
             return navigator.command(pose)
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
@@ -316,8 +318,8 @@ class GoalNavigator:
         """Update obstacles; return True if the robot has failed to make progress."""
         if reading.time < self._time:
             raise ValueError(
-                f"time went backwards: the reading is of {reading.time:.2f} s, the one before was of {self._time:.2f} "
-                "s; call reset for a new episode"
+                f"time went backwards: the reading is at {reading.time:.2f} s, the previous reading at "
+                f"{self._time:.2f} s; call reset for a new episode"
             )
         is_first, self._time = math.isinf(self._time), reading.time
         self._steps += 1
@@ -355,11 +357,11 @@ class GoalNavigator:
         self._is_turning = is_near and self._heading is not None
         return is_near
 
-    def _drive_on_around(self, pose: Pose2D, planning: PlanningMap) -> bool:
+    def _next_search_point(self, pose: Pose2D, planning: PlanningMap) -> bool:
         """Select the next search point with a short path; return False if none is left."""
         costmap = planning.costmap(0, pose)
-        while self._around:
-            self.target = self._around.pop(0)
+        while self._search_points:
+            self.target = self._search_points.pop(0)
             path = plan_path(costmap, pose[:2], self.target)
             if path is not None and np.hypot(*np.diff(path, axis=0).T).sum() <= SEARCH_PATH:
                 self._has_path = False
@@ -379,7 +381,7 @@ class GoalNavigator:
         num_fitting = NUM_FITTING if allow_unknown else len(levels)
         attempts = *product((False, True), levels[:num_fitting]), *product((True,), levels[num_fitting:])
         for forget, self._level in attempts:
-            if forget and allow_unknown and self._margin < MAX_MARGIN:
+            if forget and allow_unknown and self._margin < MAX_UNKNOWN_MARGIN:
                 self._margin *= 2.0
                 planning.reach_beyond([self.goal, pose[:2]], self._margin)
                 return False
@@ -425,7 +427,7 @@ class GoalNavigator:
         texts = []
         for name, point in (("start", pose[:2]), ("goal", self.target)):
             cell = costmap.grid.cells(np.array(point))
-            where = BLOCKED.get(costmap.costs[tuple(cell)]) if costmap.grid.contains(cell) else "off the map"
+            where = BLOCKED_REASONS.get(costmap.costs[tuple(cell)]) if costmap.grid.contains(cell) else "off the map"
             texts += [f"{name} ({point[0]:.2f}, {point[1]:.2f}) is {where}"] if where else []
         return ", and ".join(texts) or "no gap between obstacles of the map is wide enough"
 

@@ -22,13 +22,13 @@ from lidarnaut.envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
-TOUCHED = 1e5
+COLLISION_COST = 1e5
 """Cost of a collision at the end of a sequence; twice as much at its start."""
-TURNING = 10
+SPIN_STRIDE = 10
 """Stride of sequences that turn on the spot, which is rarely sampled."""
-AHEAD = 10
+HEADING_OFFSET = 10
 """Index offset from the nearest path point to the point that a sequence should head for."""
-NO_ANGLE = 0.2
+HEADING_RADIUS = 0.2
 """Distance to the path point ahead below which heading costs nothing [m]."""
 
 
@@ -130,7 +130,7 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
             if 0 <= row < side and 0 <= col < side:
                 distance = math.sqrt(squared[row, col]) * p.resolution
                 if distance < p.radius + 0.5 * p.resolution and distance <= here:
-                    cost += TOUCHED * (2.0 - t / controls.shape[1])
+                    cost += COLLISION_COST * (2.0 - t / controls.shape[1])
                     break
                 cost += p.nearness * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / p.margin) ** 2
             cost += _cost_of_people(x, y, abs(v), (t + 1) * dt, tracks, p)
@@ -144,9 +144,9 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
             left += along[last] - along[nearest] + best
         cost += p.follow * left / p.max_v / controls.shape[1]
         cost += (p.align * away + p.twirl * turned) / controls.shape[1]
-        ahead = min(nearest + AHEAD, last)
+        ahead = min(nearest + HEADING_OFFSET, last)
         dx, dy = path[ahead, 0] - x, path[ahead, 1] - y
-        if math.hypot(dx, dy) > NO_ANGLE:
+        if math.hypot(dx, dy) > HEADING_RADIUS:
             cost += p.angle * abs(wrap_angle(math.atan2(dy, dx) - theta))
         costs[i] = cost
 
@@ -208,7 +208,7 @@ class MppiPlanner:
         self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
         controls = self._mean + self._noise
         controls[1] = 0.0
-        controls[2::TURNING, :, 0] = 0.0
+        controls[2::SPIN_STRIDE, :, 0] = 0.0
         np.clip(controls, (p.min_v, -p.max_w), (p.max_v, p.max_w), out=controls)
         costs = np.empty(len(controls))
         rate(controls, self._mean, tuple(twist), *scene, costs)
@@ -219,7 +219,7 @@ class MppiPlanner:
         pair = np.stack([mean, best])
         rate(pair, self._mean, tuple(twist), *scene, costs)
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
-        if costs[:2].min() >= TOUCHED:
+        if costs[:2].min() >= COLLISION_COST:
             self._mean = np.zeros_like(mean)
         v, w = self._mean[0].tolist()
         v, w = self._slow_down(v, w, obstacles)

@@ -23,7 +23,7 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     recover,
     update_obstacles,
 )
-from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
+from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, MAX_REMEMBERED, NO_POINTS
 from lidarnaut.envs.navigation.params import NavigatorParams
 from lidarnaut.envs.navigation.pursuit import as_record
 from lidarnaut.envs.robots import RobotParams
@@ -31,7 +31,7 @@ from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
 """Maximum number of points on other robots."""
-NOTHING = (math.nan, math.nan)
+NO_POSITION = (math.nan, math.nan)
 """Missing position."""
 
 
@@ -64,7 +64,7 @@ class Navigator:
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
         self._records = np.zeros(1, dtype=NAVIGATOR)
-        self._obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
+        self._obstacles = np.empty((MAX_REMEMBERED + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
@@ -125,7 +125,7 @@ class Navigator:
         path: np.ndarray,
         goal: tuple[float, float] | None = None,
         *,
-        view: tuple[float, float] = NOTHING,
+        view: tuple[float, float] = NO_POSITION,
         keep_clocks: bool = False,
     ) -> None:
         """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or a nearby `goal` (x, y).
@@ -149,15 +149,15 @@ class Navigator:
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
-    def carry(self, correction: Correction) -> None:
+    def apply_correction(self, correction: Correction) -> None:
         """Move path, goal and view position with a map correction."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
-        self._path = np.concatenate([self._path[:first], correction.carry(self._path[first:])])
+        self._path = np.concatenate([self._path[:first], correction.apply(self._path[first:])])
         for x, y in (("goal_x", "goal_y"), ("view_x", "view_y")):
             if math.isfinite(record[x]):
-                record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
+                record[x], record[y] = correction.apply(np.array([(record[x], record[y])]))[0]
 
     def plan_anew(self) -> None:
         """Request a new plan, because the whole map has changed."""

@@ -130,13 +130,13 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
     `path`: shape (n, 2), map frame [m]. `v_now`: forward speed by odometry [m/s].
     """
     record, numbers = navigators[0], constants[0]
-    around = obstacles[: record.num_obstacles]
+    points = obstacles[: record.num_obstacles]
     v, w = 0.0, 0.0
     if record.back_steps > 0:
         record.back_steps -= 1
         # Braking distance.
         look = record.back_v * numbers.period + 0.5 * record.back_v * abs(record.back_v) / numbers.braking_v
-        if free_distance(around, 0.0, numbers.radius, look) < abs(look):
+        if free_distance(points, 0.0, numbers.radius, look) < abs(look):
             record.back_steps = 0
         else:
             v = record.back_v
@@ -147,21 +147,21 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
         if _is_at_goal(record, pose, numbers):
             w = turn_rate(_turn_to_view(record, pose, numbers), numbers)
         else:
-            v, w, _ = follow(record, path, pose[0], pose[1], pose[2], v_now, around, numbers)
+            v, w, _ = follow(record, path, pose[0], pose[1], pose[2], v_now, points, numbers)
     record.forward = 1 if v >= 0.0 else 0
     v, w = min(max(v, -numbers.max_v), numbers.max_v), min(max(w, -numbers.max_w), numbers.max_w)
     return v, w
 
 
 @njit(cache=True, error_model="numpy")
-def recover(navigators, around, backwards, constants):
+def recover(navigators, points, backwards, constants):
     """Begin a recovery: BackUp, or forward if there is more room, then Spin, alternately left and right."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach
     sign = -1.0 if backwards else 1.0
-    room = free_distance(around, 0.0, radius, sign * reach)
-    if room < 0.5 * reach and free_distance(around, 0.0, radius, -sign * reach) > room:
+    room = free_distance(points, 0.0, radius, sign * reach)
+    if room < 0.5 * reach and free_distance(points, 0.0, radius, -sign * reach) > room:
         sign = -sign
     record.back_v = sign * numbers.back_speed
     record.back_steps = max(1, round(reach / numbers.back_speed / numbers.period))
@@ -207,10 +207,10 @@ def _fail(record, obstacles, numbers):
 def check_progress(navigators, obstacles, pose, bumper, constants):
     """Return the progress of the drive, such as `DRIVING`, after `update_obstacles`."""
     record, numbers = navigators[0], constants[0]
-    around = obstacles[: record.num_obstacles]
+    points = obstacles[: record.num_obstacles]
     record.steps += 1
     if bumper and record.back_steps == 0 and record.turn_steps == 0:
-        recover(navigators, around, record.forward == 1, constants)
+        recover(navigators, points, record.forward == 1, constants)
     if record.recoveries > numbers.max_recoveries:
         return _fail(record, obstacles, numbers) if record.has_goal else SPUN
     if record.back_steps > 0 or record.turn_steps > 0:
@@ -225,7 +225,7 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
         record.stuck_steps = -1
         return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
-        recover(navigators, around, True, constants)
+        recover(navigators, points, True, constants)
         if record.marked == 1:  # contacts may enclose the robot
             record.marked = 0
             _forget(record, obstacles, numbers.radius + CONTACT_MARGIN)

@@ -8,11 +8,11 @@ from numba import njit
 NO_POINTS = np.empty((0, 2))
 SIGHT_STEP = 0.02
 """Spacing of collision tests along an arc [m]."""
-SAME_POINT = 0.02
+DUPLICATE_DISTANCE = 0.02
 """Distance below which points are duplicates [m]."""
-SLOWEST = 1e-9
+MIN_SPEED = 1e-9
 """Minimum forward speed in divisions [m/s]."""
-CAPACITY = 1000
+MAX_REMEMBERED = 1000
 """Maximum number of remembered points."""
 BUMP_POINTS = 5
 """Number of points per bumper contact."""
@@ -52,12 +52,12 @@ def remember(points, num_remembered, num_points, motion, numbers):
         if not is_hidden and distance < numbers.range_far:
             bearing = math.atan2(y - mount[1], x - mount[0]) - mount[2]
             is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > numbers.half_fov
-        if not is_hidden or kept == CAPACITY:
+        if not is_hidden or kept == MAX_REMEMBERED:
             continue
         is_new = True
         if k >= num_remembered:
             for other in range(kept):
-                if abs(points[other, 0] - x) < SAME_POINT and abs(points[other, 1] - y) < SAME_POINT:
+                if abs(points[other, 0] - x) < DUPLICATE_DISTANCE and abs(points[other, 1] - y) < DUPLICATE_DISTANCE:
                     is_new = False
                     break
         if is_new:
@@ -140,7 +140,7 @@ def stoppable_share(points, v, w, radius, braking, period):
         return 1.0
     delay = braking * period
     free = free_distance(points, w / v, radius, v * period + 0.5 * v * abs(v) / braking)
-    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), SLOWEST))
+    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), MIN_SPEED))
 
 
 def without_people(points, people, margin=0.15):

@@ -37,7 +37,7 @@ NUM_SWEEPS = 100
 """Maximum number of smoothing sweeps."""
 NUM_EXITS = 32
 """Number of directions tried for an exit from an obstacle."""
-SETTLED = 1e-4
+SMOOTH_TOLERANCE = 1e-4
 """Maximum displacement in the last smoothing sweep [m]."""
 
 
@@ -146,7 +146,7 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 
 @njit(cache=True, error_model="numpy")
-def search_goal(layer, weights, expansion, entries, start, goal, slack):
+def search_goal(layer, weights, expansion, queue, start, goal, slack):
     """Search for the cheapest path to within `slack` cells of a goal; return its last cell, (-1, -1) for none.
 
     `layer`: costs and the `open_weights` of `_expand`. Also returns `queue`.
@@ -154,12 +154,12 @@ def search_goal(layer, weights, expansion, entries, start, goal, slack):
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
     if row < 0:
-        return (-1, -1), entries
-    begin(expansion, entries, costs, start, (row, col))
-    entries = expand(expansion, entries, open_weights, costs, weights, (row, col), np.int64(UNREACHED))
+        return (-1, -1), queue
+    begin(expansion, queue, costs, start, (row, col))
+    queue = expand(expansion, queue, open_weights, costs, weights, (row, col), np.int64(UNREACHED))
     if expansion.travel[(row + 1) * (costs.shape[1] + 2) + col + 1] == UNREACHED:
-        return (-1, -1), entries
-    return (row, col), entries
+        return (-1, -1), queue
+    return (row, col), queue
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -293,7 +293,7 @@ def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
                 continue
             smooth[k, 0], smooth[k, 1] = new_x, new_y
             largest = max(largest, abs(new_x - x), abs(new_y - y))
-        if largest < SETTLED:
+        if largest < SMOOTH_TOLERANCE:
             break
     return smooth
 

@@ -16,7 +16,7 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 
 @njit(cache=True, error_model="numpy")
-def join_cells(data, block, joined, window):
+def join_cells(data, block, occupancy, window):
     """Write the maximum occupancy of each `block` x `block` map cells in a window; unknown is -1."""
     top, left, bottom, right = window
     rows, cols = data.shape
@@ -28,7 +28,7 @@ def join_cells(data, block, joined, window):
             line = data[r, left * block : min(right * block, cols)]
             for k in range(line.shape[0]):
                 lines[k] = max(lines[k], line[k])
-        out = joined[row, left:right]
+        out = occupancy[row, left:right]
         if block == 2:
             for k in range(width):
                 out[k] = max(lines[2 * k], lines[2 * k + 1])
@@ -78,9 +78,9 @@ def clear_beams(marks, x, y, angles, lengths):
 
 
 @njit(cache=True, error_model="numpy")
-def mark(marks, joined, cells, reach):
+def mark(marks, occupancy, cells, reach):
     """Mark obstacle cells without an occupied map cell within `reach`; all cells if `reach` is -1."""
-    height, width = joined.shape
+    height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
         if row < 0 or col < 0 or row >= height or col >= width:
@@ -88,25 +88,25 @@ def mark(marks, joined, cells, reach):
         is_known = False
         for r in range(max(row - reach, 0), min(row + reach + 1, height)):
             for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-                is_known |= joined[r, c] >= OCCUPIED_FROM
+                is_known |= occupancy[r, c] >= OCCUPIED_FROM
         if not is_known:
             marks[row, col] = OCCUPIED
 
 
 @njit(cache=True, error_model="numpy")
-def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, window):
+def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weights, window):
     """Update costs in a window by inflation of mapped, marked and visible obstacles.
 
     `obstacles` count unless an occupied map cell is near; `bodies` always count. Writes `costs`, shape (height, width),
     uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window
-    height, width = joined.shape
+    height, width = occupancy.shape
     # Obstacles outside the window inflate into it, and map cells farther outside may explain them.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     last_row, last_col = min(bottom + reach, height), min(right + reach, width)
-    part, corner = joined[first_row:last_row, first_col:last_col], np.array([first_row, first_col])
+    part, corner = occupancy[first_row:last_row, first_col:last_col], np.array([first_row, first_col])
     combined = np.maximum(part, marks[first_row:last_row, first_col:last_col])
     mark(combined, part, obstacles - corner, tables.same_obstacle)
     mark(combined, part, bodies - corner, -1)

@@ -97,7 +97,7 @@ class PlanningMap:
         self._pending: Window | None = None
         self._known: Window | None = None
         self._beyond, self._points = 0.0, np.zeros((1, 2))
-        self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
+        self.occupancy = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
         """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]."""
         self.origin = (0.0, 0.0)
@@ -112,7 +112,7 @@ class PlanningMap:
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
         elif window is not None:
-            (top, left), block, (height, width) = self._corner, self.block, self.joined.shape
+            (top, left), block, (height, width) = self._corner, self.block, self.occupancy.shape
             col, row, last_col, last_row = (k // block for k in window)
             last_row, last_col = min(last_row + top + 1, height), min(last_col + left + 1, width)
             changed = max(row, 0) + top, max(col, 0) + left, last_row, last_col
@@ -134,10 +134,10 @@ class PlanningMap:
         assert self._data is not None
         (top, left), (height, width) = self._corner, self._size
         inner = window[0] - top, window[1] - left, min(window[2] - top, height), min(window[3] - left, width)
-        join_cells(self._data, self.block, self.joined[top:, left:], inner)
-        update_frontier(self.joined, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
+        join_cells(self._data, self.block, self.occupancy[top:, left:], inner)
+        update_frontier(self.occupancy, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
         self._known = union(self._known, window)
-        self._spoil(window)
+        self._invalidate(window)
 
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
@@ -150,7 +150,7 @@ class PlanningMap:
         self.refresh()
         tables = self.tables[level]
         if level not in self._layers:
-            self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.joined.shape)
+            self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.occupancy.shape)
             if self._known is not None:
                 self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
@@ -165,7 +165,7 @@ class PlanningMap:
         layer.pending, layer.in_sight = None, in_sight
         if window is not None and window[0] < window[2] and window[1] < window[3]:
             arrays = layer.costs, layer.open_weights
-            update_costs(self.joined, self.marks, missed, unmapped, tables, *arrays, window)
+            update_costs(self.occupancy, self.marks, missed, unmapped, tables, *arrays, window)
         return layer
 
     @property
@@ -176,7 +176,7 @@ class PlanningMap:
     @property
     def grid(self) -> OccupancyGrid:
         """Planning cells as an occupancy grid."""
-        return OccupancyGrid(self.joined, self.side, self.origin)
+        return OccupancyGrid(self.occupancy, self.side, self.origin)
 
     def costmap(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
@@ -212,21 +212,21 @@ class PlanningMap:
         angles, ranges = angles[is_hit], ranges[is_hit]
         points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
         self.mark(points)
-        self._spoil(self._around(x, y, self.params.clearing_range))
+        self._invalidate(self._window_around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:
         """Mark obstacle points that no scan shows, such as contacts, shape (n, 2), map frame [m]."""
         self.refresh()
-        mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
+        mark(self.marks, self.occupancy, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
         if len(points):
             x, y = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
-            self._spoil(self._around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
+            self._invalidate(self._window_around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
-    def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
+    def clear_marks(self, center: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
         """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all."""
-        top, left, bottom, right = window = self._around(*around, radius)
+        top, left, bottom, right = window = self._window_around(*center, radius)
         self.marks[top : max(bottom, top), left : max(right, left)] = UNKNOWN
-        self._spoil(window)
+        self._invalidate(window)
 
     def ignore(self, points: np.ndarray) -> None:
         """Ignore frontier cells at points, shape (n, 2), float64, map frame [m], and their neighbours."""
@@ -260,11 +260,11 @@ class PlanningMap:
             top, left, above, right = np.rint((gaps + self._beyond) / self.side).astype(int).tolist()
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
-        self.joined = np.full(shape, UNKNOWN, dtype=np.int8)
+        self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
         """Occupancy of planning cells, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
         """Marks of scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
-        mark(self.marks, self.joined, cells_of(marked, *self.origin, self.side), -1)
+        mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
         """Frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
@@ -275,7 +275,7 @@ class PlanningMap:
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
         """Search state."""
-        self.entries = np.empty((1024, 2), dtype=np.int32)
+        self.queue = np.empty((1024, 2), dtype=np.int32)
         """Search queue; see `_expand`."""
         first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
         self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
@@ -286,18 +286,18 @@ class PlanningMap:
             )
             self._known = top, left, row + 1, col + 1
 
-    def _spoil(self, window: Window) -> None:
+    def _invalidate(self, window: Window) -> None:
         for layer in self._layers.values():
             layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
 
-    def _around(self, x: float, y: float, radius: float) -> Window:
+    def _window_around(self, x: float, y: float, radius: float) -> Window:
         """Return the window of cells within `radius` of (x, y), map frame [m], and their neighbours."""
         if math.isinf(radius):
-            return 0, 0, *self.joined.shape
+            return 0, 0, *self.occupancy.shape
         (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)
         return self._dilated((top, left, bottom + 1, right + 1), 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
-        height, width = self.joined.shape
+        height, width = self.occupancy.shape
         top, left, bottom, right = window
         return max(top - reach, 0), max(left - reach, 0), min(bottom + reach, height), min(right + reach, width)

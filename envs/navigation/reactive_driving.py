@@ -10,9 +10,9 @@ from lidarnaut.envs.simulation import Twist
 
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 """Curvatures of tested arcs [1/m]."""
-REACH = 1.2
+ARC_LENGTH = 1.2
 """Length of tested arcs beyond the robot's radius [m]."""
-MARGIN = 0.04
+CLEARANCE_MARGIN = 0.04
 """Distance kept from obstacles [m]."""
 SPEED = 0.7
 """Forward speed as a fraction of the maximum speed."""
@@ -39,7 +39,7 @@ class ReactiveDriver:
         if self._bias_steps <= 0:
             self._bias = self._rng.uniform(-MAX_BIAS, MAX_BIAS)
             self._bias_steps = round(self._rng.uniform(*BIAS_TIME) / self._period)
-        radius, reach = robot.radius + MARGIN, robot.radius + REACH
+        radius, reach = robot.radius + CLEARANCE_MARGIN, robot.radius + ARC_LENGTH
         clearance = np.array([free_distance(obstacles, curvature, radius, reach) for curvature in CURVATURES])
         if self._turning != 0.0 and clearance[0] < 0.5 * reach:
             return self._turn()
@@ -58,6 +58,6 @@ class ReactiveDriver:
         return Twist(0.0, math.copysign(min(TURN_RATE, self._robot.max_w), self._turning))
 
     def _clearance_beside(self, obstacles: np.ndarray, side: float) -> float:
-        """Return the distance to obstacles on a side (1 left, -1 right), at most `LOOKAHEAD` [m]."""
+        """Return the distance to obstacles on a side (1 left, -1 right), at most `ARC_LENGTH` [m]."""
         beside = obstacles[side * obstacles[:, 1] > 0.0]
-        return min(REACH, float(np.hypot(*beside.T).min())) if len(beside) else REACH
+        return min(ARC_LENGTH, float(np.hypot(*beside.T).min())) if len(beside) else ARC_LENGTH

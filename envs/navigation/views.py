@@ -28,13 +28,13 @@ SHARE_STEPS = 10
 
 
 @njit(cache=True, error_model="numpy")
-def cast_view(joined, row, col, reach, free, unknown):
+def cast_view(occupancy, row, col, reach, free, unknown):
     """Cast rays of length `reach` [cells] from a cell's centre; cells outside the raster are unknown.
 
     Writes for each ray, shape (NUM_RAYS,): `free`, length up to an occupied cell [cells], and `unknown`, unknown area
     in view [cells2]. Returns the ray in the mean direction of unknown area.
     """
-    height, width = joined.shape
+    height, width = occupancy.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
     up, right = 0.0, 0.0
     for k in range(NUM_RAYS):
@@ -47,11 +47,11 @@ def cast_view(joined, row, col, reach, free, unknown):
             if r < 0 or r >= height or c < 0 or c >= width:
                 area += 0.5 * (reach * (reach + 1) - step * (step - 1))
                 break
-            occupancy = joined[r, c]
-            if occupancy >= OCCUPIED_FROM:
+            value = occupancy[r, c]
+            if value >= OCCUPIED_FROM:
                 length = step - 1
                 break
-            if occupancy < 0:
+            if value < 0:
                 area += step
         free[k], unknown[k] = length, area * per_cell
         up += d_row * area
@@ -77,9 +77,9 @@ def fill_sectors(free, unknown, first, reach, sectors):
 
 
 @njit(cache=True, error_model="numpy")
-def unknown_share(joined, row, col, radius):
+def unknown_share(occupancy, row, col, radius):
     """Return the unknown share of a disc of `radius` [cells] around a cell, by samples."""
-    height, width = joined.shape
+    height, width = occupancy.shape
     step = max(radius / SHARE_STEPS, 1.0)
     num = int(radius / step)
     unknown = count = 0
@@ -89,7 +89,7 @@ def unknown_share(joined, row, col, radius):
                 continue
             r, c = round(row + i * step), round(col + j * step)
             count += 1
-            unknown += r < 0 or r >= height or c < 0 or c >= width or joined[r, c] < 0
+            unknown += r < 0 or r >= height or c < 0 or c >= width or occupancy[r, c] < 0
     return unknown / count
 
 
