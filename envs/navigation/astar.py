@@ -12,11 +12,10 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a straight step; 99 / 70 approximates the root of two to 5e-5."""
+"""Length of a straight step; 99 / 70 is the root of two to 5e-5."""
 DIAGONAL = 99
-"""Length of a diagonal step."""
 SCALE = 16
-"""Weight of a free cell, which multiplies the length of a step."""
+"""Weight of a free cell, which multiplies a step's length."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 """Steps (row, column); diagonal step `k + 4` is between straight steps `k` and `k + 1`."""
 NO_STEP = 255
@@ -24,7 +23,7 @@ NO_STEP = 255
 ALL_STEPS = np.uint8(255)
 """Bit mask of all `STEPS`."""
 ONWARD = np.full(256, ALL_STEPS)
-"""Onward steps after each step, as bit masks: the step itself and the straight components of a diagonal step."""
+"""Bit mask of the steps to try after each step: the step itself and, for a diagonal, its straight components."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
@@ -36,21 +35,19 @@ NO_GOAL = (-1, -1)
 COST_WEIGHT = 3.0
 """Additional cost of a step at `COST_MAX_FREE`, relative to a step over a free cell."""
 NUM_BUCKETS = 1 << 15
-"""Queue buckets with a goal: a power of two above the maximum increase of estimated total cost per step."""
+"""Number of queue buckets of A*: a power of two, above the largest cost increase per step."""
 BUCKET_SHIFT = 8
-"""Bits of cost per bucket without a goal. A bucket spans less than a step, so its cells cannot improve each other
-(Dinic 1978). Finer buckets would mostly be empty."""
+"""Bits of cost per queue bucket of Dijkstra's algorithm. Cells in a bucket cannot improve each other (Dinic 1978)."""
 NUM_COARSE_BUCKETS = 1 << 7
-"""Queue buckets without a goal: enough for the longest step, few enough for the L1 cache."""
+"""Number of queue buckets of Dijkstra's algorithm: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
-"""Maximum `cost_weight`."""
 ESCAPE_WEIGHT = 10.0
-"""Additional cost of cells in collision, which only a robot that starts in collision crosses. Exceeds
-`MAX_COST_WEIGHT`, so that the weight identifies these cells."""
+"""Additional cost of cells in collision, which only a robot that starts in collision may cross. The largest weight,
+which identifies these cells."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Return the weight of each cell cost, shape (256,), uint8; 0 if not traversable."""
+    """Return the step weight for each cell cost, shape (256,), uint8; 0 if not traversable."""
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -63,13 +60,13 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the length of the shortest path over free cells (octile distance)."""
+    """Return the octile distance: the length of the shortest path over free cells."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
 class Expansion(NamedTuple):
-    """State of a search. Rasters are flat, with a border of one cell: shape ((height + 2) * (width + 2),)."""
+    """State of a search. Rasters are flat, shape ((height + 2) * (width + 2),), with a border of one cell."""
 
     travel: np.ndarray
     """Travel costs, int32; `UNREACHED` for unvisited cells."""
@@ -78,7 +75,7 @@ class Expansion(NamedTuple):
     heads: np.ndarray
     """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for none."""
     counters: np.ndarray
-    """Cost level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal; int64."""
+    """Level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal; int64."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
@@ -116,11 +113,11 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
 
     A path that starts in collision may cross cells of weight `touching` until it first leaves them. Diagonal steps
-    require both adjacent straight cells to be open. The queue is Dial's (1969): a ring of buckets by estimated total
-    cost, last in first out. In uniform neighbourhoods only onward steps are tried, as in jump point search (Harabor,
-    Grastien, "Online graph pruning for pathfinding on grid maps", 2011).
+    require both adjacent straight cells to be open. The queue is Dial's (1969) ring of buckets, last in first out. In
+    uniform neighbourhoods only onward steps are tried, as in jump point search (Harabor, Grastien, "Online graph
+    pruning for pathfinding on grid maps", 2011).
 
-    `queue`: shape (n, 2), int32, cell and next entry of the bucket; the search stops early if it is full.
+    `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search stops early if it is full.
     `open_weights`: flat raster, uint8, 0 in the border. `stride`: raster width plus 2. `goal`: (row, column) or
     `NO_GOAL`.
     """
@@ -136,7 +133,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
     straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
     shut = np.int32(touching)
     row, col = np.int64(0), np.int64(0)
-    # Eight free entries are required: growing an array inside the loop would be slow.
+    # Eight entries must be free: growing an array in the loop would be slow.
     while num_waiting > 0 and np.int64(num_entries) + 8 <= queue.shape[0]:
         while heads[np.uint64(level & mask)] < 0:
             level += 1
@@ -216,7 +213,7 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
     """Return travel costs and predecessors from a start to a goal, or to all cells if `goal_row` is negative.
 
     `costs`: shape (height, width), uint8. Returns int32 travel costs and uint8 indices into `STEPS` of the step into
-    each cell, shape (height + 2, width + 2), with a border of one cell; final only along the path to a goal.
+    each cell, with a border of one cell. With a goal, only the path is final.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)

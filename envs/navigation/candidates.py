@@ -42,9 +42,9 @@ CANDIDATE = record_type(
         ("age", np.float64),
         ("failures", np.int64),
         ("goal", np.int64, 2),  # internal: planning cell of the viewpoint
-        ("cell", np.int64, 2),  # internal: planning cell of the frontier
-        ("travel", np.int64),  # internal: travel cost
-        ("span", np.int64, 2),  # internal: range in `frontier_cells`
+        ("cell", np.int64, 2),  # of the frontier
+        ("travel", np.int64),  # internal
+        ("span", np.int64, 2),  # range in `frontier_cells`
     ]
 )
 """Record type of a candidate; see `Candidates`."""
@@ -80,13 +80,12 @@ class Candidates:
     - `frontier`: frontier cell in view of the viewpoint (x, y), shape (k, 2), map frame [m].
     - `cost`: path length to the viewpoint, weighted by traversal costs [m].
     - `size`: length of the candidate [m]. Long frontiers are split into several candidates.
-    - `group`: index of the frontier that contains the candidate.
-    - `group_size`: length of that frontier [m].
+    - `group`: index of the whole frontier.
+    - `group_size`: length of the whole frontier [m].
     - `visible`: unknown area in view of the viewpoint, within lidar range and 8 m [m2].
-    - `unknown`: unknown share of the discs of radius 1, 2 and 4 m around the frontier cell, shape (k, 3).
-    - `sectors`: 24 free ranges, then 24 unknown shares, of sectors around the viewpoint, shape (k, 48),
-    counter-clockwise
-      from the mean direction of unknown area, relative to the maximum.
+    - `unknown`: unknown share of discs of radius 1, 2 and 4 m around the frontier cell, shape (k, 3).
+    - `sectors`: free ranges of 24 sectors around the viewpoint, then their unknown shares, as fractions, shape (k, 48);
+      counter-clockwise from the mean direction of the unknown area.
     - `clearance`: distance from the viewpoint to obstacles over the inflation radius, at most 1.
     - `turn`: angle from the robot's heading to the start of the path, counter-clockwise [rad].
     - `age`: time since the frontier became a candidate [s].
@@ -148,7 +147,7 @@ def robot_features(robot: RobotParams) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def _view(occupancy, travel, members, tables, limit, is_complete):
-    """Return row, column, visible cell's index and travel cost of the cheapest viewpoint; index -1 if not final."""
+    """Return row, column, visible cell and travel cost of the cheapest viewpoint; cell -1 if not final."""
     for k in range(len(tables.views)):
         row, col, seen = cheapest_view(occupancy, travel, members, tables.views[k])
         if seen < 0:
@@ -227,13 +226,13 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Fill in the remaining fields of candidate records, `table`, in metres and seconds.
+    """Fill in the remaining fields of the candidate records in `table`.
 
-    `raster`: occupancy, and predecessors of the search with a border of one cell. `frame`: origin (x, y), map frame,
-    and side of a cell [m]. `past`: previous frontiers (x, y) with the time of their first appearance, shape (n, 3);
-    frontiers of failed drives, shape (m, 2); last chosen frontier, NaN for none; radius that identifies frontiers [m].
+    `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and side of a
+    cell [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
+    shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
 
-    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 if it is gone.
+    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 for none.
     """
     occupancy, predecessor = raster
     left, low, side = frame

@@ -13,7 +13,7 @@ BRAKING = 0.5
 STOP_MARGIN = 0.02
 """Distance kept from obstacles, for range noise and wheel slip [m]."""
 NUM_PASSES = 2
-"""Number of passes: a slower command follows a different arc."""
+"""Number of times that a command is slowed down: each slower command follows another arc."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -30,8 +30,8 @@ def _slow_down(commands, ranges, active, directions, mount, radius, braking, per
 class CollisionMonitor:
     """Slows robots down so that they can stop before scanned obstacles.
 
-    Like Nav2's collision monitor with `action_type: approach`, but yaw rates stay: a circular footprint can always
-    turn. Obstacles are assumed static; obstacles outside the lidar's view are ignored.
+    Like Nav2's collision monitor with `action_type: approach`, but yaw rates stay, since a circular footprint can
+    always turn. Obstacles are assumed static.
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:

@@ -22,7 +22,7 @@ COST_LETHAL = 254
 COST_UNKNOWN = 255
 """Cost of an unobserved cell beyond the footprint radius of known obstacles."""
 Window = tuple[int, int, int, int]
-"""Cells from first row, first column to end row, end column (exclusive)."""
+"""First row, first column, end row, end column (exclusive) of a rectangle of cells."""
 
 
 def union(a: Window | None, b: Window | None) -> Window | None:
@@ -95,14 +95,14 @@ def inflate(data, reach, table):
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
     """Inflate the obstacles of a grid.
 
-    Unobserved cells stay unknown, except within the footprint radius of a known obstacle.
+    Unobserved cells stay unknown beyond the footprint radius of known obstacles.
     """
     return Costmap(inflate(grid.data, params.reach(grid.resolution), params.table(grid.resolution)), grid, params)
 
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return first row, first column, last row, last column of observed cells; the full raster for none."""
+    """Return first and last row and column of the observed cells; of the full raster for none."""
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
     highest_in_col = np.full(width, -1, dtype=np.int8)

@@ -1,6 +1,6 @@
 """Critics of DWB: kernels that roll out twists and score the trajectories.
 
-Rasters are square, in the base frame, with the robot in the centre of the middle cell and x along columns.
+Rasters are square, in the base frame, with the robot in the middle and x along columns.
 """
 
 import math
@@ -163,7 +163,7 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 @njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
-    """Return the cost of the last cell; NaN for a collision, except motion out of a collision."""
+    """Return the cost of the last cell; NaN for a collision, unless the robot leaves one."""
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2

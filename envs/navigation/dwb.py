@@ -1,7 +1,7 @@
 """Local planner after Nav2's DWB, with the critics of Nav2's bring-up file.
 
-Unlike in Nav2, goal critics aim at the path point that a trajectory can reach, not at the end of the path in the local
-costmap, which draws robots off a path that turns back.
+Goal critics aim at the path point that a trajectory can reach. In Nav2, they aim at the edge of the local costmap,
+which draws robots off a path that turns back.
 """
 
 import math
@@ -105,7 +105,6 @@ class DwbPlanner:
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
-        """Return reachable twists, shape (n, 2) [m/s, rad/s]."""
         robot = self._robot
         reach_v, reach_w = robot.max_acc_v * SIM_TIME, robot.max_acc_w * SIM_TIME
         lows = max(0.0, min(twist.v - reach_v, robot.max_v)), max(-self._max_w, twist.w - reach_w)
@@ -115,7 +114,6 @@ class DwbPlanner:
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return costs (uint8) and squared obstacle distances (uint16 [cells2])."""
         data = np.zeros((self._side, self._side), dtype=np.int8)
         cells = np.floor(obstacles / RESOLUTION + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
@@ -123,7 +121,6 @@ class DwbPlanner:
         return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
-        """Fill the rasters of steps; return the distance to the goal [m]."""
         side = self._side
         points = pose.inverse().transform(self.remaining)
         cells = np.floor(points / RESOLUTION + 0.5 * side).astype(np.int64)
@@ -136,8 +133,7 @@ class DwbPlanner:
         spread(costs, to_path, np.unique(flat))
         spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
-        # Points beyond reach would draw the robot off a path that turns back. They are used only if an obstacle covers
-        # the path.
+        # Points beyond reach would draw the robot off a path that turns back, unless an obstacle covers the path.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
         self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE

@@ -26,7 +26,7 @@ WALKING_SPEED = 0.2
 EXIT_REACH, MAX_EXITS = 0.3, 3
 """Maximum length of a drive out of a mapped obstacle [m], and maximum successive attempts."""
 MET_CELL = 0.3
-"""Cell side for positions of people met; one position is kept per cell [m]."""
+"""Cell side for storing positions of people, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 """Outcome by final progress; `FRONTIER_GONE` is determined separately."""
 
@@ -51,7 +51,7 @@ class FrontierNavigator:
         """Create a navigator.
 
         `control_period`: time between calls of `update` [s]. `max_candidates`: maximum number of candidates, cheapest
-        first; None for all. `max_time`: maximum drive time [s], extended by a running recovery.
+        first; None for all. `max_time`: maximum drive time [s].
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.params = params
@@ -66,7 +66,6 @@ class FrontierNavigator:
     def begin(self, reading: Reading, belief: Belief) -> None:
         """Begin an episode and find the first candidates."""
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
-        """Planning map."""
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
         self._level = 0
@@ -106,7 +105,6 @@ class FrontierNavigator:
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
-        """Write policy features; see `fill_features`."""
         candidates, max_failures = self.candidates, self.params.max_failures
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
@@ -134,8 +132,7 @@ class FrontierNavigator:
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
         """Process a control period; return the outcome if the drive has ended, otherwise None.
 
-        After an outcome, candidates are new and a choice is due. A robot without candidates first looks around.
-        `others`: see `Navigator.sense`.
+        An outcome means that a choice among new candidates is due. `others`: see `Navigator.sense`.
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
@@ -173,7 +170,7 @@ class FrontierNavigator:
         return obstacles
 
     def _drive_out(self, pose: Pose2D) -> bool:
-        """Drive out of a mapped obstacle that the scan does not show; return True if a drive has begun."""
+        """Begin a drive out of a mapped obstacle that the scan does not show."""
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
@@ -185,10 +182,7 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        """Drive near people who may block a passage and look around; return False after too many attempts.
-
-        With `goes_on`, an interrupted attempt continues.
-        """
+        """Drive near people who may block a passage, and look around."""
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
         if self._num_looks == self.params.max_looks or not self._met or not is_left:
@@ -228,7 +222,7 @@ class FrontierNavigator:
 
     @property
     def check_from(self) -> float:
-        """Drive step from which `conclude` must follow every step; inf if the map is unchanged."""
+        """Drive step from which every step requires `conclude`; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
@@ -268,7 +262,6 @@ class FrontierNavigator:
         self._has_changed |= update.window is not None or update.redrawn
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
-        """Return the outcome of the drive; None while driving."""
         navigator = self.navigator
         is_due = self._has_changed and navigator.record["steps"] >= self._min_steps
         if is_due and navigator.has_goal and not navigator.is_recovering and not self._is_approaching:
@@ -302,13 +295,11 @@ class FrontierNavigator:
         return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
     def _start_cell(self, layer: CostLayer, pose: Pose2D) -> tuple[int, int]:
-        """Return the nearest traversable cell to the robot; (-1, -1) for none."""
         tables, cell = layer.tables, self.map.cell(pose.x, pose.y)
         row, col = nearest_cell(layer.costs, tables.weights, *cell, tables.radius, COST_INSCRIBED)
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        """Find the candidates; smaller footprints and shorter frontiers are fallbacks."""
         if math.dist(pose[:2], self._still[:2]) >= self.params.still_distance:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
@@ -327,7 +318,7 @@ class FrontierNavigator:
                 found, planning.queue = find_candidates(
                     planning.occupancy, costs, *workspace, start, frontier, *limits, layer.tables
                 )
-                # Later rounds may find cheaper candidates. Sorting large records in a kernel compiles slowly.
+                # Later rounds may find cheaper candidates. Sorting in the kernel would compile slowly.
                 table = found[np.argsort(found["travel"], kind="stable")[: self._max_candidates]]
             if len(table):
                 break

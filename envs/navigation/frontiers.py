@@ -24,7 +24,7 @@ def update_frontier(occupancy, ignored, frontier, tile_counts, window):
     top, left, bottom, right = window
     height, width = occupancy.shape
     first, last = max(left - 1, 0), min(right + 1, width)
-    # A neighbourhood's minimum is negative if one of its cells is unknown. Whole rows allow vectorisation.
+    # A neighbourhood's minimum is negative if a cell is unknown. Whole rows allow vectorisation.
     lowest = np.zeros(last - first + 2, dtype=np.int8)
     for row in range(top, bottom):
         above = occupancy[max(row - 1, 0), first:last]
@@ -65,7 +65,6 @@ def ignore_around(ignored, frontier, tile_counts, cells):
 
 @njit(cache=True, error_model="numpy")
 def _flood(frontier, left, row, col, cells, count):
-    """Move a connected group of frontier cells to `cells`, from row `count` on; return the next row."""
     height, width = frontier.shape
     frontier[row, col] = False
     left[row // TILE, col // TILE] -= 1
@@ -112,10 +111,7 @@ def frontier_groups(frontier, tile_counts):
 
 @njit(cache=True, error_model="numpy")
 def _split(cells, first, last, extent, parts, count):
-    """Split cells `first` to `last` - 1 until no part's bounding box exceeds `extent`.
-
-    Writes start and end index of each part to `parts`, from row `count` on; returns the next row.
-    """
+    """Split cells `first` to `last` - 1 until no bounding box exceeds `extent`; write the bounds to `parts`."""
     stack = [(first, last)]
     while len(stack) > 0:
         a, b = stack.pop()
@@ -146,7 +142,7 @@ def _split(cells, first, last, extent, parts, count):
 def split_groups(cells, starts, extent, least):
     """Split groups from `frontier_groups` into parts of at most `extent` cells, without groups below `least` cells.
 
-    Reorders cells within groups. Returns shape (m, 4), int64: start and end index, group size [cells], group index.
+    Returns shape (m, 4), int64: start and end index in the reordered `cells`, group size [cells], group index.
     """
     parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0

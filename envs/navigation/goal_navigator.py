@@ -59,7 +59,7 @@ BLOCKED_REASONS = {
 DETOUR_TIME = 10.0
 """Time for which people count as obstacles after a lack of progress [s]."""
 APPROACH_DISTANCE = 0.3
-"""Distance to a goal with a heading below which pure pursuit takes over [m]: DWB stops short of goals beside walls."""
+"""Distance to a goal with a heading below which pure pursuit takes over [m]; DWB stops short of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Spacing of search points around a goal, and maximum path length to the next search point [m]."""
 HOME = (0.0, 0.0)
@@ -72,8 +72,7 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint padding levels at which the robot fits. Higher levels are a last resort for maps with outdated
-obstacles."""
+"""Number of footprint padding levels at which the robot fits. Higher levels are a last resort for outdated maps."""
 
 
 class LocalPlanner(Protocol):
@@ -105,7 +104,7 @@ LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "dwb": lambda robot, period, _: DwbPlanner(robot, period),
     "mppi": MppiPlanner,
 }
-"""Regulated pure pursuit, with parameters for fast robots, DWB and MPPI, by name."""
+"""Local planners by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,8 +120,8 @@ class GoalParams:
     goal_tolerance: float = 0.15
     """Goal tolerance [m]."""
     search_radius: float = 0.0
-    """Radius around the goal for visits to further points if the task continues after arrival [m]: the pose estimate is
-    inaccurate. 0: stop at the goal."""
+    """Radius around the goal for visits to further points if the task continues after arrival, since the pose estimate
+    is inaccurate [m]; 0 for none."""
     heading_tolerance: float = 0.15
     """Heading tolerance at the goal [rad]."""
     update_period: float = 0.3
@@ -136,8 +135,8 @@ class GoalParams:
     max_searches: int = 1
     """Maximum number of failed path searches; the robot looks around between searches."""
     lost_patience: float = 5.0
-    """Time for which a localized robot drives on after localization is lost [s]: along a bare wall, uncertainty grows
-    and shrinks."""
+    """Time for which a localized robot drives on after localization is lost [s]. Along a bare wall, localization often
+    recovers."""
     lost_time: float = 90.0
     """Maximum time of reactive driving while lost [s]."""
     blind_time: float = 5.0
@@ -147,9 +146,8 @@ class GoalParams:
 class GoalNavigator:
     """Explorer that drives to one goal at a time, from readings and pose estimates.
 
-    Each recovery clears marked obstacles near the robot and triggers replanning. While lost, the robot drives
-    reactively by the scan; without valid ranges, it waits. On a growing map, paths may cross unknown space and are
-    replanned when blocked.
+    Each recovery clears marked obstacles and triggers replanning. While lost, the robot drives reactively by the scan;
+    without valid ranges, it waits. On a growing map, paths may cross unknown space and are replanned when blocked.
     """
 
     def __init__(
@@ -169,7 +167,6 @@ class GoalNavigator:
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period = robot, control_period
-        # This class checks the goal, with its heading.
         limits = NavigatorParams(goal_tolerance=0.0, max_recoveries=self.params.max_recoveries)
         self._navigator = Navigator(robot, control_period, limits)
         make_planner = resolve(self.params.local_planner, LOCAL_PLANNERS, "local planner")
@@ -315,7 +312,6 @@ class GoalNavigator:
         return self._planner.command(pose, navigator.velocity, navigator.obstacles)
 
     def _sense(self, reading: Reading, pose: Pose2D) -> bool:
-        """Update obstacles; return True if the robot has failed to make progress."""
         if reading.time < self._time:
             raise ValueError(
                 f"time went backwards: the reading is at {reading.time:.2f} s, the previous reading at "
@@ -329,10 +325,7 @@ class GoalNavigator:
         return False
 
     def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        """Return ranges for the costmap, NaN on people, who could otherwise cause long detours.
-
-        After a lack of progress, people count as obstacles for `DETOUR_TIME`.
-        """
+        """Return ranges for the costmap, NaN on people, who could otherwise cause long detours."""
         if belief.on_people is None or reading.time < self._waited_until:
             return reading.ranges
         return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
@@ -351,14 +344,12 @@ class GoalNavigator:
         return math.dist(pose[:2], self.target)
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
-        # A path may end beside a goal in collision, and planners stop slightly off its end. A turn may move the pose
-        # estimate.
+        # Planners stop slightly off a path's end, which may be beside the goal. A turn may move the pose estimate.
         is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
         self._is_turning = is_near and self._heading is not None
         return is_near
 
     def _next_search_point(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Select the next search point with a short path; return False if none is left."""
         costmap = planning.costmap(0, pose)
         while self._search_points:
             self.target = self._search_points.pop(0)
@@ -369,10 +360,10 @@ class GoalNavigator:
         return False
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan a path; return False if there is none yet.
+        """Plan a path with fallbacks; return False if there is none yet.
 
-        Fallbacks: smaller footprints, more unknown space, no marked obstacles, straight exits from mapped obstacles,
-        and on growing maps gaps that are too narrow.
+        Fallbacks: smaller footprints, more unknown space, no marked obstacles, a straight exit from a mapped obstacle,
+        and on growing maps narrower gaps.
         """
         assert self.goal is not None
         assert self.target is not None
@@ -391,7 +382,7 @@ class GoalNavigator:
             path = self._plan(pose, costmap, drive_out=forget)
             if path is not None:
                 if self._heading is not None and math.dist(path[-1], self.target) < planning.side:
-                    path[-1] = self.target  # exact goal instead of cell centre
+                    path[-1] = self.target
                 path = smooth_path(costmap, path, allow_unknown=allow_unknown)
                 self._planner.set_path(path)
                 self._navigator.drive_to(path, keep_clocks=self._has_planned)
@@ -405,12 +396,11 @@ class GoalNavigator:
         if self._num_searches >= self.params.max_searches:
             self.end_reason = "no_path"
         else:
-            self._navigator.spin()  # the obstacle may move
+            self._navigator.spin()
             self._num_counted = 0
         return False
 
     def _plan(self, pose: Pose2D, costmap: Costmap, *, drive_out: bool) -> np.ndarray | None:
-        """Return a path; with `drive_out`, possibly from a straight exit of a mapped obstacle."""
         assert self.target is not None
         unknown = self._allow_unknown
         search = partial(plan_path, costmap, goal=self.target, tolerance=self._tolerance, allow_unknown=unknown)
@@ -448,7 +438,6 @@ class GoalNavigator:
         self._has_path = False
 
     def _is_lost(self, is_lost: bool, planning: PlanningMap) -> bool:
-        """Return True while the robot must drive reactively; end the drive after `lost_time`."""
         patience = self.params.lost_patience if self._was_localized else 0.0
         lost_for = self._lost_steps * self._period - patience
         if not is_lost:
@@ -465,7 +454,6 @@ class GoalNavigator:
         return is_driving_reactively
 
     def _is_blind(self, ranges: np.ndarray) -> bool:
-        """Return True without valid ranges; end the drive after `blind_time`."""
         self._blind_steps = self._blind_steps + 1 if np.isnan(ranges).all() else 0
         if self._blind_steps * self._period > self.params.blind_time and self.is_driving:
             self.end_reason = "blind"

@@ -1,8 +1,7 @@
 """Model predictive path integral control (MPPI): average sampled twist sequences, weighted by cost.
 
 After Williams et al., "Information theoretic MPC for model-based reinforcement learning" (ICRA 2017), algorithm 2, with
-critics of Nav2's MPPI controller in seconds and metres. Noise is drawn once, as in Nav2. Tracked people move with
-constant velocity.
+critics of Nav2's MPPI controller. Noise is drawn once, as in Nav2. Tracked people move with constant velocity.
 """
 
 import math
@@ -25,11 +24,11 @@ from lidarnaut.envs.simulation import Twist
 COLLISION_COST = 1e5
 """Cost of a collision at the end of a sequence; twice as much at its start."""
 SPIN_STRIDE = 10
-"""Stride of sequences that turn on the spot, which is rarely sampled."""
+"""Every so many sequences, one turns on the spot, which is rarely sampled."""
 HEADING_OFFSET = 10
-"""Index offset from the nearest path point to the point that a sequence should head for."""
+"""Index offset, from the nearest path point, of the point to head for."""
 HEADING_RADIUS = 0.2
-"""Distance to the path point ahead below which heading costs nothing [m]."""
+"""Distance to the point to head for, below which heading costs nothing [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +72,7 @@ class MppiParams:
     people_gap: float = 0.05
     """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of `people_gap` with speed [s], because people swerve."""
+    """Increase of `people_gap` per robot speed [s], because people swerve."""
     doubt_time: float = 3.0
     """Decay time constant of `people_touched` [s], because people turn."""
     twirl: float = 0.1
@@ -153,7 +152,6 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
 
 @njit(cache=True, error_model="numpy")
 def _cost_of_people(x, y, v, time, tracks, p):
-    """Return the cost at (x, y) at speed v [m/s] after `time` [s], near people with constant velocity."""
     cost = 0.0
     for k in range(tracks.shape[0]):
         away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
@@ -227,13 +225,12 @@ class MppiPlanner:
         return Twist(v, w)
 
     def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
-        """Return a twist on the same arc that can stop before all scanned points, in case predictions are wrong."""
+        """Return a twist on the same arc that can stop before all scanned points, people included."""
         p = self._numbers
         share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
-        """Return squared obstacle distances, shape (side, side), uint16 [cells2]."""
         points = without_people(obstacles, self.tracks)
         cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]

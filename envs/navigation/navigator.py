@@ -32,7 +32,7 @@ from lidarnaut.envs.simulation import Reading, Twist
 MAX_OTHERS = 256
 """Maximum number of points on other robots."""
 NO_POSITION = (math.nan, math.nan)
-"""Missing position."""
+"""Position without values (NaN)."""
 
 
 class NavigatorArrays(NamedTuple):
@@ -131,7 +131,7 @@ class Navigator:
         """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or a nearby `goal` (x, y).
 
         `view`: position (x, y) to see from the goal. `keep_clocks`: continue the time limits of the last drive, so that
-        frequent goal changes do not hide a stuck robot.
+        new goals do not hide a stuck robot.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         record = self.record
@@ -176,7 +176,7 @@ class Navigator:
         self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self) -> None:
-        """Move opposite to the last command, or onward if there is more room, and spin a little."""
+        """Move opposite to the last command, or onward if there is more room, and spin."""
         record = self.record
         recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 

@@ -3,9 +3,8 @@
 Arguments are arrays, which are cheapest to pass:
 
 - `navigators`: state, shape (1,), `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
-- `obstacles`: points, shape (n, 2), base frame [m]; the first `num_obstacles` are valid. `others`: further points,
-  not remembered.
-- `sensors`: ranges as in `Reading`, beam directions in the base frame (shape (2, num_beams): cosine, sine), bumper.
+- `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points not remembered.
+- `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
 - `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
 """
 
@@ -26,9 +25,9 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Maximum bearing of a point that is well in view, over half the field of view."""
+"""Maximum bearing that is well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
-"""Margin around the footprint for clearing remembered points after a contact and a stall [m]."""
+"""Margin around the footprint for clearing remembered contacts [m]."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
@@ -90,7 +89,7 @@ def navigator_numbers(
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
     """Process a scan; points outside the field of view are remembered and moved by odometry.
 
-    Each contact replaces the previous contact, or contacts would enclose a turning robot.
+    Each contact replaces the last contact, or contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
@@ -110,7 +109,6 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
 
 @njit(cache=True, error_model="numpy")
 def _turn_to_view(record, pose, numbers):
-    """Return the turn that brings the view position well into view [rad]."""
     dx, dy = record.view_x - pose[0], record.view_y - pose[1]
     if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
         return 0.0
@@ -220,7 +218,7 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     if _is_at_goal(record, pose, numbers) and _turn_to_view(record, pose, numbers) == 0.0:
         return REACHED
     _count_still(record, pose, numbers)
-    # A robot that was stuck before gets the full time for a new goal.
+    # A robot that was stuck before gets full time for a new goal.
     if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
         record.stuck_steps = -1
         return _fail(record, obstacles, numbers)

@@ -38,7 +38,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
     """Move points with the robot's motion; keep points that the lidar no longer sees.
 
     The first `num_remembered` of `num_points` are older, the rest are from the last scan. Returns the number of kept
-    points, which come first, at most `MAX_REMEMBERED`.
+    points, at most `MAX_REMEMBERED`.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount

@@ -33,7 +33,7 @@ class PlanningParams:
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
     """Distances of viewpoints from the frontier [m], tried in order until one is reachable and sees the frontier."""
     detour: float = 3.0
-    """Additional path cost to search for a nearer viewpoint before a farther view distance is accepted [m]."""
+    """Additional path cost to search for a nearer viewpoint before a larger view distance is accepted [m]."""
     view_range: float = 8.0
     """Maximum range for counting visible unknown area [m], limited by the lidar's range."""
     heading_distance: float = 0.6
@@ -79,4 +79,4 @@ class NavigatorParams:
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40
-    """Maximum number of extra looks around if a person may block the last passage."""
+    """Maximum number of looks around while a person may block the last passage."""

@@ -167,7 +167,6 @@ class TravelField:
     """Cost-to-come of every cell from a start."""
 
     costmap: Costmap
-    """Costmap of the search."""
     weights: np.ndarray
     """Weight of each cell cost, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
@@ -220,8 +219,8 @@ def travel_field(
 ) -> TravelField | None:
     """Search from a start (x, y), map frame [m], to all cells (Dijkstra) or to a goal (row, column) (A*).
 
-    A start in collision is moved to the nearest traversable cell within the robot's radius; returns None without one.
-    With a goal, only the path to it is final. Unknown cells, if allowed, have the highest cost of free cells.
+    A start in collision moves to the nearest traversable cell within the robot's radius; returns None without one. With
+    a goal, only the path is final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -240,8 +239,8 @@ def plan_path(
 ) -> np.ndarray | None:
     """Return the cheapest path between positions (x, y), map frame [m], by A*; None without a path.
 
-    The path may end up to `tolerance` [m] from a goal in collision. Unknown cells, if allowed, have the highest cost of
-    free cells. Returns points a cell apart, shape (n, 2), float64 [m].
+    The path may end up to `tolerance` [m] from a goal in collision. Unknown cells, if allowed, cost as much as
+    `COST_MAX_FREE`. Returns points a cell apart, shape (n, 2), float64 [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
@@ -253,9 +252,8 @@ def plan_path(
 def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
     """Return straight paths out of mapped obstacles that the scan does not show, shortest first.
 
-    Furniture may have moved, or the map may be inaccurate. `obstacles`: visible points, shape (k, 2), base frame [m].
-    `reach`, `least`: maximum and minimum length [m]. Paths: shape (n, 2), points at most a cell apart, map frame [m];
-    none if the footprint is free.
+    `obstacles`: visible points, shape (k, 2), base frame [m]. `reach`, `least`: maximum and minimum length [m]. Paths:
+    shape (n, 2), points at most a cell apart, map frame [m]; none if the footprint is free.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))
@@ -276,7 +274,7 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
 @njit(cache=True, error_model="numpy")
 def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
-    """Return a smoothed copy of a path; its ends stay. After Nav2's simple smoother, with in-place updates."""
+    """Return a path smoothed in place, after Nav2's simple smoother."""
     height, width = costs.shape
     smooth = points.copy()
     for _ in range(NUM_SWEEPS):
@@ -313,7 +311,7 @@ def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = Fal
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
     """Return True if a path stays inside the map and touches no known obstacle.
 
-    `path`: points about a cell apart, shape (n, 2) [m]. A path may start in collision if it leaves the obstacle.
+    `path`: points about a cell apart, shape (n, 2) [m]; may lead out of an initial collision.
     """
     grid = costmap.grid
     cells = grid.cells(path)

@@ -1,6 +1,6 @@
 """Kernels of `planning_map`: update planning cells, marks and costs in a `Window`.
 
-`occupancy` and `marks`: occupancy of planning cells by map and by scans, shape (height, width), int8. Cells are (row,
+`occupancy`, `marks`: occupancy of planning cells by map and by scans, shape (height, width), int8. Cells are (row,
 column), shape (n, 2), int64, possibly outside the raster.
 """
 
@@ -102,7 +102,7 @@ def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weight
     """
     top, left, bottom, right = window
     height, width = occupancy.shape
-    # Obstacles outside the window inflate into it, and map cells farther outside may explain them.
+    # Obstacles outside the window inflate into it; map cells farther outside may explain them.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     last_row, last_col = min(bottom + reach, height), min(right + reach, width)

@@ -1,4 +1,4 @@
-"""Planning map, updated incrementally in the windows that scans change."""
+"""Planning map, updated incrementally in windows of changed cells."""
 
 import math
 from collections.abc import Sequence
@@ -49,7 +49,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         costs=costmap.table(side),
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
-        radius=max(1, math.floor(radius / side + 1e-9)),  # maximum distance of the start cell
+        radius=max(1, math.floor(radius / side + 1e-9)),
         same_obstacle=round(params.same_obstacle / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
@@ -73,14 +73,14 @@ class CostLayer:
         self.pending: Window | None = None
         """Window to recompute, with inflation."""
         self.in_sight: Window | None = None
-        """Window of the obstacles visible at the last update, with inflation."""
+        """Window of the obstacles in view at the last update, with inflation."""
 
 
 class PlanningMap:
     """Planning cells of a robot's map, in layers as in Nav2: map, marked obstacles, inflation.
 
-    Scans mark only obstacles farther than `same_obstacle` from occupied map cells, so that pose errors do not close
-    doors, as in Nav2. Beams clear marks, never the map.
+    Unlike in Nav2, scans mark only obstacles farther than `same_obstacle` from occupied map cells, so pose errors do
+    not close doors. Beams clear marks, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
@@ -120,10 +120,7 @@ class PlanningMap:
                 self._pending = union(self._pending, changed)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Extend the planning map from the next `update` on, to `margin` [m] beyond the map and given points.
-
-        `points`: positions (x, y), map frame [m].
-        """
+        """Extend the planning map to `margin` [m] beyond map and points (x, y), map frame, at the next `update`."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
@@ -249,7 +246,6 @@ class PlanningMap:
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
-        """Process a whole map; marks keep their positions unless the map was redrawn."""
         marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
         self._data, (rows, cols) = grid.data, grid.data.shape
         self._size = -(-rows // self.block), -(-cols // self.block)
@@ -263,7 +259,7 @@ class PlanningMap:
         self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
         """Occupancy of planning cells, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Marks of scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
+        """Obstacles marked by scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
         """Frontier cells, shape (height, width), bool."""
@@ -291,7 +287,6 @@ class PlanningMap:
             layer.pending = union(layer.pending, self._dilated(window, layer.tables.inflation))
 
     def _window_around(self, x: float, y: float, radius: float) -> Window:
-        """Return the window of cells within `radius` of (x, y), map frame [m], and their neighbours."""
         if math.isinf(radius):
             return 0, 0, *self.occupancy.shape
         (top, left), (bottom, right) = self.cell(x - radius, y - radius), self.cell(x + radius, y + radius)

@@ -1,8 +1,8 @@
 """Regulated pure pursuit: curvature, obstacles and remaining distance limit the speed.
 
 After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023). Unlike in Nav2, obstacles
-come from the scan, so stops do not depend on the pose estimate, and a blocked arc first shortens the lookahead
-distance, so the robot does not cut corners.
+come from the scan, so stops do not depend on the pose estimate, and a blocked arc shortens the lookahead distance, to
+avoid cutting corners.
 """
 
 import math
@@ -25,8 +25,7 @@ NEAREST_WINDOW = 40
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
 """Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
-"""Follower state: index of the nearest path point, side of the last sidestep (1 left, -1 right), whether turning on the
-spot."""
+"""Follower state: index of the nearest path point, last sidestep (1 left, -1 right), whether turning on the spot."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +51,8 @@ class FollowerParams:
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise: the
-    nearest of many points on a wall appears that much too near."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, since
+    the nearest point of a wall appears too near."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Angles tried on either side to steer past obstacles [rad]."""
     braking: float = 0.5
@@ -82,7 +81,7 @@ def follower_numbers(
         "radius": robot.radius,
         "max_v": robot.max_v,
         "max_w": robot.max_w,
-        "rotation": min(robot.max_w, params.max_rotation),  # maximum yaw rate used
+        "rotation": min(robot.max_w, params.max_rotation),
         "braking_v": braking_v,
         "braking_w": params.braking * robot.max_acc_w,
         "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
@@ -116,7 +115,6 @@ def nearest_index(path, x, y, first, window):
 
 @njit(cache=True, error_model="numpy")
 def _carrot_index(path, x, y, first, lookahead):
-    """Return the index of the first point at least `lookahead` [m] from (x, y), or of the last point."""
     for k in range(first, path.shape[0]):
         if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
             return k
@@ -125,9 +123,9 @@ def _carrot_index(path, x, y, first, lookahead):
 
 @njit(cache=True, error_model="numpy")
 def _distance_to_bend(path, first, chord, angle):
-    """Return the path length from index `first` to a bend of more than `angle` [rad], or to the end [m].
+    """Return the path length to a bend of more than `angle` [rad], or to the end [m].
 
-    Chords of `chord` points measure direction, so raster staircases are no bends.
+    Chords measure the direction, so raster staircases are no bends.
     """
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
@@ -150,7 +148,6 @@ def turn_rate(angle, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _free(x, y, lookahead, reach, obstacles, numbers):
-    """Return the free length of the arc to a point, base frame [m]."""
     curvature = 2.0 * y / max(x * x + y * y, 1e-6)
     return free_distance(obstacles, curvature, reach, max(lookahead, numbers.look))
 
@@ -187,7 +184,6 @@ def _squeeze(x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _room(x, y, obstacles, numbers):
-    """Return the mean clearance along the arc to a point [m], each sample limited to `reach`."""
     angle, total = math.atan2(y, x), 0.0
     for share in (0.25, 0.5, 0.75, 1.0):
         chord = math.hypot(x, y) * (math.sin(angle * share) / math.sin(angle) if abs(angle) > 1e-3 else share)
@@ -201,7 +197,6 @@ def _room(x, y, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
-    """Return the lookahead point, base frame [m], and the free length of its arc [m]."""
     c, s = math.cos(theta), math.sin(theta)
     while True:
         k = _carrot_index(path, x, y, state.index, lookahead)
@@ -217,16 +212,15 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _speed_for(free, numbers):
-    """Return the maximum speed that allows a stop within `free` [m], after one control period."""
     delay = numbers.braking_v * numbers.period
     return math.sqrt(delay**2 + 2.0 * numbers.braking_v * max(free, 0.0)) - delay
 
 
 @njit(cache=True, error_model="numpy")
 def _approach_speed(ahead, left, obstacles, numbers):
-    """Return the speed towards a point, base frame [m], at which gaps to obstacles last `nearness_time`.
+    """Return the speed towards a point at which gaps to obstacles last `nearness_time`.
 
-    Only the speed component towards an obstacle counts, so walls beside the path do not.
+    Walls beside the path do not count: only the speed towards an obstacle closes a gap.
     """
     distance = math.hypot(ahead, left)
     v = np.inf
@@ -241,7 +235,6 @@ def _approach_speed(ahead, left, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
-    """Return the forward speed [m/s] on the arc to a point, base frame [m], of free length `free` [m]."""
     max_v, slowest = numbers.max_v, numbers.min_speed
     curvature = 2.0 * left / (ahead**2 + left**2)
     v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))

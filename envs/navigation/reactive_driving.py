@@ -58,6 +58,5 @@ class ReactiveDriver:
         return Twist(0.0, math.copysign(min(TURN_RATE, self._robot.max_w), self._turning))
 
     def _clearance_beside(self, obstacles: np.ndarray, side: float) -> float:
-        """Return the distance to obstacles on a side (1 left, -1 right), at most `ARC_LENGTH` [m]."""
         beside = obstacles[side * obstacles[:, 1] > 0.0]
         return min(ARC_LENGTH, float(np.hypot(*beside.T).min())) if len(beside) else ARC_LENGTH

@@ -2,8 +2,6 @@
 
 Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Otherwise
 the robot yields, or its goal fails. Moving footprints replace peers in scans.
-
-Each control period, call `update`, `choose` for the returned robots, then `command` of each robot.
 """
 
 from collections.abc import Sequence
@@ -28,7 +26,7 @@ BLOCKING_REACH = 1.5
 PEER_CLEARANCE = 0.05
 """Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""Time ahead at which a peer's predicted footprint is an obstacle, too [s]."""
+"""Prediction time of peers, whose predicted footprints are obstacles, too [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
@@ -42,7 +40,10 @@ def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, ove
 
 
 class TeamNavigator:
-    """Navigator of one or several robots, ordered by index."""
+    """Navigator of one or several robots, ordered by index.
+
+    Each control period, call `update`, `choose` for the returned robots, then `command` of each robot.
+    """
 
     def __init__(self, robot: RobotParams, team: Sequence[TeamRobot]) -> None:
         self.team = team
@@ -99,7 +100,6 @@ class TeamNavigator:
         return [peer for peer in self.team if peer is not robot]
 
     def _observe_peers(self, robot: TeamRobot, reading: Reading) -> Reading:
-        """Set peers as obstacles of a robot; return its reading without peers."""
         peers, pose, radius = self._peers_of(robot), self._poses[robot.index], self._robot.radius + PEER_CLEARANCE
         if not peers:
             return reading
@@ -117,7 +117,6 @@ class TeamNavigator:
         return reading._replace(ranges=ranges)
 
     def _resolve_conflict(self, robot: TeamRobot) -> None:
-        """Make a blocking peer or the robot yield."""
         gap = 2.0 * self._robot.radius + 0.1
         for peer in self._peers_of(robot):
             path = robot.plan

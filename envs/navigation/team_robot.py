@@ -25,7 +25,7 @@ PAUSE_TIME = 1.0
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot is blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Gap between a waiting robot and the area swept along the other robot's path that ends the wait [m]."""
+"""Gap between a waiting robot and the other robot's path, both with footprints, that ends the wait [m]."""
 MAX_WAIT = 15.0
 """Maximum waiting time [s]."""
 
@@ -49,7 +49,7 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Return the cheapest cell to reach at which another robot can pass; None for none.
+    """Return the cheapest cell to reach that lets another robot pass; None for none.
 
     `field`: travel field of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
     `radius`: footprint radius of both [m].
@@ -82,9 +82,9 @@ class TeamRobot(FrontierNavigator):
         max_time: float = math.inf,
         planning: PlanningParams = PlanningParams(),
     ) -> None:
-        """Create a robot; `patience`: control periods without a reachable frontier after which exploration ends.
+        """Create a robot; see `FrontierNavigator`.
 
-        For other arguments, see `FrontierNavigator`.
+        `patience`: number of control periods without a reachable frontier after which exploration ends.
         """
         super().__init__(robot, control_period, max_candidates=max_candidates, max_time=max_time, planning=planning)
         self.index = index

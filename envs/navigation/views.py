@@ -22,7 +22,7 @@ RAYS = np.array(
 )
 """Unit ray directions (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of discs around a frontier for unknown shares [m]."""
+"""Radii of the discs around a frontier whose unknown share is computed [m]."""
 SHARE_STEPS = 10
 """Samples per disc radius."""
 
@@ -31,8 +31,8 @@ SHARE_STEPS = 10
 def cast_view(occupancy, row, col, reach, free, unknown):
     """Cast rays of length `reach` [cells] from a cell's centre; cells outside the raster are unknown.
 
-    Writes for each ray, shape (NUM_RAYS,): `free`, length up to an occupied cell [cells], and `unknown`, unknown area
-    in view [cells2]. Returns the ray in the mean direction of unknown area.
+    Writes for each ray: `free`, length up to an occupied cell [cells], and `unknown`, unknown area in view [cells2].
+    Returns the ray in the mean direction of unknown area.
     """
     height, width = occupancy.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
@@ -63,8 +63,7 @@ def cast_view(occupancy, row, col, reach, free, unknown):
 def fill_sectors(free, unknown, first, reach, sectors):
     """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view`.
 
-    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray per sector over `reach`, then unknown share of
-    each sector.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray over `reach`, then unknown share, of each sector.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
@@ -97,8 +96,7 @@ def unknown_share(occupancy, row, col, radius):
 def cheapest_view(data, travel, cells, reach):
     """Find the cell with the lowest travel cost within `reach` and in line of sight of any of `cells`.
 
-    `cells`: shape (k, 2). `travel`: with a border of one cell. Returns row, column and index of the visible cell; -1
-    for none.
+    `travel`: with a border of one cell. Returns row, column and index of the visible cell; -1 for none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1
