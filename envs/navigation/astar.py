@@ -21,15 +21,13 @@ STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
 NO_STEP = 255
 """Predecessor of a cell without a predecessor."""
 ALL_STEPS = np.uint8(255)
-"""Bit mask of all `STEPS`."""
 ONWARD = np.full(256, ALL_STEPS)
 """Bit mask of the steps to try after each step: the step itself and, for a diagonal, its straight components."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
-"""First step in each bit mask."""
+"""Index of the first step in each bit mask of `STEPS`."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
-"""Travel cost of unreached cells."""
 NO_GOAL = (-1, -1)
 """Goal value for a search of all cells."""
 COST_WEIGHT = 3.0
@@ -42,12 +40,12 @@ NUM_COARSE_BUCKETS = 1 << 7
 """Number of queue buckets of Dijkstra's algorithm: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
 ESCAPE_WEIGHT = 10.0
-"""Additional cost of cells in collision, which only a robot that starts in collision may cross. The largest weight,
-which identifies these cells."""
+"""Additional cost of cells in collision, which only a robot that starts in collision may cross. Larger than all other
+weights."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Return the step weight for each cell cost, shape (256,), uint8; 0 if not traversable."""
+    """Return the step weight of each cell cost, shape (256,), uint8; 0 if not traversable."""
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -75,7 +73,7 @@ class Expansion(NamedTuple):
     heads: np.ndarray
     """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for none."""
     counters: np.ndarray
-    """Level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal; int64."""
+    """Level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal, int64."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)

@@ -41,10 +41,10 @@ CANDIDATE = record_type(
         ("turn", np.float64),
         ("age", np.float64),
         ("failures", np.int64),
-        ("goal", np.int64, 2),  # internal: planning cell of the viewpoint
-        ("cell", np.int64, 2),  # of the frontier
-        ("travel", np.int64),  # internal
-        ("span", np.int64, 2),  # range in `frontier_cells`
+        ("goal", np.int64, 2),  # internal, like the next fields
+        ("cell", np.int64, 2),
+        ("travel", np.int64),
+        ("span", np.int64, 2),
     ]
 )
 """Record type of a candidate; see `Candidates`."""
@@ -57,15 +57,15 @@ NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Visible unknown area at feature value 0.5 [m2]."""
+"""Visible unknown area that maps to feature value 0.5 [m2]."""
 HALF_COST = 5.0
-"""Travel cost at feature value 0.5 [m]."""
+"""Travel cost that maps to feature value 0.5 [m]."""
 HALF_SIZE = 2.0
-"""Frontier length at feature value 0.5 [m]."""
+"""Frontier length that maps to feature value 0.5 [m]."""
 HALF_AGE = 60.0
-"""Frontier age at feature value 0.5 [s]."""
+"""Frontier age that maps to feature value 0.5 [s]."""
 OFFSET_SCALE = 16.0
-"""Offset of a candidate, ahead or left, at feature value 1 [m]."""
+"""Distance ahead or to the left that maps to feature value 1 [m]."""
 FAILURE_PENALTY = 1e6
 """Penalty on the scores of candidates with failed drives."""
 
@@ -76,7 +76,7 @@ class Candidates:
 
     Rules read fields by name, `candidates["cost"]`, with k values for k candidates:
 
-    - `viewpoint`: position from which the frontier is observed (x, y), shape (k, 2), map frame [m].
+    - `viewpoint`: position that sees the frontier (x, y), shape (k, 2), map frame [m].
     - `frontier`: frontier cell in view of the viewpoint (x, y), shape (k, 2), map frame [m].
     - `cost`: path length to the viewpoint, weighted by traversal costs [m].
     - `size`: length of the candidate [m]. Long frontiers are split into several candidates.
@@ -93,7 +93,7 @@ class Candidates:
     """
 
     table: np.ndarray
-    """Records of the candidates, shape (k,), `CANDIDATE`."""
+    """Records of the candidates, shape (k,), dtype `CANDIDATE`."""
     chosen: int
     """Index of the candidate of the last drive; -1 if it is gone."""
     last_failed: bool
@@ -134,13 +134,13 @@ class GainOverCost:
     """Added to the path cost [m]; smaller values favour near frontiers."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return the log-ratio of each candidate, shape (k,), float64."""
+        """Return the logarithm of each candidate's ratio, shape (k,), float64."""
         ratios = np.log(candidates["visible"] + self.least_gain) - np.log(candidates["cost"] + self.least_cost)
         return failed_last(ratios, candidates)
 
 
 def robot_features(robot: RobotParams) -> np.ndarray:
-    """Return lidar range, radius and speed of a robot, scaled to [0, 1), shape (3,), float32."""
+    """Return a robot's lidar range, radius and speed, scaled to [0, 1), shape (3,), float32."""
     sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
     return (sizes / (sizes + halves)).astype(np.float32)
 

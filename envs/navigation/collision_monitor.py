@@ -1,5 +1,3 @@
-"""Collision monitor for commands."""
-
 from typing import Any
 
 import numpy as np

@@ -14,9 +14,9 @@ from lidarnaut.envs.geometry.distance_transform import squared_distances
 COST_FREE = 0
 """Cost beyond the inflation radius of every obstacle."""
 COST_MAX_FREE = 252
-"""Highest cost without a collision."""
+"""Highest cost of a collision-free cell."""
 COST_INSCRIBED = 253
-"""Cost of a cell where the footprint touches an obstacle."""
+"""Cost of a cell with the footprint in collision."""
 COST_LETHAL = 254
 """Cost of an occupied cell."""
 COST_UNKNOWN = 255
@@ -58,7 +58,7 @@ class CostmapParams:
 
     def table(self, resolution: float) -> np.ndarray:
         """Return Nav2's costs, uint8, by squared distance to the nearest obstacle [cells2]."""
-        # Rounded so that five cells of 0.05 m are exactly 0.25 m.
+        # Rounded: five cells of 0.05 m are exactly 0.25 m.
         distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
         costs = COST_MAX_FREE * np.exp(-self.cost_scaling_factor * (distances - self.robot_radius))
         costs[distances <= self.robot_radius] = COST_INSCRIBED
@@ -74,7 +74,6 @@ class Costmap:
     costs: np.ndarray
     """Costs, shape (height, width), uint8: 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown."""
     grid: OccupancyGrid
-    """Grid with resolution and origin."""
     params: CostmapParams
 
 
@@ -102,7 +101,7 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return first and last row and column of the observed cells; of the full raster for none."""
+    """Return first row, first column, last row, last column of observed cells; of the full raster for none."""
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
     highest_in_col = np.full(width, -1, dtype=np.int8)

@@ -15,7 +15,6 @@ from lidarnaut.envs.geometry.rows import write_row
 from .costmap import COST_INSCRIBED
 
 ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
-"""Columns of the scores."""
 NUM_CRITICS = 7
 
 
@@ -148,7 +147,7 @@ def _rotate_to_goal(v, poses, num_steps, rollout, ending):
 def meets_people(poses, num_steps, people, sim_time, radius):
     """Return True if the footprint would touch people who keep their velocity.
 
-    `people`: see `PeopleTracker.people`. `sim_time`: duration [s]. `radius`: footprint radius [m].
+    `people`: see `PeopleTracker.people`. `sim_time`: trajectory duration [s]. `radius`: footprint radius [m].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]

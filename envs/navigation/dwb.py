@@ -29,7 +29,7 @@ SIM_TIME = 1.7
 LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
 """Maximum step [m] and turn [rad] between poses of a trajectory."""
 GOAL_TOLERANCE = 0.25
-"""Distance from the goal at which the robot stops to turn [m]."""
+"""Distance to the goal that starts the final turn [m]."""
 RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
 """Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
 ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
@@ -133,7 +133,7 @@ class DwbPlanner:
         spread(costs, to_path, np.unique(flat))
         spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
-        # Points beyond reach would draw the robot off a path that turns back, unless an obstacle covers the path.
+        # Aim beyond reach only if an obstacle covers the path: the robot would leave a path that turns back.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
         self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE

@@ -28,7 +28,6 @@ EXIT_REACH, MAX_EXITS = 0.3, 3
 MET_CELL = 0.3
 """Cell side for storing positions of people, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
-"""Outcome by final progress; `FRONTIER_GONE` is determined separately."""
 
 
 class FrontierNavigator:
@@ -77,7 +76,7 @@ class FrontierNavigator:
         # Whether to check again that the chosen frontier exists.
         self._has_changed = True
         self._has_start = True
-        self._is_looking = False  # around at a viewpoint
+        self._is_looking = False  # turns at a viewpoint
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
@@ -126,7 +125,6 @@ class FrontierNavigator:
         self.navigator.spin()
 
     def command(self, belief: Belief) -> Twist:
-        """Return the twist for the next control period."""
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
@@ -163,7 +161,6 @@ class FrontierNavigator:
 
     @property
     def _obstacles(self) -> np.ndarray:
-        """Obstacle points for planning, without walking people."""
         obstacles = self.navigator.obstacles
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
@@ -182,7 +179,7 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        """Drive near people who may block a passage, and look around."""
+        """Drive near people that may block a passage, and look around."""
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
         if self._num_looks == self.params.max_looks or not self._met or not is_left:
@@ -210,19 +207,19 @@ class FrontierNavigator:
         return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
-        """Process a reading and find the candidates."""
+        """Process a reading and find the candidates, regardless of the drive."""
         self.integrate(belief)
         self.navigator.sense(reading)
         self.find_candidates(reading, belief)
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates."""
+        """Find the candidates, after the reading is processed."""
         self._now = reading.time
         self._find(belief.pose)
 
     @property
     def check_from(self) -> float:
-        """Drive step from which every step requires `conclude`; inf if the map is unchanged."""
+        """First drive step that requires `conclude`; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:

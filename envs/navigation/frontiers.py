@@ -15,7 +15,7 @@ from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
-"""Side of a tile [cells]."""
+"""Side of a tile that counts frontier cells [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -90,7 +90,7 @@ def frontier_groups(frontier, tile_counts):
     Returns cells, shape (n, 2), int64, sorted by group, and the start index of each group, followed by n.
     """
     height, width = frontier.shape
-    # Ungrouped frontier cells per tile, to skip the rest of finished tiles.
+    # Ungrouped frontier cells per tile, to skip tiles.
     left = tile_counts.copy()
     cells = np.empty((left.sum(), 2), dtype=np.int64)
     starts = [0]

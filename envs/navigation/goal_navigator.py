@@ -55,15 +55,13 @@ BLOCKED_REASONS = {
     COST_INSCRIBED: "too near to an obstacle of the map",
     COST_UNKNOWN: "in unknown space",
 }
-"""Explanation of a missing path by start or goal cost."""
 DETOUR_TIME = 10.0
-"""Time for which people count as obstacles after a lack of progress [s]."""
+"""Duration of treating people as obstacles after a lack of progress [s]."""
 APPROACH_DISTANCE = 0.3
 """Distance to a goal with a heading below which pure pursuit takes over [m]; DWB stops short of goals beside walls."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
 """Spacing of search points around a goal, and maximum path length to the next search point [m]."""
 HOME = (0.0, 0.0)
-"""Origin of the map frame (x, y) [m]."""
 
 
 ON_KNOWN_MAPS = PlanningParams(cell=0.05, tight_radii=(1.0, 0.75))
@@ -72,7 +70,7 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint padding levels at which the robot fits. Higher levels are a last resort for outdated maps."""
+"""Number of footprint padding levels that fit the robot. Higher levels are a last resort for outdated maps."""
 
 
 class LocalPlanner(Protocol):
@@ -104,7 +102,6 @@ LOCAL_PLANNERS: dict[str, MakePlanner] = {
     "dwb": lambda robot, period, _: DwbPlanner(robot, period),
     "mppi": MppiPlanner,
 }
-"""Local planners by name."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,8 +117,7 @@ class GoalParams:
     goal_tolerance: float = 0.15
     """Goal tolerance [m]."""
     search_radius: float = 0.0
-    """Radius around the goal for visits to further points if the task continues after arrival, since the pose estimate
-    is inaccurate [m]; 0 for none."""
+    """Radius around the goal for visits to further points after arrival, if the task continues [m]; 0 for none."""
     heading_tolerance: float = 0.15
     """Heading tolerance at the goal [rad]."""
     update_period: float = 0.3
@@ -135,8 +131,7 @@ class GoalParams:
     max_searches: int = 1
     """Maximum number of failed path searches; the robot looks around between searches."""
     lost_patience: float = 5.0
-    """Time for which a localized robot drives on after localization is lost [s]. Along a bare wall, localization often
-    recovers."""
+    """Time before reactive driving after localization is lost [s]. Along a bare wall, localization often recovers."""
     lost_time: float = 90.0
     """Maximum time of reactive driving while lost [s]."""
     blind_time: float = 5.0
@@ -208,10 +203,10 @@ class GoalNavigator:
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
-        """Set the tolerances of a task [m, rad] before `set_goal`. Goals are then poses.
+        """Set the tolerances of a task [m, rad] before `set_goal`; goals are then poses.
 
-        The robot aims for half of each tolerance, since its pose estimate is inaccurate. A heading tolerance of pi
-        changes nothing.
+        The robot aims for half of each tolerance, since its pose estimate is inaccurate. A heading tolerance of pi has
+        no effect.
         """
         if heading < math.pi:
             self._takes_headings = True
@@ -325,7 +320,7 @@ class GoalNavigator:
         return False
 
     def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        """Return ranges for the costmap, NaN on people, who could otherwise cause long detours."""
+        """Return ranges for the costmap, with NaN on people, since people could cause long detours."""
         if belief.on_people is None or reading.time < self._waited_until:
             return reading.ranges
         return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
@@ -344,7 +339,7 @@ class GoalNavigator:
         return math.dist(pose[:2], self.target)
 
     def _is_at_goal(self, pose: Pose2D) -> bool:
-        # Planners stop slightly off a path's end, which may be beside the goal. A turn may move the pose estimate.
+        # Planners stop slightly off a path's end. A turn may move the pose estimate.
         is_near = self._distance(pose) <= self._tolerance * (1.5 if self._is_turning else 1.0)
         self._is_turning = is_near and self._heading is not None
         return is_near
@@ -464,7 +459,6 @@ class HomeNavigator(GoalNavigator):
     """Drives a robot back to the origin of its map, through known space."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Create a navigator; `rng`: random generator of reactive driving."""
         super().__init__(GoalParams(allow_unknown=False, goal_tolerance=0.2, max_searches=3), PlanningParams())
         self.reset(robot, control_period, rng)
         self.set_goal(HOME)

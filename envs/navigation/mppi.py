@@ -24,7 +24,7 @@ from lidarnaut.envs.simulation import Twist
 COLLISION_COST = 1e5
 """Cost of a collision at the end of a sequence; twice as much at its start."""
 SPIN_STRIDE = 10
-"""Every so many sequences, one turns on the spot, which is rarely sampled."""
+"""Stride between sequences that turn on the spot, which noise rarely samples."""
 HEADING_OFFSET = 10
 """Index offset, from the nearest path point, of the point to head for."""
 HEADING_RADIUS = 0.2
@@ -90,7 +90,6 @@ class MppiParams:
 _OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
 _OWN = tuple(field.name for field in fields(MppiParams))
 MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[misc]
-"""Kernel constants of robot and `MppiParams`, all float."""
 
 
 def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:

@@ -1,7 +1,5 @@
 """Kernels of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
 
-Arguments are arrays, which are cheapest to pass:
-
 - `navigators`: state, shape (1,), `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
 - `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points not remembered.
 - `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
@@ -25,7 +23,7 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Maximum bearing that is well in view, over half the field of view."""
+"""Maximum bearing of a point well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
 """Margin around the footprint for clearing remembered contacts [m]."""
 NAVIGATOR = record_type(
@@ -72,11 +70,11 @@ def navigator_numbers(
         **asdict(params),
         **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
-        # A beam's width avoids a gap in full turns by rounding.
+        # A beam's width avoids gaps in full turns.
         "half_fov": 0.5 * lidar.fov + lidar.angle_increment,
         "sees_around": lidar.fov > 2.0 * math.pi - 0.1,
         "range_min": lidar.range_min,
-        "range_far": 2.0 * robot.radius + 0.3,  # of remembered points
+        "range_far": 2.0 * robot.radius + 0.3,  # range of remembered points
         "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
         "stall_distance": 0.25 * robot.radius + 0.02,
         "spin_rate": min(robot.max_w, params.spin_rate),

@@ -13,9 +13,7 @@ DUPLICATE_DISTANCE = 0.02
 MIN_SPEED = 1e-9
 """Minimum forward speed in divisions [m/s]."""
 MAX_REMEMBERED = 1000
-"""Maximum number of remembered points."""
 BUMP_POINTS = 5
-"""Number of points per bumper contact."""
 
 
 @njit(cache=True, error_model="numpy")

@@ -21,9 +21,9 @@ class PlanningParams:
     cost_scaling_factor: float = 4.0
     """Exponential decay rate of the inflation cost with distance [1/m]."""
     marking_range: float = 2.5
-    """Maximum range at which scans mark obstacles that the map lacks [m] (Nav2's `obstacle_max_range`)."""
+    """Maximum range for marking scanned obstacles that the map lacks [m] (Nav2's `obstacle_max_range`)."""
     clearing_range: float = 3.0
-    """Maximum range at which beams clear marked obstacles [m] (Nav2's `raytrace_max_range`)."""
+    """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
     same_obstacle: float = 0.15
     """Maximum distance between a scanned obstacle and a map cell that explains it [m]."""
     min_lengths: tuple[float, ...] = (0.4, 0.15)
@@ -75,7 +75,7 @@ class NavigatorParams:
     look_radius: float = 3.0
     """Radius for ignoring frontier cells after a visit or repeated failures, in robot radii; at most 0.75 m."""
     retry_radius: float = 0.5
-    """Distance within which two frontiers count as the same, for failures and ages [m]."""
+    """Distance within which two frontiers count as one, for failures and ages [m]."""
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40

@@ -28,15 +28,13 @@ from lidarnaut.envs.navigation.obstacles import free_distance
 SHORTCUT = 4.0
 """Maximum length of a straight shortcut [m]."""
 MAX_POINTS = 1024
-"""Maximum number of points of `write_path`."""
 DATA_WEIGHT = 0.2
 """Weight of each point's original position (Nav2's `w_data`)."""
 SMOOTH_WEIGHT = 0.3
 """Weight of the midpoint of a point's neighbours (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
-"""Maximum number of smoothing sweeps."""
 NUM_EXITS = 32
-"""Number of directions tried for an exit from an obstacle."""
+"""Number of directions tried for an exit."""
 SMOOTH_TOLERANCE = 1e-4
 """Maximum displacement in the last smoothing sweep [m]."""
 

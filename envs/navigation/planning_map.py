@@ -270,9 +270,7 @@ class PlanningMap:
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
-        """Search state."""
         self.queue = np.empty((1024, 2), dtype=np.int32)
-        """Search queue; see `_expand`."""
         first_row, first_col, last_row, last_col = (k // self.block for k in known_window(grid.data))
         self._pending = top + first_row, left + first_col, top + last_row + 1, left + last_col + 1
         self._known = None

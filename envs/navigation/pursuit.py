@@ -51,8 +51,8 @@ class FollowerParams:
     nearness_time: float = 0.6
     """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, since
-    the nearest point of a wall appears too near."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, which
+    shortens the nearest range."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
     """Angles tried on either side to steer past obstacles [rad]."""
     braking: float = 0.5
@@ -68,7 +68,7 @@ FAST = FollowerParams(
     min_speed=0.25,
     nearness_time=0.3,
 )
-"""Parameters for fast, agile robots without scan matching; tuned on the world family `clutter`."""
+"""Parameters for fast robots without scan matching, tuned on the world family `clutter`."""
 
 
 def follower_numbers(
@@ -218,9 +218,9 @@ def _speed_for(free, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _approach_speed(ahead, left, obstacles, numbers):
-    """Return the speed towards a point at which gaps to obstacles last `nearness_time`.
+    """Return the maximum speed towards a point that keeps gaps open for `nearness_time`.
 
-    Walls beside the path do not count: only the speed towards an obstacle closes a gap.
+    Only the speed towards an obstacle closes a gap, so walls beside the path do not count.
     """
     distance = math.hypot(ahead, left)
     v = np.inf

@@ -1,4 +1,4 @@
-"""Reactive driving by the scan alone, without a pose estimate."""
+"""Reactive driving by the scan alone."""
 
 import math
 

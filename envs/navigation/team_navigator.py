@@ -1,7 +1,7 @@
 """Team navigation on a shared map, with rights of way.
 
-Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Otherwise
-the robot yields, or its goal fails. Moving footprints replace peers in scans.
+Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Moving
+footprints replace peers in scans.
 """
 
 from collections.abc import Sequence
@@ -26,7 +26,7 @@ BLOCKING_REACH = 1.5
 PEER_CLEARANCE = 0.05
 """Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""Prediction time of peers, whose predicted footprints are obstacles, too [s]."""
+"""Prediction time of peers' footprints as obstacles [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:

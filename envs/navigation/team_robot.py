@@ -1,5 +1,3 @@
-"""One robot of an exploring team."""
-
 import math
 
 import numpy as np
@@ -19,7 +17,6 @@ from lidarnaut.envs.simulation import Reading
 PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a passing and a waiting robot [m]."""
 OUTLINE_POINTS = 16
-"""Number of points in a peer's outline."""
 PAUSE_TIME = 1.0
 """Time between searches for a frontier while other robots have all frontiers [s]."""
 BLOCKED_TIME = 1.0
@@ -27,7 +24,6 @@ BLOCKED_TIME = 1.0
 PASSED_CLEARANCE = 0.5
 """Gap between a waiting robot and the other robot's path, both with footprints, that ends the wait [m]."""
 MAX_WAIT = 15.0
-"""Maximum waiting time [s]."""
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
@@ -84,7 +80,7 @@ class TeamRobot(FrontierNavigator):
     ) -> None:
         """Create a robot; see `FrontierNavigator`.
 
-        `patience`: number of control periods without a reachable frontier after which exploration ends.
+        `patience`: number of control periods without a reachable frontier before exploration ends.
         """
         super().__init__(robot, control_period, max_candidates=max_candidates, max_time=max_time, planning=planning)
         self.index = index

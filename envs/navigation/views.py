@@ -13,9 +13,7 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48
-"""Number of rays from a viewpoint."""
 NUM_SECTORS = 24
-"""Number of sectors around a viewpoint."""
 PER_SECTOR = NUM_RAYS // NUM_SECTORS
 RAYS = np.array(
     [(math.sin(angle), math.cos(angle)) for angle in (2.0 * math.pi * k / NUM_RAYS for k in range(NUM_RAYS))]
@@ -24,7 +22,6 @@ RAYS = np.array(
 SHARE_RADII = (1.0, 2.0, 4.0)
 """Radii of the discs around a frontier whose unknown share is computed [m]."""
 SHARE_STEPS = 10
-"""Samples per disc radius."""
 
 
 @njit(cache=True, error_model="numpy")
