@@ -151,7 +151,7 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
 
 @njit(cache=True, error_model="numpy")
 def recover(navigators, points, backwards, constants):
-    """Begin a recovery: BackUp, or forward if there is more room, then Spin, alternately left and right."""
+    """Begin a recovery: BackUp, or forward if there is more room, then Spin, left and right in turn."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach

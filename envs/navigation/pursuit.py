@@ -49,7 +49,7 @@ class FollowerParams:
     min_speed: float = 0.35
     """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
-    """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
+    """Minimum time to close the gap to an obstacle [s]; limits speed near obstacles."""
     margin: float = 0.4
     """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, which
     shortens the nearest range."""

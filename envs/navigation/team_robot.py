@@ -164,7 +164,7 @@ class TeamRobot(FrontierNavigator):
         super().choose(index, keep_clocks=keep_clocks or self._keeps_clocks)
 
     def wait(self) -> None:
-        """Pause, because other robots have all frontiers."""
+        """Pause while other robots have all frontiers."""
         self._has_looked_around, self.ended = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
@@ -201,7 +201,7 @@ class TeamRobot(FrontierNavigator):
         return is_off or self._wait_steps * self._period > MAX_WAIT
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Replan; cross peers if no path leads around them, since peers move or yield."""
+        """Replan; cross peers if no path leads around them."""
         if super()._replan(pose):
             return True
         bodies, self.bodies = self.bodies, NO_POINTS
