@@ -1,4 +1,4 @@
-"""Navigation to goals on known or growing maps."""
+"""Navigation on known or growing maps."""
 
 import logging
 import math

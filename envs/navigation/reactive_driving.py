@@ -1,4 +1,4 @@
-"""Reactive driving by the scan alone."""
+"""Reactive driving by scan alone."""
 
 import math
 
