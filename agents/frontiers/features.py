@@ -59,7 +59,7 @@ def score_features(candidates, sectors, gaps, robot, count):
                     second = gap
         mean = mean / (count - 1) if count > 1 else 0.0
         size, age = _length(row[given.SIZE], given.HALF_SIZE), _length(row[given.AGE], given.HALF_AGE)
-        distance = given.REACH * math.hypot(row[given.AHEAD], row[given.LEFT])
+        distance = given.OFFSET_SCALE * math.hypot(row[given.AHEAD], row[given.LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
@@ -85,5 +85,5 @@ def score_features(candidates, sectors, gaps, robot, count):
         f[31], f[32] = left * log_visible, left * minus_log_cost
         f[33] = math.log(mean + 1.0)
         f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[given.AHEAD] * given.REACH / (distance + 0.5)
+        f[35] = row[given.AHEAD] * given.OFFSET_SCALE / (distance + 0.5)
     return out

@@ -24,7 +24,7 @@ class RrtRobot(TeamRobot):
         planning, side = self.map, self.map.side
         positions = (self.points[:, ::-1] - planning.origin[::-1]) / side  # row, column
         cells = np.floor(positions).astype(np.int64)
-        is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
+        is_inside = ((cells >= 0) & (cells < planning.occupancy.shape)).all(axis=1)
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
         # On the scale on which ROS publishes costmaps: 1 to 98 near obstacles, 99 where the footprint touches one.
@@ -33,7 +33,7 @@ class RrtRobot(TeamRobot):
         nearest = self._nearest_frontier(positions[on_ros_scale <= self._params.max_cost])
         first = np.arange(len(nearest))
         # Of no group: no point is left out because its frontier is short.
-        return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
+        return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.occupancy.size), first])
 
     def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
         """Return the frontier cell (row, column) nearest to each point; nothing for points farther than the bandwidth.

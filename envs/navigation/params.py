@@ -1,4 +1,4 @@
-"""Parameters of planning and of drives: every number once, for all explorers, goals and the decision level."""
+"""Parameters of planning and navigation."""
 
 from dataclasses import dataclass
 
@@ -7,80 +7,76 @@ from lidarnaut.envs.navigation.costmap import CostmapParams
 
 @dataclass(frozen=True, slots=True)
 class PlanningParams:
-    """How the map is turned into costs, frontiers and candidates."""
+    """Parameters of planning: costs, frontiers and candidates."""
 
     cell: float = 0.1
-    """Side of the cells that are planned on, where the robot is at least that wide [m]; map cells are joined."""
+    """Side of a planning cell, a block of map cells, at most the robot's radius [m]."""
     padding: float = 0.03
-    """Footprint padding: added to the robot's radius in plans [m], half a map cell and the pose's jitter."""
+    """Footprint padding, for half a map cell and noise of the pose estimate [m]."""
     tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
-    """Shares of the robot's radius that plans fall back on when nothing can be reached otherwise (footprint padding
-    levels 1, 2, ...): walls of a map that has drifted close gaps that are open in reality; the scan guards the robot.
-    """
+    """Footprint radii of padding levels 1, 2, ..., as fractions of the robot's radius, for gaps that map drift has
+    narrowed."""
     inflation: float = 0.45
-    """How far beyond that nearness to obstacles costs [m]."""
+    """Width of inflation beyond the footprint [m]."""
     cost_scaling_factor: float = 4.0
-    """Rate at which that cost decays with the distance [1/m]."""
+    """Exponential decay rate of the inflation cost with distance [1/m]."""
     marking_range: float = 2.5
-    """Obstacles seen this near are marked in plans where the map misses them [m] (Nav2's `obstacle_max_range`): legs of
-    chairs are too thin to last in a map."""
+    """Maximum range for marking scanned obstacles that the map lacks [m] (Nav2's `obstacle_max_range`)."""
     clearing_range: float = 3.0
-    """Beams clear the marks that they pass up to this range [m] (Nav2's `raytrace_max_range`)."""
+    """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
     same_obstacle: float = 0.15
-    """Distance up to which an occupied cell of the map accounts for an obstacle in the scan [m]."""
+    """Maximum distance between a scanned obstacle and a map cell that explains it [m]."""
     min_lengths: tuple[float, ...] = (0.4, 0.15)
-    """Least length of a frontier [m]; the next one is taken when nothing of the length before can be reached."""
+    """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
     max_extent: float = 2.0
-    """Frontiers longer than this are split into several candidates [m]."""
+    """Maximum extent of a candidate [m]; longer frontiers are split."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    """Distances of viewpoints from a frontier; the first one from which it can be seen is taken [m]."""
+    """Distances of viewpoints from the frontier [m], tried in order until one is reachable and sees the frontier."""
     detour: float = 3.0
-    """The next view distance is taken, too, where the first costs this much more to get to [m]."""
+    """Additional path cost to search for a nearer viewpoint before a larger view distance is accepted [m]."""
     view_range: float = 8.0
-    """Unknown area in view of a viewpoint is counted up to this distance, where the lidar sees as far [m]."""
+    """Maximum range for counting visible unknown area [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Heading changes are those towards the point of the path this far from its start [m]."""
+    """Distance along the path to the point that defines the turn towards a candidate [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
-        """Return how obstacles spread for a footprint of a radius [m]."""
+        """Return inflation parameters for a footprint radius [m]."""
         return CostmapParams(robot_radius, robot_radius + self.inflation, self.cost_scaling_factor)
 
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParams:
-    """When a drive to a goal ends, and how the robot recovers."""
+    """Parameters of drives: end conditions and recovery behaviors."""
 
     min_time: float = 1.0
-    """A frontier that vanishes sooner does not end the drive [s]."""
+    """Minimum drive time before a vanished frontier ends the drive [s]."""
     replan_time: float = 4.0
-    """Time between two plans of the path within one drive [s]; drives that are no longer keep to their first plan."""
+    """Interval between replans of the path during a drive [s]."""
     goal_tolerance: float = 1.6
-    """Distance at which the goal counts as reached, in radii of the robot and at most 0.2 m."""
+    """Goal tolerance, in robot radii; at most 0.2 m."""
     frontier_radius: float = 0.4
-    """The drive goes on as long as there is a frontier this near to the one that was chosen [m]."""
+    """Radius around the chosen frontier within which a remaining frontier cell keeps the drive going [m]."""
     stall_time: float = 3.0
-    """Time without moving or turning after which the robot recovers [s]."""
+    """Time without translation or rotation that triggers a recovery behavior [s]."""
     stall_angle: float = 0.3
-    """A heading that differs by this much has turned [rad]."""
+    """Minimum heading change that counts as rotation [rad]."""
     max_recoveries: int = 3
-    """Attempts to recover after which the drive has failed."""
+    """Maximum number of recovery attempts per drive."""
     stuck_distance: float = 0.5
-    """A robot that stays within this distance... [m]."""
+    """Minimum distance to cover within `stuck_time` [m]; otherwise the drive fails."""
     stuck_time: float = 10.0
-    """...for this long has failed [s]."""
+    """Time allowed to cover `stuck_distance` [s]."""
     still_distance: float = 0.1
-    """A robot that runs out of frontiers when it has not come farther than this... [m]"""
+    """Minimum distance to cover within `still_time` [m]; otherwise exploration may end as stuck."""
     still_time: float = 30.0
-    """...for this long could not move: it is stuck [s]."""
+    """Time allowed to cover `still_distance` [s]."""
     spin_rate: float = 1.0
-    """Yaw rate of turns that are made to look around or to recover, where the robot can turn that fast [rad/s]."""
+    """Yaw rate of spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
-    """Frontier cells this near to a viewpoint that was visited for them, or to a goal that failed, are ignored from
-    then on, in radii of the robot and at most 0.75 m."""
+    """Radius for ignoring frontier cells after a visit or repeated failures, in robot radii; at most 0.75 m."""
     retry_radius: float = 0.5
-    """Goals that failed count as the same goal within this distance [m]."""
+    """Distance within which two frontiers count as one, for failures and ages [m]."""
     max_failures: int = 3
-    """Failures after which a frontier is ignored."""
+    """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40
-    """How often a robot that has met people looks again where it gets no further, before it says so: somebody may have
-    stood in a door."""
+    """Maximum number of looks around while a person may block the last passage."""
