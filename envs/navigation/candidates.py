@@ -9,6 +9,7 @@ from numba import njit
 from pydantic import PositiveFloat
 
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
@@ -109,6 +110,9 @@ class Candidates:
         return tuple(centers[first:last] for first, last in self["span"].tolist())
 
     def __getitem__(self, name: str) -> np.ndarray:
+        """Return a field of all candidates; ValueError for an unknown name."""
+        if name not in (names := self.table.dtype.names or ()):
+            raise ValueError(f"unknown field of candidates {explain_unknown(name, names)}")
         return self.table[name]
 
     def __len__(self) -> int:
