@@ -23,7 +23,7 @@ COUNT_BITS = 12
 """Bits of a word that count observations."""
 MAX_COUNT = (1 << COUNT_BITS) - 1
 """Count at which a cell stops counting; from there on each observation weighs 1 / (MAX_COUNT + 1)."""
-ONE = 1 << 18
+FULL_OCCUPANCY = 1 << 18
 """Occupancy 1 as fixed-point number."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
@@ -43,12 +43,12 @@ class InverseSensorModel(NamedTuple):
 
 def unvisited_word(value: float) -> int:
     """Return the word of a cell never observed, which the matcher shall take for `value` (in [-1, 1])."""
-    return round(value * ONE) << COUNT_BITS
+    return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
 def probabilities(words: np.ndarray) -> np.ndarray:
     """Return the occupancy that words stand for, same shape, float64."""
-    return (words >> COUNT_BITS) / ONE
+    return (words >> COUNT_BITS) / FULL_OCCUPANCY
 
 
 @njit(cache=True, error_model="numpy")
@@ -62,7 +62,7 @@ def observe(word, target):
 @njit(cache=True, error_model="numpy")
 def _weighted(prob, quality):
     """Return an observed occupancy as fixed-point number, drawn towards one half by the weight of its scan."""
-    return round(ONE * (0.5 + (prob - 0.5) * quality))
+    return round(FULL_OCCUPANCY * (0.5 + (prob - 0.5) * quality))
 
 
 @njit(cache=True, error_model="numpy")
@@ -107,7 +107,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
                 num_new += 1
             word = observe(word, target)
             flat[index] = word
-            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + ONE // 2) >> 18
+            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
             base, side = base + step, side + slope
     for k in range(num_new):
         index = new_cells[k, 0]

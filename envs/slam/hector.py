@@ -11,9 +11,9 @@ from .log_odds_map import LogOddsMap
 from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
 from .params import HectorParams
-from .relocalization import FOUND_STD, LossTracker
+from .relocalization import FOUND_STD, LocalizationMonitor
 
-PEOPLE_SCORE = 0.5
+MIN_SCORE_WITH_PEOPLE = 0.5
 """What replaces `MatchingParams.min_known_score` among people: groups of them look like walls that no map shows."""
 
 
@@ -35,15 +35,15 @@ class Hector(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._loss = LossTracker(lidar, params.lost_scans, params.uses_odometry)
+        self._monitor = LocalizationMonitor(lidar, params.lost_scans, params.uses_odometry)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
         """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
-        self._loss.reset()
-        self._loss.meets_people = self.meets_people
+        self._monitor.reset()
+        self._monitor.meets_people = self.meets_people
         if self.meets_people:  # who stand around the robot are no reason to look for it farther away
-            self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=PEOPLE_SCORE)
+            self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=MIN_SCORE_WITH_PEOPLE)
         return super().reset(rng, pose, map)
 
     def _make_map(self) -> LogOddsMap:
@@ -57,8 +57,8 @@ class Hector(KeyScanSlam):
             return predicted, 1.0
         match = self._match_map(ranges, predicted)
         pose = Pose2D(match.x, match.y, match.theta)
-        instead = self._track_loss(ranges, predicted, pose, match.fits if match.is_judged else None)
-        return (pose, 1.0) if instead is None else (instead, None)
+        fallback_pose = self._track_loss(ranges, predicted, pose, match.fits if match.is_judged else None)
+        return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
         """Match a scan to the map; `belief.covariance` becomes that of the match."""
@@ -71,10 +71,10 @@ class Hector(KeyScanSlam):
         return match
 
     def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
-        """Set `belief.is_lost` by a key scan; arguments and result are those of `LossTracker.update`."""
+        """Set `belief.is_lost` by a key scan; arguments and result are those of `LocalizationMonitor.update`."""
         belief = self.belief
-        instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
-        if self._loss.is_found:
+        fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
+        if self._monitor.is_found:
             belief.covariance = np.diag(FOUND_STD) ** 2
-        belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > self.params.max_position_std
-        return instead
+        belief.is_lost = self._monitor.is_lost or position_std(belief.covariance) > self.params.max_position_std
+        return fallback_pose

@@ -24,10 +24,10 @@ STAMP_BITS = 16
 """Bits of a word that hold the number of a scan."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
 """Number of the last scan before they start again."""
-ONE = 1 << 9
+LOG_ODDS_UNIT = 1 << 9
 """Log odds 1 as fixed-point number."""
-_HALF = 6 * ONE
-_PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / ONE))).astype(np.int8)
+_HALF = 6 * LOG_ODDS_UNIT
+_PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
 """Occupancies in percent by log odds; beyond the table they are 0 or 100."""
 
 
@@ -45,8 +45,8 @@ class LogOddsModel(NamedTuple):
     def of(cls, params: MatchingParams) -> Self:
         """Return the model for the probabilities that a beam reports of the cells that it ends in and passes."""
         probs = (params.occupied_prob, params.empty_prob)
-        hit, passed = (round(ONE * math.log(prob / (1.0 - prob))) for prob in probs)
-        return cls(hit, passed, round(ONE * params.max_log_odds))
+        hit, passed = (round(LOG_ODDS_UNIT * math.log(prob / (1.0 - prob))) for prob in probs)
+        return cls(hit, passed, round(LOG_ODDS_UNIT * params.max_log_odds))
 
 
 @njit(cache=True, error_model="numpy")

@@ -17,7 +17,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScans, has_moved
-from .matching.branch_and_bound import EVERYWHERE, SearchResult, SearchWindow, angle_step, search
+from .matching.branch_and_bound import NO_EXCLUSION, SearchResult, SearchWindow, angle_step, search
 from .matching.fields import Field, HitShares, Pyramid, build_pyramid, count_crossings, hit_shares, is_accepted
 from .params import LoopClosureParams
 from .scans import ScanGeometry
@@ -37,15 +37,15 @@ MAX_EVALUATIONS = 500_000
 """Nodes that a search scores at most."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the search in the map's own cells around what the coarse one found."""
-NEAR = 2.0
+NEAR_DISTANCE = 2.0
 """Distance from the pose by odometry up to which a pose is near [m]: a robot is lost more often because its map bends
 than because it was kidnapped."""
-ENOUGH, FAR_ENOUGH, MAX_LEAD = 0.5, 1.0, 0.25
+NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
 """Sum of leads, in searches in succession that agree on a pose, which makes a near one certain, and another one; and
 what counts at most of the lead of one search."""
-SAME_PLACE, SAME_HEADING = 0.3, 0.1
+AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """By how much poses that agree differ at most [m], [rad]."""
-RIVAL_PLACE, RIVAL_HEADING, RIVAL_SCORE = 0.5, 0.2, 0.15
+RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
 """How far rivals of a pose are from it at least in coarse cells [m], [rad], and by how much their score may be less."""
 LEAST_LEAD = 0.05
 """By how much the merit of a pose must exceed that of its rivals: its lead."""
@@ -53,20 +53,20 @@ MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
 """Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
 scans in succession above it after which the robot is lost, however well their hits fit. On the log of a real robot it
 is up to 0.5 before a loop is closed."""
-RIGHT_SCANS = 4
+RECOVERY_SCANS = 4
 """Key scans in succession that fit where odometry leads, without beams through walls, after which a robot is no longer
 lost: people who stood around it have left."""
-QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 """Headings around which the map is searched [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviation of a pose that was found [m, m, rad]."""
-ACCEPTED = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
+ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
 """What a pose must reach; see `is_accepted`."""
-ACCEPTED_CROSSING = 0.08
+MAX_ACCEPTED_CROSSING = 0.08
 """Share of the beams of the joined scans that may pass through occupied cells at a pose that is taken."""
 
 
-class LossTracker:
+class LocalizationMonitor:
     """Tells when scans in succession do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
@@ -84,13 +84,13 @@ class LossTracker:
 
     def reset(self) -> None:
         """Start with a robot that is not lost."""
-        self._mismatches = self._num_crossing = self._num_right = 0
+        self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
         """Whether the last key scan has relocalized the robot."""
         self._relocalizer.reset()
 
     @property
-    def is_in_doubt(self) -> bool:
+    def has_mismatch(self) -> bool:
         """Whether a scan has not fitted, and none has since; the robot need not be lost yet."""
         return self._mismatches > 0
 
@@ -115,28 +115,28 @@ class LossTracker:
         """
         self.is_found = False
         if self.meets_people:
-            self._num_right = self._num_right + 1 if fits and self.is_lost else 0
+            self._num_consistent = self._num_consistent + 1 if fits and self.is_lost else 0
         elif self._has_odometry:
             field = Field(grid.data, *grid.origin, grid.resolution)
             crossing, judged = count_crossings(field, ranges, self._geometry, pose)
             if self.is_lost:
-                is_right = fits and judged >= LEAST_JUDGED and crossing <= ACCEPTED_CROSSING * judged
-                self._num_right = self._num_right + 1 if is_right else 0
+                is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
+                self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
                 if self._num_crossing >= CROSSING_SCANS:
                     fits, self._mismatches = False, self._lost_scans
-        if self.is_lost and self._num_right >= RIGHT_SCANS:
+        if self.is_lost and self._num_consistent >= RECOVERY_SCANS:
             self.reset()
             self.is_found = True
             return None
         if fits and not (self.is_lost and self._has_odometry):
-            if self.is_in_doubt:
+            if self.has_mismatch:
                 self._mismatches = 0
                 self._relocalizer.reset()
             return None
-        if fits is None and not self.is_in_doubt:
+        if fits is None and not self.has_mismatch:
             return None
         self._mismatches += fits is False
         found = self._relocalizer.update(ranges, predicted, grid if self.is_lost else None)
@@ -179,11 +179,11 @@ class Relocalizer:
             self._evidence = 0.0
             return None
         before, there = self._found
-        if has_moved(*before.compose(there.between(pose)), *found, SAME_PLACE, SAME_HEADING):
+        if has_moved(*before.compose(there.between(pose)), *found, AGREEMENT_DISTANCE, AGREEMENT_ANGLE):
             self._evidence = 0.0
         self._found, self._evidence = (found, pose), self._evidence + min(lead, MAX_LEAD)
-        is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR
-        return found if self._evidence >= (ENOUGH if is_near else FAR_ENOUGH) else None
+        is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR_DISTANCE
+        return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
         """Return the pose of the robot at the last key scan, map frame, and its lead.
@@ -197,24 +197,24 @@ class Relocalizer:
         field = Field.of(grid)
         search_around = _coarse_search(field, points)
         fit = partial(self._fit, field, build_pyramid(field, 3, FINE_WIDTH), points)
-        found = [search_around(heading) for heading in QUARTERS]
+        found = [search_around(heading) for heading in SEARCH_HEADINGS]
         fits = [fit(result.pose) for result in found if result.pose]
         best = max(fits, default=None)
-        if best is None or best.crossing > ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTED):
+        if best is None or best.crossing > MAX_ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTANCE):
             return None, 0.0
-        least = max(result.score for result in found) - RIVAL_SCORE
-        for heading, result in zip(QUARTERS, found):
+        least = max(result.score for result in found) - RIVAL_SCORE_MARGIN
+        for heading, result in zip(SEARCH_HEADINGS, found):
             if result.pose and result.score >= least:
-                rival = search_around(heading, least, (*result.pose, RIVAL_PLACE, RIVAL_HEADING)).pose
+                rival = search_around(heading, least, (*result.pose, RIVAL_DISTANCE, RIVAL_ANGLE)).pose
                 fits += [fit(rival)] if rival else []
-        rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, SAME_PLACE, SAME_HEADING))
+        rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, AGREEMENT_DISTANCE, AGREEMENT_ANGLE))
         lead = best.merit - max(rivals, default=-math.inf)
         return (best.pose if lead >= LEAST_LEAD else None), lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
         """Return how the joined scans fit at the best pose near one that was found in coarse cells."""
-        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
-        pose = search(pyramid, points, rough, around, 0.0, MAX_EVALUATIONS).pose or rough
+        window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
+        pose = search(pyramid, points, rough, window, 0.0, MAX_EVALUATIONS).pose or rough
         shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
         known = max(shares.occupied + shares.free, 1e-9)
         return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
@@ -260,7 +260,7 @@ def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResu
     window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
     x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
 
-    def search_around(heading: float, min_score: float = ACCEPTED.min_score, left_out: Any = EVERYWHERE) -> Any:
-        return search(pyramid, points, Pose2D(x, y, heading), window, min_score, MAX_EVALUATIONS, left_out)
+    def search_around(heading: float, min_score: float = ACCEPTANCE.min_score, excluded: Any = NO_EXCLUSION) -> Any:
+        return search(pyramid, points, Pose2D(x, y, heading), window, min_score, MAX_EVALUATIONS, excluded)
 
     return search_around

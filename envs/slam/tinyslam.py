@@ -9,18 +9,18 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
-from .grid_map import ONE, GridMap
+from .grid_map import FULL_OCCUPANCY, GridMap
 from .key_scans import KeyScanSlam
 from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
 from .params import TinySlamParams
-from .relocalization import LossTracker
+from .relocalization import LocalizationMonitor
 from .scans import project_hits
 
 LOST_SCANS = 3
 """Key scans in succession that do not fit, after which the robot is lost."""
-WIDE = (0.3, 0.2)
+WIDE_SPREAD = (0.3, 0.2)
 """Spread of candidates where a scan does not fit near the predicted pose, as after wheels have slipped [m], [rad]."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
 """Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit near the
@@ -53,15 +53,17 @@ class TinySlam(KnownPoses):
         """Build a SLAM for one lidar. Observers are notified of the matcher's work."""
         self.observers = tuple(observers)
         self._search = search_params(params)
-        self._wide_search = self._search._replace(sigma_xy=WIDE[0] / params.resolution, sigma_theta=WIDE[1])
-        self._loss = LossTracker(lidar, LOST_SCANS)
+        self._wide_search = self._search._replace(
+            sigma_xy=WIDE_SPREAD[0] / params.resolution, sigma_theta=WIDE_SPREAD[1]
+        )
+        self._monitor = LocalizationMonitor(lidar, LOST_SCANS)
         self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
         """Start with an unknown map or a shared one; see `KnownPoses`. The candidates are drawn from `rng`."""
         self._odometry = pose
-        self._loss.reset()
+        self._monitor.reset()
         return super().reset(rng, pose, map)
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
@@ -75,10 +77,10 @@ class TinySlam(KnownPoses):
                 wide = self._search_pose(ranges, predicted, self._wide_search)
                 if self._fits(ranges, wide, LEAST_WIDE_SCORE):
                     pose, fits = wide, True
-            instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
-            belief.is_lost = self._loss.is_lost
-            if instead is not None:
-                return instead, None
+            fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
+            belief.is_lost = self._monitor.is_lost
+            if fallback_pose is not None:
+                return fallback_pose, None
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:
@@ -113,6 +115,6 @@ class TinySlam(KnownPoses):
             return self._search
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
         stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
-        weight = params.prior_weight * ONE
+        weight = params.prior_weight * FULL_OCCUPANCY
         position_penalty = weight * (params.resolution / stds[0]) ** 2
         return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)

@@ -10,13 +10,13 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from ..key_scans import Anchor, KeyScanSlam
-from ..matching.correlative import SearchWindow, search_window
+from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
-from ..matching.scan_matcher import WINDOW, MatcherParams
+from ..matching.scan_matcher import WINDOW_STDS, MatcherParams
 from ..params import GMappingParams
 from ..posegraph import GrowingArray
-from ..relocalization import FOUND_STD, LossTracker
+from ..relocalization import FOUND_STD, LocalizationMonitor
 from ..scans import project_hits
 from .particle_maps import ParticleMaps
 from .proposal import Proposals, draw_poses, propose, take_better
@@ -38,12 +38,12 @@ def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
 
 
-def spread(poses: np.ndarray, weights: np.ndarray, around: np.ndarray) -> np.ndarray:
+def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return the covariance of weighted poses, shape (n, 3), about their mean: shape (3, 3), float64 [m, rad].
 
     Headings are taken as turns from that of the pose `around`, so that the wrap at half a turn does no harm.
     """
-    apart = poses - around
+    apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
     apart -= weights @ apart
     covariance: np.ndarray = (apart * weights[:, None]).T @ apart
@@ -74,7 +74,7 @@ class GMapping(KeyScanSlam):
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
         """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._loss = LossTracker(lidar, params.lost_scans)
+        self._monitor = LocalizationMonitor(lidar, params.lost_scans)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
@@ -100,7 +100,7 @@ class GMapping(KeyScanSlam):
         # Poses at the key scans as a tree: the particle at the key scan before that each one goes on from.
         self._poses, self._parents = GrowingArray((count, 3), np.float64, 256), GrowingArray((count,), np.int64, 256)
         self._fits = np.ones(count, dtype=np.bool_)
-        self._loss.reset()
+        self._monitor.reset()
         self._is_switched = False
         return super().reset(rng, pose)
 
@@ -124,26 +124,26 @@ class GMapping(KeyScanSlam):
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
         last, belief = self.last_key_pose, self.belief
         self._is_switched, belief.path = False, None
-        parents, instead = np.arange(len(self.poses)), None
+        parents, fallback_pose = np.arange(len(self.poses)), None
         if last is None:
             self.poses[:] = predicted
         else:
             motion = last.between(predicted)
             fits = self._propose(ranges, motion)
             mode = Pose2D(*self._proposals.modes[self.best].tolist())
-            instead = self._loss.update(ranges, predicted, mode, fits, belief.grid)
-            if instead is None:
+            fallback_pose = self._monitor.update(ranges, predicted, mode, fits, belief.grid)
+            if fallback_pose is None:
                 self._draw()
                 parents = self._weigh()
             else:
-                self._move(motion, instead)
+                self._move(motion, fallback_pose)
         self._poses.append(self.poses)
         self._parents.append(parents)
         weights, best = normalized_weights(self.log_weights), self.poses[self.best]
         belief.covariance = spread(self.poses, weights, best)
         is_spread = position_std(belief.covariance) > self.params.max_position_std
-        belief.is_lost = is_spread or self._loss.is_lost
-        return Pose2D(*best.tolist()), 1.0 if instead is None else None
+        belief.is_lost = is_spread or self._monitor.is_lost
+        return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
         """Find the proposal distribution of each particle after a motion by odometry.
@@ -158,7 +158,7 @@ class GMapping(KeyScanSlam):
         is_far = travelled > self._matcher.search_distance or abs(motion.theta) > self._matcher.search_angle
         if num_points and is_far:
             in_cells = (stds[0] / resolution, stds[1])
-            window = SearchWindow(WINDOW * in_cells[0], WINDOW * in_cells[1], *in_cells, 50)
+            window = CorrelativeWindow(WINDOW_STDS * in_cells[0], WINDOW_STDS * in_cells[1], *in_cells, 50)
             start = self._search(num_points, motion, window)
         over = (self._points, num_points, self._matcher)
         found = self._proposals
@@ -167,9 +167,11 @@ class GMapping(KeyScanSlam):
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
             # The motion model has failed, and with it the covariance that would hold the poses there.
-            far, around = params.retry_distance / resolution, params.retry_angle
-            start = self._search(num_points, motion, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
-            wide = (params.retry_distance, around)
+            half_width, half_angle = params.retry_distance / resolution, params.retry_angle
+            start = self._search(
+                num_points, motion, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
+            )
+            wide = (params.retry_distance, half_angle)
             propose(self.map.maps, self.poses, tuple(motion), tuple(start), wide, *over, self._retried)
             take_better(found, self._retried, params.retry_gain * num_points)
         self._fits = found.fits
@@ -186,14 +188,14 @@ class GMapping(KeyScanSlam):
 
         Without a scan that fits, nothing tells the particles apart: weights and maps stay as they are.
         """
-        if self._loss.is_found:
+        if self._monitor.is_found:
             noise = self.rng.standard_normal((len(self.poses), 3)) * FOUND_STD
             noise[self.best] = 0.0
             self.poses[:] = noise + pose
         else:
             self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
-    def _search(self, num_points: int, motion: Pose2D, window: SearchWindow) -> Pose2D:
+    def _search(self, num_points: int, motion: Pose2D, window: CorrelativeWindow) -> Pose2D:
         """Return the motion after which a scan fits the map of the best particle, by a correlative search.
 
         What odometry errs is the same for all particles, so that one search serves them.

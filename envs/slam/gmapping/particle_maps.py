@@ -192,10 +192,10 @@ class ParticleMaps(GrowingMap):
         super()._pad(margins)
         (low, high), (left, right) = ((before // TILE, after // TILE) for before, after in margins)
         rows, cols = self._tiles
-        around = ((low, high), (left, right))
+        tile_margins = ((low, high), (left, right))
 
         def pad(slots: np.ndarray) -> np.ndarray:
-            return np.pad(slots.reshape(-1, rows, cols), ((0, 0), *around), constant_values=EMPTY)
+            return np.pad(slots.reshape(-1, rows, cols), ((0, 0), *tile_margins), constant_values=EMPTY)
 
         self._slots, self._shown = pad(self._slots).reshape(len(self._slots), -1), pad(self._shown).ravel()
         self._tiles = (rows + low + high, cols + left + right)

@@ -66,7 +66,7 @@ class Proposals(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def prior_cost(prior, x, y, theta):
-    """Return d^T W d of a pose, x, y [cells] and heading [rad]; see `Prior`."""
+    """Return d^T W d of a pose, x, y [cells] and heading [rad]; see `PosePrior`."""
     dx, dy, turn = x - prior.x, y - prior.y, theta - prior.theta
     own = prior.w_xx * dx * dx + prior.w_yy * dy * dy + prior.w_tt * turn * turn
     return own + 2.0 * (prior.w_xy * dx * dy + prior.w_xt * dx * turn + prior.w_yt * dy * turn)

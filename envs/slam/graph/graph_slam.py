@@ -22,8 +22,8 @@ from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView
 from lidarnaut.envs.slam.relocalization import FOUND_STD
 
 from .local_slam import LocalSlam
-from .loop_search import NEWEST, Confirmation, LoopSearch
-from .nodes import MapRendering, NodeStore, has_moved, refine_poses, replace_cells
+from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
+from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
 """Most iterations of the last optimisation."""
@@ -98,7 +98,7 @@ class GraphSlam(Hector):
         """Match a scan, integrate it, and do the next part of the work on loop closures; see `KeyScanSlam`."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
-        if self._loss.is_in_doubt:
+        if self._monitor.has_mismatch:
             # Odometry joins the scans of a robot that may be lost in the map as it is.
             return belief
         self._close_loop()
@@ -144,13 +144,13 @@ class GraphSlam(Hector):
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
         pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
-        instead = self._track_loss(ranges, predicted, pose, fits)
-        if instead is not None:
-            in_local_frame = self._correction.inverse().compose(instead)
-            if self._loss.is_found:
+        fallback_pose = self._track_loss(ranges, predicted, pose, fits)
+        if fallback_pose is not None:
+            in_local_frame = self._correction.inverse().compose(fallback_pose)
+            if self._monitor.is_found:
                 self.local.relocate(in_local_frame)
             self.local.pose = in_local_frame
-            return instead, None
+            return fallback_pose, None
         self._correction = pose.compose(self.local.pose.inverse())
         return pose, 1.0
 
@@ -212,7 +212,7 @@ class GraphSlam(Hector):
         newest = self.graph.num_submaps - 1
         frame = Pose2D(*arrays.submaps[newest].tolist())
         self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
-        if has_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
+        if any_pose_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
             self._rendering = MapRendering(params, self._lidar)
 
     def _replace_map(self, map: LogOddsMap) -> None:
@@ -244,7 +244,7 @@ def load_kernels() -> None:
         if node == 0:
             graph.add_submap(ORIGIN)
         graph.add_constraint(node, 0, local.pose, local.constraint_covariance(0), is_loop=node == 2)
-    search.add_candidates(2, 1 + NEWEST)
+    search.add_candidates(2, 1 + NUM_SKIPPED_SUBMAPS)
     search.match(2, 0, (0.2, 0.1))
     optimise_step(graph.arrays, params.phi)
     drop_outliers(graph.arrays, params.max_chi2)

@@ -15,13 +15,13 @@ from lidarnaut.envs.slam.params import GraphSlamParams
 
 from .nodes import NodeStore
 
-MAX_REACH = 12.0
+SUBMAP_RANGE = 12.0
 """Range that a new submap has room for [m]; it grows for readings beyond."""
 
 
 def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParams:
     """Return the params of the map of a submap."""
-    side = 2.0 * (min(lidar.range_max, MAX_REACH) + params.submap_spacing * params.min_travel_distance)
+    side = 2.0 * (min(lidar.range_max, SUBMAP_RANGE) + params.submap_spacing * params.min_travel_distance)
     return dataclasses.replace(params, map_width=side, map_height=side)
 
 

@@ -19,7 +19,7 @@ from lidarnaut.envs.slam.key_scans import has_moved
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
 from lidarnaut.envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
-from lidarnaut.envs.slam.matching.gauss_newton import Prior, refine
+from lidarnaut.envs.slam.matching.gauss_newton import PosePrior, refine
 from lidarnaut.envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
 from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import PoseGraph
@@ -43,11 +43,11 @@ MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Points up to this range [m], and no more than so many, are matched."""
 SEARCH_SHARE = 0.8
 """Share of the least score from which on the search finds poses, before they are refined."""
-NEWEST = 2
+NUM_SKIPPED_SUBMAPS = 2
 """Finished submaps that are not searched: the robot has not left them for long."""
-FIELD: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
+FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
 """Params of the maps that are searched, other than those of the submaps that are matched: log odds of 2.2 and -0.41."""
-NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Loop(NamedTuple):
@@ -65,7 +65,7 @@ class Loop(NamedTuple):
     """Pose of the node by this closure and the submap's pose by the graph, map frame."""
 
 
-def search_window(path_length: float) -> tuple[float, float]:
+def window_size(path_length: float) -> tuple[float, float]:
     """Return half width [m] and half angle [rad] of the window for a submap so far away along the graph [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
@@ -117,14 +117,14 @@ class LoopSearch:
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
         """Search in the submaps of `nodes`, at poses of `graph`."""
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
-        self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD)
+        self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD_PARAMS)
         self._searched: dict[int, int] = {}
         self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
         """Queue searches of a node in those of the first `num_finished` submaps that are near."""
-        for submap, window in self._candidates(node, num_finished - NEWEST):
+        for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self._queue.append((node, submap, window))
 
@@ -150,7 +150,7 @@ class LoopSearch:
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window, least = search_window(float(lengths[submap])), float(distances[submap])
+            window, least = window_size(float(lengths[submap])), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]

@@ -14,7 +14,7 @@ from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import GrowingArray
 from lidarnaut.envs.slam.scans import project_hits
 
-CHUNK = 256
+MAX_BATCH = 256
 """Nodes that are integrated at once, at most."""
 FINAL_STDS = np.array([0.05, 0.05, 0.01])
 """Standard deviations of nodes' poses before they are matched with the map of all of them [m, m, rad]."""
@@ -104,7 +104,7 @@ class MapRendering:
         At least one is, and as many as have beams over `num_cells` cells together.
         """
         geometry = self.map.geometry
-        ranges = nodes.ranges[self.count : self.count + CHUNK]
+        ranges = nodes.ranges[self.count : self.count + MAX_BATCH]
         lengths = np.nan_to_num(ranges, nan=0.0).clip(0.0, geometry.range_max).sum(axis=1) / geometry.resolution
         if len(ranges):
             count = 1 + int(np.searchsorted(np.cumsum(lengths[:-1]), num_cells))
@@ -127,7 +127,7 @@ def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
-def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
+def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
     """Tell whether a pose of `before`, shape (n, 3), lies farther from that of `after` than so much [m], [rad]."""
     if len(before) == 0:
         return False

@@ -15,9 +15,9 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
-from .fields import FULL, Pyramid
+from .fields import FULL_PERCENT, Pyramid
 
-EVERYWHERE = (0.0, 0.0, 0.0, -1.0, -1.0)
+NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
 """The circle and headings that are left out where none are: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
 """Rank of a leaf that was not found."""
@@ -154,12 +154,12 @@ def _score_top(levels, width, grid, least, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def _descend(levels, width, grid, node, best, budget, left_out):
+def _descend(levels, width, grid, node, best, budget, excluded):
     """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`.
 
-    Leaves are `left_out` whose column, row and turn differ by at most a radius and a number from given ones.
+    Leaves are `excluded` whose column, row and turn differ by at most a radius and a number from given ones.
     """
-    far, turn_out, max_turn = left_out[3] * left_out[3], left_out[2], left_out[4]
+    far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
     stack[0, :4], stack[0, 4] = node, top
@@ -170,7 +170,7 @@ def _descend(levels, width, grid, node, best, budget, left_out):
         if total < best.total:
             continue
         if level == 0:
-            dx, dy = col - left_out[0], row - left_out[1]
+            dx, dy = col - excluded[0], row - excluded[1]
             if abs(turn - turn_out) <= max_turn and dx * dx + dy * dy <= far:
                 continue
             rank = _rank(grid, turn, row, col)
@@ -199,14 +199,14 @@ def _descend(levels, width, grid, node, best, budget, left_out):
 
 
 @njit(cache=True, error_model="numpy")
-def _search_below(levels, width, grid, nodes, least, budget, left_out):
+def _search_below(levels, width, grid, nodes, least, budget, excluded):
     """Search below nodes of the top level, best first; for the result see `_descend`."""
     best = _Best(least, NO_RANK, 0, 0, 0)
     evaluations = 0
     for k in range(nodes.shape[0]):
         if nodes[k, 0] < best.total:
             break
-        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, left_out)
+        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, excluded)
         evaluations += scored
         if not is_complete:
             return best, evaluations, False
@@ -220,24 +220,24 @@ def search(
     window: SearchWindow,
     min_score: float,
     max_evaluations: int,
-    left_out: tuple[float, float, float, float, float] = EVERYWHERE,
+    excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
     """Search the pose in a window at which points, shape (n, 2), float32, base frame [m], fit a field best.
 
     The grid of poses has steps of one cell and of `window.angle_step`, with the predicted `pose`, frame of the field,
     in the middle. Among equal scores the pose nearest to it wins. `min_score`: least mean of the cells in which points
     fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points;
-    `left_out`: a place that is not searched, see `EVERYWHERE`. ValueError if the window is larger than the pyramid was
+    `excluded`: a place that is not searched, see `NO_EXCLUSION`. ValueError if the window is larger than the pyramid was
     built for.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
-    least = max(math.ceil(min_score * FULL * len(points) - 1e-9), 1)
+    least = max(math.ceil(min_score * FULL_PERCENT * len(points) - 1e-9), 1)
     nodes, evaluations, is_complete = _score_top(levels, width, grid, least, max_evaluations)
     if not is_complete:
         return SearchResult(None, 0.0, evaluations, False)
     nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
-    x, y, theta, radius, angle = left_out
+    x, y, theta, radius, angle = excluded
     center = (x - pose[0]) / pyramid.resolution, (y - pose[1]) / pyramid.resolution
     turn = wrap_angle(theta - pose[2]) / window.angle_step + grid.num_turns
     out = (*center, turn, radius / pyramid.resolution, angle / window.angle_step)
@@ -246,5 +246,5 @@ def search(
         return SearchResult(None, 0.0, evaluations + scored, is_complete)
     x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
     theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
-    score = best.total / (FULL * len(points))
+    score = best.total / (FULL_PERCENT * len(points))
     return SearchResult(Pose2D(x, y, theta), score, evaluations + scored, is_complete)

@@ -16,7 +16,7 @@ PENALTY = 0.01
 """Taken off the score for each squared standard deviation from the predicted pose."""
 
 
-class SearchWindow(NamedTuple):
+class CorrelativeWindow(NamedTuple):
     """Poses that are tried, around the predicted one. Lengths in cells of the finest map."""
 
     distance: float
@@ -62,7 +62,7 @@ def search_window(occupancy, scale, points, num_points, pose, window):
     The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`. `occupancy`: shape
     (height, width), int8, percent, -1 unknown; `scale`: side of its cells in cells of the finest map, the unit of all
     else; `points`: shape (2, >= num_points), float32, at least one hit, base frame; `pose`: predicted x, y from the
-    map's corner and heading [rad], as is the result; `window`: `SearchWindow`.
+    map's corner and heading [rad], as is the result; `window`: `CorrelativeWindow`.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

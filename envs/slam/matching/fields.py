@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry import OccupancyGrid
 
 from ..params import LoopClosureParams
 
-FULL = 100
+FULL_PERCENT = 100
 """Field value that scores 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
 """Cells above the first are occupied, known ones below it free; above the second they surely are, as for ROS maps."""
@@ -20,7 +20,7 @@ LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
 """Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
 
 
-GRAZING = 0.3
+GRAZING_LENGTH = 0.3
 """Ends of beams that are not asked for what they pass: those along a wall touch its cells before they hit it [m]."""
 
 
@@ -92,7 +92,7 @@ def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float
     """Return the `HitShares` of points at a pose; for the arguments see `count_hits`."""
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
-    return HitShares(total / (FULL * n), occupied / n, free / n)
+    return HitShares(total / (FULL_PERCENT * n), occupied / n, free / n)
 
 
 def fits_map(
@@ -114,7 +114,7 @@ def count_crossings(field, ranges, geometry, pose):
     """Count the beams of a scan that pass through surely occupied cells, and all of which most cells passed are known.
 
     A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
-    `GRAZING` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
+    `GRAZING_LENGTH` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
     `pose`: x, y, heading of the base in the frame of the field [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
@@ -127,7 +127,7 @@ def count_crossings(field, ranges, geometry, pose):
             continue
         dx = c * geometry.directions[0, k] - s * geometry.directions[1, k]
         dy = s * geometry.directions[0, k] + c * geometry.directions[1, k]
-        count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING) / side)
+        count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING_LENGTH) / side)
         known = 0
         for step in range(1, count + 1):
             col, row = math.floor(x + step * dx), math.floor(y + step * dy)

@@ -27,7 +27,7 @@ COARSE_STEP = 0.05
 """The same on the others, whose result is but a start [cells of the map]."""
 
 
-class Prior(NamedTuple):
+class PosePrior(NamedTuple):
     """Where the pose is expected, x, y [cells] and heading [rad], and how firmly: the entries of W."""
 
     x: float
@@ -194,7 +194,7 @@ def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_
     """Step to the best pose, on one map after the other from the coarsest to the finest.
 
     Map and points are as in `evaluate`; `pose` is x, y from the map's corner [cells] and heading [rad] to start from,
-    and the heading of the `Prior` within half a turn of that, not wrapped. There are at most `iterations` steps on the
+    and the heading of the `PosePrior` within half a turn of that, not wrapped. There are at most `iterations` steps on the
     finest map, and `coarse_iterations` on each of the others. Returns x, y, heading and its `Fit` on the finest map.
     """
     x, y, theta = pose

@@ -1,4 +1,4 @@
-"""One scan matched to a log-odds map: a search where odometry may be far off, Gauss-Newton, and the covariance."""
+"""One scan matched to a log-odds map: a search where odometry may be half_width off, Gauss-Newton, and the covariance."""
 
 import math
 from typing import Any, NamedTuple, Self
@@ -11,13 +11,13 @@ from lidarnaut.envs.geometry.pose import distance
 
 from ..params import MatchingParams
 from ..scans import project_hits
-from .correlative import SearchWindow, search_window
+from .correlative import CorrelativeWindow, search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance
-from .gauss_newton import Fit, Prior, known_score_at, refine
+from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
-WINDOW = 2.0
+WINDOW_STDS = 2.0
 """Half width of the search window in standard deviations of the predicted pose."""
-FREE = 1e6
+UNKNOWN_POSE_STD = 1e6
 """Standard deviation of a pose that nothing predicts [m] or [rad]."""
 
 
@@ -72,7 +72,7 @@ def make_prior(pose, covariance, residual_variance, resolution):
     invert(covariance, w)
     k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
     w_xx, w_xy, w_yy = square * w[0, 0], square * w[0, 1], square * w[1, 1]
-    return Prior(pose[0], pose[1], pose[2], w_xx, w_xy, mixed * w[0, 2], w_yy, mixed * w[1, 2], k * w[2, 2])
+    return PosePrior(pose[0], pose[1], pose[2], w_xx, w_xy, mixed * w[0, 2], w_yy, mixed * w[1, 2], k * w[2, 2])
 
 
 @njit(cache=True, error_model="numpy")
@@ -91,7 +91,7 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     travelled = distance(dx, dy)
     position_std, heading_std = motion_stds(params.odometry_noise, travelled, turn)
     if not params.uses_odometry:
-        predicted, position_std, heading_std = last, FREE, FREE
+        predicted, position_std, heading_std = last, UNKNOWN_POSE_STD, UNKNOWN_POSE_STD
     count = project_hits(ranges, geometry, points)
     start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
     predict_covariance(covariance, dx, dy, position_std, heading_std)
@@ -101,18 +101,20 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
     stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
-        pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
+        pose = search_window(
+            *over, CorrelativeWindow(WINDOW_STDS * stds[0], WINDOW_STDS * stds[1], stds[0], stds[1], 50)
+        )
     x, y, theta, fit = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
     if num_known >= params.min_known_hits and known_score < params.retry_below:
         # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
         # nothing: they would draw a search as wide as this one.
-        far, around = params.retry_distance / resolution, params.retry_angle
-        pose = search_window(*over, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
+        half_width, half_angle = params.retry_distance / resolution, params.retry_angle
+        pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
         wide = np.zeros((3, 3))
         wide[0, 0] = wide[1, 1] = params.retry_distance**2
-        wide[2, 2] = around**2
+        wide[2, 2] = half_angle**2
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])

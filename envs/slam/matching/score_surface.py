@@ -13,7 +13,7 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D
 
 from .branch_and_bound import SearchWindow, discretise, total_at
-from .fields import FULL, Pyramid
+from .fields import FULL_PERCENT, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
 """Largest offset along x and along y, and distance between positions, at best twice the side of a cell [m]."""
@@ -60,7 +60,7 @@ def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_widt
     chosen = np.ascontiguousarray(points[::POINT_STEP])
     # The two cells that a maximum covers lie around a point if it is moved back by half a cell.
     grid = discretise(pyramid, chosen, tuple(pose), window, 0.5)
-    scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL * max(len(chosen), 1))
+    scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL_PERCENT * max(len(chosen), 1))
     return scores
 
 

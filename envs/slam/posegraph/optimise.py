@@ -86,7 +86,7 @@ def _rotate_information(information, c, s, weight, out):
 
 @njit(cache=True, error_model="numpy")
 def _linearise(graph, phi, order, starts):
-    """Linearise the constraints of a `Graph` in the order given; `phi` is that of `robust_weight`.
+    """Linearise the constraints of a `Graph` in the order measured; `phi` is that of `robust_weight`.
 
     With e the residual, B its derivative by the node's pose and (dx, dy) the lever, the derivative by the submap's pose
     is -B T with T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]].
@@ -98,11 +98,11 @@ def _linearise(graph, phi, order, starts):
         k = order[i]
         node, frame = graph.nodes[constraints.node[k]], graph.submaps[constraints.submap[k]]
         x, y, theta = residual(frame, node, constraints.relative[k])
-        given = constraints.information[k]
-        weight = robust_weight(chi_square(given, x, y, theta), phi) if constraints.is_loop[k] else 1.0
+        measured = constraints.information[k]
+        weight = robust_weight(chi_square(measured, x, y, theta), phi) if constraints.is_loop[k] else 1.0
         c, s = math.cos(frame[2]), math.sin(frame[2])
         rotated, dx, dy = information[i], node[0] - frame[0], node[1] - frame[1]
-        _rotate_information(given, c, s, weight, rotated)
+        _rotate_information(measured, c, s, weight, rotated)
         ex, ey = c * x - s * y, s * x + c * y
         for r in range(3):
             gradient[i, r] = rotated[r, 0] * ex + rotated[r, 1] * ey + rotated[r, 2] * theta
