@@ -1,4 +1,4 @@
-"""What all maps of the SLAMs share: an occupancy grid that grows towards whatever leaves it."""
+"""Occupancy grid that grows when a scan leaves it."""
 
 import math
 
@@ -11,20 +11,22 @@ from .params import SlamParams
 from .scans import ScanGeometry, scans_extent
 
 MAX_CELLS = 1 << 27
-"""Size at which a map refuses to grow: a diverged estimate must not take all memory."""
+"""Maximum number of map cells; limits memory if the pose estimate diverges."""
 
 
 class GrowingMap:
-    """An occupancy grid around the map frame's origin.
+    """Occupancy grid centred at the origin of the map frame.
 
-    The map grows by powers of two towards whatever leaves it. `grid` stays the same object; the array in it and its
-    origin are replaced when the map grows. Subclasses keep cells of their own beside it, and pad them in `_pad`.
+    The map grows by powers of two. `grid` stays the same object, but growth replaces its array and origin. Subclasses
+    pad
+    their own cells in `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Make an unknown map with the map frame's origin in its middle; ValueError for more than `MAX_CELLS`.
+        """Create an unknown map; its sides and corner are multiples of `block` cells.
 
-        Numbers of columns and rows, and those before the origin, stay multiples of `block`.
+        Raises:
+            ValueError: if the map exceeds `MAX_CELLS`.
         """
         resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
@@ -32,11 +34,11 @@ class GrowingMap:
         self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
-        """Column and row of the first cell, counted from the map frame's origin."""
+        """Column and row of the map's first cell, counted from the map frame's origin."""
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
-        """The map as an occupancy grid, always up to date."""
-        # Room for all cells that a scan may make known; only what is written takes memory.
+        """Occupancy grid of the map, kept up to date."""
+        # Buffer for the cells that a scan makes known; untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 3))
@@ -45,22 +47,22 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Return a position in the map frame [m] as distances from the map's corner [cells]."""
+        """Convert a position in the map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Undo `to_cells`."""
+        """Convert a position in cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
-        """Enlarge the map to hold scans; arguments and result are those of `scans_extent`."""
+        """Enlarge the map to hold scans; see `scans_extent`."""
         extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
         if self.grow_to_hold(*extent):
             extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
         return extent
 
     def grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
-        """Enlarge the map such that it has the given columns and rows; return whether it had to be."""
+        """Enlarge the map to include the given columns and rows; return True if it grew."""
         height, width = self.grid.data.shape
         left, right = _growth(width, col_min, col_max)
         low, high = _growth(height, row_min, row_max)
@@ -83,10 +85,7 @@ class GrowingMap:
 
 
 def _growth(size: int, first: int, last: int) -> tuple[int, int]:
-    """Return how many cells to add before and after `size` cells to hold the cells from `first` to `last`.
-
-    Each side in turn multiplies the size by the least sufficient power of two.
-    """
+    """Return the cells to add before and after `size` cells to hold the range from `first` to `last`."""
     before = after = 0
     while -first > before:
         before = 2 * before + size
@@ -97,7 +96,7 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
 
 
 def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of all known cells of a grid, shape (n, 2), int32, row by row."""
+    """Return row and column of all known cells, shape (n, 2), int32, in row order."""
     known = np.flatnonzero(occupancy != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
     np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")

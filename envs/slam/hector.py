@@ -1,4 +1,4 @@
-"""Hector SLAM: match each scan to a log-odds map by Gauss-Newton steps, then integrate it."""
+"""Hector SLAM: Gauss-Newton scan matching to a log-odds map."""
 
 import numpy as np
 
@@ -14,35 +14,33 @@ from .params import HectorParams
 from .relocalization import FOUND_STD, LocalizationMonitor
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""What replaces `MatchingParams.min_known_score` among people: groups of them look like walls that no map shows."""
+"""Replaces `min_known_score` among people, because a group of people looks like an unmapped wall."""
 
 
 class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original it takes odometry for a prior, weighted by its noise; `uses_odometry=False` goes without, as the
-    original does. There is no loop closure. Nothing is drawn at random.
+    Unlike the original, odometry is a prior, weighted by its noise, unless `uses_odometry=False`. There is no loop
+    closure and no randomness.
 
-    `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature
-    of the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has
-    become too uncertain; scans that do not match are not integrated, and a robot that is lost is searched on the whole
-    map (`relocalization`).
+    `belief.covariance` is the covariance of the last match relative to the map. `belief.is_lost` is set after
+    consecutive mismatches or if the position is too uncertain. Mismatched scans are not integrated, and a lost robot
+    is searched on the whole map (`relocalization`).
     """
 
     params: HectorParams
     map: LogOddsMap
 
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
-        """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
         self._monitor = LocalizationMonitor(lidar, params.lost_scans, params.uses_odometry)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
+        """Start at a known pose with a new or shared map."""
         self._monitor.reset()
         self._monitor.meets_people = self.meets_people
-        if self.meets_people:  # who stand around the robot are no reason to look for it farther away
+        if self.meets_people:  # mismatches near people are expected
             self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=MIN_SCORE_WITH_PEOPLE)
         return super().reset(rng, pose, map)
 
@@ -61,9 +59,9 @@ class Hector(KeyScanSlam):
         return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
-        """Match a scan to the map; `belief.covariance` becomes that of the match."""
+        """Match a scan to the map and update `belief.covariance`."""
         last, belief = self._last_matched_pose() or predicted, self.belief
-        # A fresh array: who holds the belief of before keeps its covariance.
+        # A new array, because earlier beliefs keep their covariance.
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
@@ -71,7 +69,7 @@ class Hector(KeyScanSlam):
         return match
 
     def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
-        """Set `belief.is_lost` by a key scan; arguments and result are those of `LocalizationMonitor.update`."""
+        """Update `belief.is_lost`; arguments and result as in `LocalizationMonitor.update`."""
         belief = self.belief
         fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
         if self._monitor.is_found:

@@ -1,7 +1,7 @@
-"""Relocalization: finding the pose of a robot on its own map again, as after it was kidnapped.
+"""Relocalization of a lost robot, for example a kidnapped robot, on its own map.
 
-Scans since the loss are joined by odometry, and searched at all poses of the map by branch and bound (Hess et al.,
-Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar fits in many places, twenty seldom do.
+The scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al.,
+Real-time loop closure in 2D lidar SLAM, 2016). A single short-range scan is ambiguous; twenty scans seldom are.
 """
 
 import math
@@ -23,80 +23,78 @@ from .params import LoopClosureParams
 from .scans import ScanGeometry
 
 NUM_SCANS = 20
-"""Key scans that are searched together."""
+"""Number of key scans that are matched together."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans since the loss before the first search, and between two searches; after a search in vain twice as many as
-before, up to the last number: a search costs as much as a hundred matches."""
+"""Key scans before the first search, and between searches. The interval doubles after a failed search, up to
+`MAX_INTERVAL`, because a search costs as much as a hundred matches."""
 COARSE_CELL = 0.1
-"""Side of the cells of the search over the whole map [m]."""
+"""Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Levels of its pyramid: the top one holds maxima over 32 cells."""
+"""Levels of the coarse pyramid; the top level has maxima over 32 cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Points that are searched at most; with fewer than the second, nothing is."""
+"""Maximum and minimum number of points for a search."""
 MAX_EVALUATIONS = 500_000
-"""Nodes that a search scores at most."""
+"""Maximum number of branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
-"""Half width [m] and half angle [rad] of the search in the map's own cells around what the coarse one found."""
+"""Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from the pose by odometry up to which a pose is near [m]: a robot is lost more often because its map bends
-than because it was kidnapped."""
+"""Distance from the odometry pose within which less evidence is required [m]: bent maps are more frequent than
+kidnapped robots."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Sum of leads, in searches in succession that agree on a pose, which makes a near one certain, and another one; and
-what counts at most of the lead of one search."""
+"""Accumulated lead over rivals required to accept a nearby pose and a distant pose, and maximum contribution of one
+search."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""By how much poses that agree differ at most [m], [rad]."""
+"""Maximum difference of two poses that agree [m], [rad]."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""How far rivals of a pose are from it at least in coarse cells [m], [rad], and by how much their score may be less."""
+"""Minimum distance [m] and angle [rad] of rivals from the best coarse pose, and maximum score deficit of a rival."""
 LEAST_LEAD = 0.05
-"""By how much the merit of a pose must exceed that of its rivals: its lead."""
+"""Minimum lead: merit of the best pose minus merit of the best rival."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
-scans in succession above it after which the robot is lost, however well their hits fit. On the log of a real robot it
-is up to 0.5 before a loop is closed."""
+"""A robot is lost after `CROSSING_SCANS` consecutive key scans with more than this fraction of beams through occupied
+cells, among at least `LEAST_JUDGED` beams. On a real log the fraction reaches 0.5 before loop closures."""
 RECOVERY_SCANS = 4
-"""Key scans in succession that fit where odometry leads, without beams through walls, after which a robot is no longer
-lost: people who stood around it have left."""
+"""Consecutive key scans that match at the odometry pose after which a robot is no longer lost, as after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Headings around which the map is searched [rad]."""
+"""Central headings of the four whole-map searches [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
-"""Standard deviation of a pose that was found [m, m, rad]."""
+"""Standard deviation of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""What a pose must reach; see `is_accepted`."""
+"""Acceptance criteria for a relocalized pose; see `is_accepted`."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Share of the beams of the joined scans that may pass through occupied cells at a pose that is taken."""
+"""Maximum fraction of beams through occupied cells at an accepted pose."""
 
 
 class LocalizationMonitor:
-    """Tells when scans in succession do not fit the map, and relocalizes the robot."""
+    """Monitor that detects consecutive mismatches of scans and map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Track a SLAM for one lidar; the robot is lost after `lost_scans` key scans in succession that do not fit.
+        """Create a monitor; the robot is lost after `lost_scans` consecutive mismatched key scans.
 
-        Relocalization ends a loss, or scans in succession that fit: sooner or later a single one fits where a kidnapped
-        robot is not. Without odometry, which joins scans, one that fits has to do.
+        Relocalization or consecutive matches end the loss; a single match can be a coincidence at a wrong pose. Without
+        odometry, scans cannot be joined, and a single match ends the loss.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether people may have left what beams pass through, so that this does not count."""
+        """Ignore beams through occupied cells, because people may have left these cells."""
         self.reset()
 
     def reset(self) -> None:
-        """Start with a robot that is not lost."""
+        """Set the state to localized."""
         self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last key scan has relocalized the robot."""
+        """Whether the last key scan relocalized the robot."""
         self._relocalizer.reset()
 
     @property
     def has_mismatch(self) -> bool:
-        """Whether a scan has not fitted, and none has since; the robot need not be lost yet."""
+        """Whether a scan mismatched and no later scan has matched."""
         return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether scans in succession have not fitted."""
+        """Whether the number of consecutive mismatches reached the limit."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -107,11 +105,17 @@ class LocalizationMonitor:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a key scan, shape (num_beams,), float32 [m], at a pose predicted by odometry and that of its match.
+        """Process a key scan, and return the pose to use instead of its match, or None to accept the match.
 
-        A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry. `fits` is
-        None where too little of the map, `grid`, is known to tell. Returns the pose to go on with, map frame, if the
-        scan must not be integrated; None if that of its match is taken.
+        Args:
+            ranges: shape (num_beams,), float32 [m].
+            predicted: pose by odometry, map frame.
+            pose: matched pose, map frame.
+            fits: whether the scan matches; None if too little of the map is known.
+            grid: the map.
+
+        Returns:
+            Pose, map frame, if the scan must not be integrated (mismatch, or lost robot); otherwise None.
         """
         self.is_found = False
         if self.meets_people:
@@ -150,24 +154,28 @@ class LocalizationMonitor:
 
 
 class Relocalizer:
-    """Collects the scans since a loss, and searches them in the map."""
+    """Search of a lost robot on the map by the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
-        """Start without scans of a lidar."""
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
         self.reset()
 
     def reset(self) -> None:
-        """Forget all scans: the robot is not lost, or no longer."""
+        """Delete all scans and accumulated evidence."""
         self._scans = KeyScans(self._lidar)
         self._next, self._interval = LEAST_SCANS, SEARCH_EVERY
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, shape (num_beams,), float32 [m], and its pose by odometry; search the map when it is due.
+        """Add a key scan, and search the map if a search is due.
 
-        Without a map nothing is searched. Returns the pose of the scan, map frame, once searches in succession agree,
-        and nothing else on the map is like it.
+        Args:
+            ranges: shape (num_beams,), float32 [m].
+            pose: pose by odometry.
+            grid: the map; None for no search.
+
+        Returns:
+            Pose of the scan, map frame, once consecutive searches agree without a rival; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -212,7 +220,7 @@ class Relocalizer:
         return (best.pose if lead >= LEAST_LEAD else None), lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
-        """Return how the joined scans fit at the best pose near one that was found in coarse cells."""
+        """Return the fit of the joined scans at the best pose near a coarse result."""
         window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
         pose = search(pyramid, points, rough, window, 0.0, MAX_EVALUATIONS).pose or rough
         shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
@@ -220,7 +228,7 @@ class Relocalizer:
         return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
 
     def _crossing(self, field: Field, pose: Pose2D) -> float:
-        """Return the share of the joined scans' beams that pass through occupied cells, at a pose of the last."""
+        """Return the fraction of beams of the joined scans that pass through occupied cells."""
         last = len(self._scans) - 1
         to_map = pose.compose(Pose2D(*self._scans.poses[last].tolist()).inverse())
         counts = np.zeros(2)
@@ -231,23 +239,19 @@ class Relocalizer:
 
 
 class _Fit(NamedTuple):
-    """How scans fit at a pose."""
 
     merit: float
-    """Share of points on known cells at walls, less that in free ones, less that of beams through walls.
-
-    What is unknown does not tell a pose from its rivals: the robot may be where the map is not complete.
-    """
+    """Fraction of known hits near occupied cells, minus the fraction in free cells, minus `crossing`."""
     crossing: float
-    """Share of beams that pass through occupied cells."""
+    """Fraction of beams through occupied cells."""
     shares: HitShares
     pose: Pose2D
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a search of a whole map in coarse cells, at the quarter of headings around one [rad].
+    """Return a function that searches the whole map on coarse cells, within 45 degrees of a heading [rad].
 
-    Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
+    Similar rooms on opposite sides can swap ranks on fine cells, so each quarter of headings is searched separately.
     """
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape

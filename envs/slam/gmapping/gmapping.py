@@ -1,4 +1,4 @@
-"""GMapping: particles whose poses are drawn from scan-matched proposals, each with a map of its own."""
+"""GMapping: particle filter with scan-matched proposals and a map per particle."""
 
 import math
 
@@ -23,16 +23,16 @@ from .proposal import Proposals, draw_poses, propose, take_better
 
 
 def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
-    """Return weights that add up to 1, shape (n,), float64, from their logarithms up to a common summand."""
+    """Return normalized weights, shape (n,), float64, from log weights."""
     weights: np.ndarray = np.exp(log_weights - log_weights.max())
     return weights / weights.sum()
 
 
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
-    """Choose particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
+    """Select particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
-    `weights`, shape (n,), are normalized; `offset` is uniform in [0, 1), the one random number. Returns shape (n,),
-    int64, ascending: particle i is chosen n w_i times, rounded down or up.
+    `weights` are normalized, shape (n,); `offset` is uniform in [0, 1). Returns ascending particle indices, shape (n,),
+    int64: particle i occurs n w_i times, rounded down or up.
     """
     n = len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
@@ -41,7 +41,7 @@ def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return the covariance of weighted poses, shape (n, 3), about their mean: shape (3, 3), float64 [m, rad].
 
-    Headings are taken as turns from that of the pose `around`, so that the wrap at half a turn does no harm.
+    Headings are relative to the pose `reference`, to avoid wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
@@ -54,17 +54,21 @@ class GMapping(KeyScanSlam):
     """SLAM by a Rao-Blackwellised particle filter.
 
     Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
-    Each particle is a hypothesis of the trajectory with the map that follows from it. At a key scan its pose is drawn
-    from a proposal distribution around the pose where the scan fits its map, and its weight is multiplied by the
-    likelihood of the scan. Particles are resampled once the effective sample size is low.
+    A particle is a trajectory with its map. At a key scan, its pose is sampled from a proposal distribution around the
+    scan match, and its weight is multiplied by the scan likelihood. Particles are resampled at a low effective sample
+    size.
 
-    Pose and map of the belief are those of the best particle: the one along whose trajectory the scans are most likely.
-    It takes the mode of its proposal distribution, the others draw. When another one becomes the best one, the map is
-    redrawn, and `belief.path` holds its trajectory.
+    The belief has pose and map of the best particle, whose trajectory has the highest likelihood. The best particle
+    takes
+    the mode of its proposal instead of a sample. When another particle becomes best, the map is redrawn, and
+    `belief.path`
+    holds the new trajectory.
 
-    `belief.covariance` is that of the particles. `belief.is_lost` says that scans in succession have not fitted the map
-    of the best particle, or that the particles' positions have spread too far. A robot that is lost is searched on that
-    map (`relocalization`); meanwhile scans are not integrated, and all particles follow odometry.
+    `belief.covariance` is the covariance of the particles. `belief.is_lost` is set after consecutive mismatches with
+    the
+    best map, or if the particles spread too far. A lost robot is searched on that map (`relocalization`); meanwhile
+    scans are
+    not integrated, and particles follow odometry.
     """
 
     params: GMappingParams
@@ -72,13 +76,12 @@ class GMapping(KeyScanSlam):
     shares_maps = False
 
     def __init__(self, lidar: LidarParams, params: GMappingParams) -> None:
-        """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
         self._monitor = LocalizationMonitor(lidar, params.lost_scans)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
-        """Start at a known pose with an unknown map; see `KeyScanSlam`.
+        """Start at a known pose with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -87,17 +90,17 @@ class GMapping(KeyScanSlam):
             raise ValueError("gmapping has a map for each particle, and cannot go on with a given one")
         count = self.params.num_particles
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
-        """Shape (num_particles, 3), float64: poses at the last key scan, map frame [m, m, rad]."""
+        """Particle poses at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad]."""
         self.log_weights = np.zeros(count)
-        """Shape (num_particles,), float64: logarithms of the importance weights since the last resampling."""
+        """Log importance weights since the last resampling, shape (num_particles,), float64."""
         self.log_likelihoods = np.zeros(count)
-        """Shape (num_particles,), float64: the same since the reset, along each trajectory."""
+        """Log likelihoods of the particle trajectories since the reset, shape (num_particles,), float64."""
         self.best = 0
-        """Number of the best particle."""
+        """Index of the best particle."""
         self.num_switches = self.num_resamplings = 0
-        """How often another particle became the best one, and how often particles were resampled."""
+        """Number of changes of the best particle, and number of resamplings."""
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
-        # Poses at the key scans as a tree: the particle at the key scan before that each one goes on from.
+        # Tree of poses at key scans, with the parent particle at the previous key scan.
         self._poses, self._parents = GrowingArray((count, 3), np.float64, 256), GrowingArray((count,), np.int64, 256)
         self._fits = np.ones(count, dtype=np.bool_)
         self._monitor.reset()
@@ -113,7 +116,7 @@ class GMapping(KeyScanSlam):
 
     @property
     def anchor(self) -> Anchor | None:
-        """The last key scan, and the pose as seen from it; None before the first."""
+        """Robot pose relative to the last key scan; None before the first key scan."""
         if self.last_key_pose is None:
             return None
         return Anchor(len(self._poses) - 1, self.last_key_pose.between(self.belief.pose))
@@ -146,9 +149,9 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Find the proposal distribution of each particle after a motion by odometry.
+        """Update the proposal distributions after an odometry motion.
 
-        Returns whether the scan fits the map of the best particle; None where too little of it is known to tell.
+        Returns whether the scan fits the best particle's map; None if too few cells are known.
         """
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
@@ -166,7 +169,7 @@ class GMapping(KeyScanSlam):
         is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
-            # The motion model has failed, and with it the covariance that would hold the poses there.
+            # The motion model has failed, and its covariance is too small.
             half_width, half_angle = params.retry_distance / resolution, params.retry_angle
             start = self._search(
                 num_points, motion, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
@@ -178,16 +181,13 @@ class GMapping(KeyScanSlam):
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _draw(self) -> None:
-        """Draw poses from the proposal distributions; the best particle takes the mode."""
+        """Sample poses from the proposals; the best particle takes the mode."""
         noise = self.rng.standard_normal((len(self.poses), 3))
         noise[self.best] = 0.0
         self.poses = draw_poses(self._proposals, noise)
 
     def _move(self, motion: Pose2D, pose: Pose2D) -> None:
-        """Move the particles by odometry, or to a pose at which the robot was found: the best one there, others near.
-
-        Without a scan that fits, nothing tells the particles apart: weights and maps stay as they are.
-        """
+        """Move the particles by odometry or to a relocalized pose; weights and maps do not change."""
         if self._monitor.is_found:
             noise = self.rng.standard_normal((len(self.poses), 3)) * FOUND_STD
             noise[self.best] = 0.0
@@ -196,10 +196,7 @@ class GMapping(KeyScanSlam):
             self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
     def _search(self, num_points: int, motion: Pose2D, window: CorrelativeWindow) -> Pose2D:
-        """Return the motion after which a scan fits the map of the best particle, by a correlative search.
-
-        What odometry errs is the same for all particles, so that one search serves them.
-        """
+        """Return the motion that fits the best particle's map, by correlative search; it serves all particles."""
         level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
         predicted = before.compose(motion)
         pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)
@@ -208,7 +205,7 @@ class GMapping(KeyScanSlam):
         return before.between(Pose2D(*self.map.to_metres(x, y), theta))
 
     def _weigh(self) -> np.ndarray:
-        """Weigh the particles, find the best one, and resample if it is time; return the particles' parents."""
+        """Update weights and best particle, and resample if due; return the particles' parents."""
         params, count = self.params, len(self.poses)
         gained = params.likelihood_gain * self._proposals.log_likelihoods
         self.log_weights += gained
@@ -219,7 +216,7 @@ class GMapping(KeyScanSlam):
             self.best = candidate
         parents = np.arange(count)
         weights = normalized_weights(self.log_weights)
-        # The effective sample size (Grisetti et al., 2007, equation 20) is from 1 to the number of particles.
+        # Effective sample size (Grisetti et al., 2007, equation 20), from 1 to the number of particles.
         if 1.0 / np.square(weights).sum() < params.resample_below * count:
             parents = systematic_resample(weights, self.rng.random())
             self._resample(parents)
@@ -228,7 +225,7 @@ class GMapping(KeyScanSlam):
         return parents
 
     def _resample(self, parents: np.ndarray) -> None:
-        """Replace the particles by copies of others; the best one may be lost."""
+        """Replace particles by copies of `parents`; the best particle may disappear."""
         self.poses, self._fits = self.poses[parents], self._fits[parents]
         self.log_likelihoods = self.log_likelihoods[parents]
         self.log_weights = np.zeros(len(parents))
@@ -239,7 +236,7 @@ class GMapping(KeyScanSlam):
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
         if len(self._poses) == 1:
-            # All particles are alike: one map serves them, until they differ.
+            # All particles are equal after the first scan and share a map.
             self.map.integrate(ranges, self.poses, np.arange(len(self.poses)) == 0)
             self.map.resample(np.zeros(len(self.poses), dtype=np.int64))
         elif self._fits.any():

@@ -1,8 +1,7 @@
-"""Graph SLAM: local SLAM builds submaps, loop closures and a pose graph correct where they lie.
+"""Graph SLAM: submaps, loop closures, and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections. The scans of
-all nodes are kept, and after a correction the map is rendered from them anew, at several key scans; pose and map then
-change together.
+Local SLAM is never corrected. After an optimisation, the map is rendered again from all nodes over several key scans;
+pose and map then change together.
 """
 
 from functools import cache
@@ -26,21 +25,24 @@ from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
 from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
-"""Most iterations of the last optimisation."""
+"""Maximum number of iterations of the last optimisation."""
 
 
 class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
 
-    Everything happens at key scans, and the work at each is bounded by counts: at most one search for a loop closure,
-    and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
-    a map is rendered; the loop closures found meanwhile wait for the next one.
+    Each key scan has bounded work: at most one loop-closure search, and one iteration of optimisation or some nodes of
+    map
+    rendering. No optimisation starts during rendering.
 
-    The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
-    constraints, which a bent map therefore cannot spoil. `belief.covariance` is Hector's: it is relative to the live
-    map, and leaves out by how much the graph may still move it. `belief.is_lost` says that scans in succession have not
-    fitted the submap or the live map, or that the position has become too uncertain. A robot that is lost adds no nodes
-    until it is found in the live map; a loop closure then relates the next node to the nearest of those before.
+    The robot's pose is Hector's in the live map. Local SLAM matches scans to submaps for the constraints of the graph,
+    which
+    are independent of map distortion. `belief.covariance` is relative to the live map, without future graph
+    corrections.
+    `belief.is_lost` is set after consecutive mismatches with the submap or live map, or if the position is too
+    uncertain.
+    A lost robot adds no nodes; after relocalization a loop closure constrains the next node to the nearest earlier
+    node.
     """
 
     shares_maps = False
@@ -48,22 +50,21 @@ class GraphSlam(Hector):
     map: LogOddsMap
 
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
-        """Build a SLAM for one lidar."""
         load_kernels()
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose, map frame, with an unknown map.
+        """Start at a known pose, map frame, with a new map.
 
         Raises:
-            ValueError: if a map is given; it would lack the scans that a correction renders it from.
+            ValueError: if a map is given, because its scans are unknown.
         """
         if map is not None:
             raise ValueError("graph SLAM cannot go on with a map: it renders its own from the scans of a pose graph")
         self.graph = PoseGraph()
-        """Nodes and submaps in the map frame."""
+        """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses in the local frame, which starts at the robot."""
+        """Scans and poses of nodes in the local frame, which starts at the robot."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -76,18 +77,18 @@ class GraphSlam(Hector):
 
     @property
     def loop_closures(self) -> int:
-        """Number of loop closures in the graph, without those that were dropped."""
+        """Number of active loop closures in the graph."""
         constraints = self.graph.arrays.constraints
         return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
 
     @property
     def pose_graph(self) -> PoseGraphView:
-        """Submaps, nodes and constraints as one graph of poses; valid until the next scan."""
+        """Pose graph of submaps, nodes and constraints; valid until the next scan."""
         return PoseGraphView(self.graph.arrays)
 
     @property
     def anchor(self) -> Anchor | None:
-        """The newest node, and the pose as seen from it; None before the first node."""
+        """Robot pose relative to the newest node; None before the first node."""
         if len(self.nodes) == 0:
             return None
         node = len(self.nodes) - 1
@@ -95,11 +96,11 @@ class GraphSlam(Hector):
         return Anchor(node, pose.between(self.belief.pose))
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, integrate it, and do the next part of the work on loop closures; see `KeyScanSlam`."""
+        """Match and integrate a scan, then continue loop closure, optimisation or rendering."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
         if self._monitor.has_mismatch:
-            # Odometry joins the scans of a robot that may be lost in the map as it is.
+            # Relocalization needs an unchanged map.
             return belief
         self._close_loop()
         if self._rendering is not None:
@@ -110,10 +111,7 @@ class GraphSlam(Hector):
         return belief
 
     def finish(self) -> None:
-        """Do the searches that wait, optimise with all loop closures, match nodes anew, and render the final map.
-
-        `belief.path` holds the final poses of nodes.
-        """
+        """Complete all searches and the optimisation, and render the final map; `belief.path` holds the node poses."""
         while self.search.num_waiting:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
@@ -136,10 +134,10 @@ class GraphSlam(Hector):
         if self.last_key_pose is None:
             return predicted, 1.0
         by_local_slam = self._correction.compose(self.local.pose)
-        # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
-        # every match is off by a millimetre or so, which adds up.
+        # Local SLAM predicts better than odometry that needs correction at every scan; good odometry predicts better
+        # than local SLAM, whose matching errors add up.
         match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
-        # A submap is too young to bend, and says more than the map, but nothing of what was seen long ago.
+        # A submap bends less than the map, but lacks older observations.
         points = self._points[:, : match.num_hits]
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
@@ -155,7 +153,7 @@ class GraphSlam(Hector):
         return pose, 1.0
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Add a node, and integrate its scan into the map as it is now."""
+        """Add a node, and integrate its scan into the live map."""
         is_relocalized = len(self.nodes) > 0 and not self.local.active
         node = self.local.add_node(ranges)
         self._add_to_graph(node)
@@ -167,7 +165,7 @@ class GraphSlam(Hector):
         return self.map.integrate(ranges, pose)
 
     def _add_to_graph(self, node: int) -> None:
-        """Add a node of local SLAM, its constraints, and a submap if one starts with it."""
+        """Add a local node, its constraints, and any new submap to the graph."""
         local, correction = self.local, self._graph_correction
         self.graph.add_node(correction.compose(local.pose))
         for submap in local.active:
@@ -178,7 +176,7 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Relate the first node after a relocalization, at a pose in the live map, to the nearest node's submap."""
+        """Constrain the first node after a relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])
@@ -187,7 +185,7 @@ class GraphSlam(Hector):
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
 
     def _close_loop(self) -> None:
-        """Do one search for a loop closure, and start an optimisation when it is due."""
+        """Run one loop-closure search, and start an optimisation if due."""
         loop = self.search.search_next()
         added = [] if loop is None else self._confirmation.add(loop)
         self._loop_nodes += len(added) > 0
@@ -200,7 +198,7 @@ class GraphSlam(Hector):
             self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False
 
     def _optimise_once(self) -> None:
-        """Do one iteration; after the last one, correct pose and map."""
+        """Run one iteration; after the last iteration, correct pose and map."""
         params, arrays = self.params, self.graph.arrays
         change = optimise_step(arrays, params.phi)
         self._iterations -= 1
@@ -216,7 +214,7 @@ class GraphSlam(Hector):
             self._rendering = MapRendering(params, self._lidar)
 
     def _replace_map(self, map: LogOddsMap) -> None:
-        """Let pose and map follow the graph."""
+        """Replace map, pose and path by those of the optimised graph."""
         after = self.graph.arrays.nodes.copy()
         correction = Correction(self._mapped.rows.copy(), after)
         self.belief.update = replace_cells(self.map, map, correction)
@@ -232,7 +230,7 @@ class GraphSlam(Hector):
 
 @cache
 def load_kernels() -> None:
-    """Load the kernels that the first scans do not call, so that no later scan waits for it: once per process."""
+    """Compile the kernels of loop closure and optimisation once per process, so that no scan waits for them."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
     local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)

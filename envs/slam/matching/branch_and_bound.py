@@ -1,9 +1,9 @@
-"""Branch-and-bound search for the pose at which points fit a field best.
+"""Branch-and-bound scan matching of points to an occupancy field.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V: the score at a pose is the mean of the field's
-cells in which the points fall. A node of the search stands for one heading and a square of 2^l x 2^l offsets, and the
-score of level l of a pyramid of maxima is an upper bound for all of them. The result is the best of all poses of the
-grid, as if each had been scored.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. The score of a pose is the mean field value at
+the
+points. A search node is a heading and a square of 2^l x 2^l offsets; level l of a pyramid of maxima bounds its score
+from above. The result equals exhaustive search over the pose grid.
 """
 
 import math
@@ -18,63 +18,62 @@ from lidarnaut.envs.geometry.lookup import load
 from .fields import FULL_PERCENT, Pyramid
 
 NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
-"""The circle and headings that are left out where none are: x, y [m], heading [rad], radius [m], half angle [rad]."""
+"""Empty exclusion region: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
-"""Rank of a leaf that was not found."""
+"""Rank before any leaf is found."""
 
 
 class SearchWindow(NamedTuple):
-    """Poses that are searched, around a predicted one."""
+    """Pose window of a branch-and-bound search around the predicted pose."""
 
     half_width: float
-    """Largest offset along x and along y [m]."""
+    """Maximum offset along x and y [m]."""
     half_angle: float
-    """Largest change of heading [rad]."""
+    """Maximum change of heading [rad]."""
     angle_step: float
-    """Distance between headings [rad]; see `angle_step`."""
+    """Step between headings [rad]; see `angle_step`."""
 
 
 class SearchResult(NamedTuple):
-    """Result of a search."""
+    """Result of a branch-and-bound search."""
 
     pose: Pose2D | None
-    """The best one, in the frame of the field; None if none reaches the least score."""
+    """Best pose, frame of the field; None if no pose reaches the minimum score."""
     score: float
-    """Mean of the cells in which points fall, from 0 to 1; 0 if none was found."""
+    """Mean field value at the points, from 0 to 1; 0 if no pose was found."""
     evaluations: int
-    """Number of nodes that were scored."""
+    """Number of search nodes scored."""
     is_complete: bool
-    """False if the limit of evaluations ended the search: the best pose may have been missed."""
+    """False if the evaluation limit ended the search."""
 
 
 class Grid(NamedTuple):
-    """Points in cells at all headings of a window."""
+    """Cells of the points at each heading of a search window."""
 
     cells: np.ndarray
-    """Shape (num_headings, n), int32: index of the cell of each point, for those that may hit the field."""
+    """Cell index of each point that may hit the field, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Shape (num_headings,), int64: number of those."""
+    """Number of valid columns in `cells`, shape (num_headings,), int64."""
     reach: int
-    """Largest offset [cells]."""
+    """Maximum offset [cells]."""
     num_turns: int
-    """Largest change of heading [steps]."""
+    """Maximum change of heading [steps]."""
 
 
 class _Best(NamedTuple):
-    """The best leaf so far."""
 
     total: int
     rank: int
-    """Among equal totals the least rank wins."""
+    """Tie-breaker among equal totals; the lowest rank wins."""
     turn: int
     row: int
     col: int
 
 
 def angle_step(points: np.ndarray, resolution: float) -> float:
-    """Return the step between headings that moves three quarters of the points by at most 1.5 cells [rad].
+    """Return the heading step that moves three quarters of the points by at most 1.5 cells [rad].
 
-    `points` has shape (n, 2), float32, base frame [m]; `resolution` is the side of a cell [m].
+    `points` has shape (n, 2), float32, base frame [m]; `resolution` is the cell side [m].
     """
     if len(points) == 0:
         return 0.03
@@ -84,7 +83,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the `Grid` of points around a pose, moved back by `shift` [cells] along x and y."""
+    """Return the `Grid` of points around a pose, shifted by `-shift` cells along x and y."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -110,7 +109,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of the cells of a level, shape (n,), uint8, in which points fall, moved by an offset [cells]."""
+    """Return the sum of the cells of a level, shape (n,), uint8, at points moved by `offset` cells."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -120,7 +119,7 @@ def total_at(level, grid, turn, offset):
 
 @njit(cache=True, error_model="numpy")
 def _rank(grid, turn, row, col):
-    """Return the rank among equal scores: least for the pose nearest to the predicted one; no two are the same."""
+    """Return the unique rank of a pose, lowest for the pose nearest to the predicted pose."""
     side, turned = 2 * grid.reach + 1, turn - grid.num_turns
     order = 2 * abs(turned) - (1 if turned < 0 else 0)
     nearness = (row * row + col * col) * (2 * grid.num_turns + 1) + order
@@ -129,10 +128,9 @@ def _rank(grid, turn, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _score_top(levels, width, grid, least, limit):
-    """Score the nodes of the top level, at most `limit`.
+    """Score the top level; return promising nodes, the number of nodes scored, and whether all were scored.
 
-    Returns the nodes that may hold totals of at least `least`, shape (n, 4), int64: total, turn, row and column of the
-    offset; the number of nodes scored; and whether those were all.
+    The nodes have shape (n, 4), int64: total (at least `least`), turn, row and column of the offset.
     """
     top = levels.shape[0] - 1
     side = 1 << top
@@ -155,9 +153,9 @@ def _score_top(levels, width, grid, least, limit):
 
 @njit(cache=True, error_model="numpy")
 def _descend(levels, width, grid, node, best, budget, excluded):
-    """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`.
+    """Search below a top node, depth first, without leaves in the `excluded` disc and heading range.
 
-    Leaves are `excluded` whose column, row and turn differ by at most a radius and a number from given ones.
+    Returns the best leaf, the number of nodes scored, and whether `budget` sufficed.
     """
     far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
@@ -188,7 +186,7 @@ def _descend(levels, width, grid, node, best, budget, excluded):
             evaluations += 1
             if bound < best.total:
                 continue
-            # The best child ends on top of the stack, and among equal ones the first.
+            # Keep the best child on top of the stack.
             at = count
             while at > first and stack[at - 1, 0] >= bound:
                 stack[at] = stack[at - 1]
@@ -200,7 +198,6 @@ def _descend(levels, width, grid, node, best, budget, excluded):
 
 @njit(cache=True, error_model="numpy")
 def _search_below(levels, width, grid, nodes, least, budget, excluded):
-    """Search below nodes of the top level, best first; for the result see `_descend`."""
     best = _Best(least, NO_RANK, 0, 0, 0)
     evaluations = 0
     for k in range(nodes.shape[0]):
@@ -222,13 +219,21 @@ def search(
     max_evaluations: int,
     excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Search the pose in a window at which points, shape (n, 2), float32, base frame [m], fit a field best.
+    """Search a window for the pose at which points fit a field best.
 
-    The grid of poses has steps of one cell and of `window.angle_step`, with the predicted `pose`, frame of the field,
-    in the middle. Among equal scores the pose nearest to it wins. `min_score`: least mean of the cells in which points
-    fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points;
-    `excluded`: a place that is not searched, see `NO_EXCLUSION`. ValueError if the window is larger than the pyramid was
-    built for.
+    The pose grid has steps of one cell and `window.angle_step`. Ties go to the pose nearest to the predicted pose.
+
+    Args:
+        pyramid: maxima of the field.
+        points: shape (n, 2), float32, base frame [m].
+        pose: predicted pose, frame of the field.
+        window: poses to search.
+        min_score: minimum mean field value at the points, from 0 to 1.
+        max_evaluations: maximum number of search nodes scored.
+        excluded: region to skip; see `NO_EXCLUSION`.
+
+    Raises:
+        ValueError: if the window exceeds the reach of the pyramid.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)

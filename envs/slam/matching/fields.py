@@ -1,4 +1,4 @@
-"""Occupancy fields that points are searched in, and whether points agree with one: what tells that a robot is lost."""
+"""Occupancy fields for point matching, and consistency checks between scans and maps."""
 
 import math
 from typing import NamedTuple, Self
@@ -11,33 +11,34 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from ..params import LoopClosureParams
 
 FULL_PERCENT = 100
-"""Field value that scores 1 [percent]."""
+"""Field value with score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Cells above the first are occupied, known ones below it free; above the second they surely are, as for ROS maps."""
+"""Occupancy thresholds [percent]: known cells above 50 are occupied, others free; above 65 certainly occupied, as in
+ROS."""
 LEAST_HITS = 40
-"""Hits on known cells from which on `fits_map` judges a scan."""
+"""Minimum number of hits on known cells for `fits_map`."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
+"""Minimum fraction of hits near occupied cells, of a whole map (which may bend) and of a submap."""
 
 
 GRAZING_LENGTH = 0.3
-"""Ends of beams that are not asked for what they pass: those along a wall touch its cells before they hit it [m]."""
+"""Last part of a beam that `count_crossings` skips [m]: a grazing beam touches wall cells before its hit."""
 
 
 class Field(NamedTuple):
-    """Occupancies, and how their cells lie in the frame of a map."""
+    """Occupancy array with its position in a map frame."""
 
     occupancy: np.ndarray
-    """Shape (height, width), int8 [percent]: -1 unknown."""
+    """Occupancies, shape (height, width), int8 [percent], -1 unknown."""
     x: float
-    """Position of the corner of cell (0, 0), with `y` [m]."""
+    """Corner of cell (0, 0) along x [m]."""
     y: float
     resolution: float
     """Side of a cell [m]."""
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Return what is known of a grid; one unknown cell if nothing is."""
+        """Return the known part of a grid; one unknown cell if nothing is known."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -49,23 +50,24 @@ class Field(NamedTuple):
 
 
 class HitShares(NamedTuple):
-    """How the hits of a scan fall on a field."""
+    """Fractions of a scan's hits by the occupancy of the cells around them."""
 
     score: float
-    """Mean occupancy of the cells; those that are free or unknown count 0."""
+    """Mean occupancy under the hits, from 0 to 1; free and unknown cells count as 0."""
     occupied: float
-    """Share of hits on or next to an occupied cell."""
+    """Fraction of hits on or next to an occupied cell."""
     free: float
-    """Share of hits in free cells that have no occupied one next to them."""
+    """Fraction of hits in free cells without an occupied neighbour."""
 
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count the hits of a scan on or next to occupied cells, and those in free cells with no occupied one next to them.
+    """Count the hits on or next to occupied cells, and the hits in free cells without an occupied neighbour.
 
-    A wall that is off by a cell agrees with the map, other than by the mean occupancy under the hits. `points`: shape
-    (n, 2), float32, hits in the base frame [m]; `pose`: x, y, heading in the frame of the field [m, m, rad]. Returns
-    also the sum of the occupancies above one half in which hits fall [percent].
+    Unlike the mean occupancy, the counts tolerate an error of one cell. `points` are hits, shape (n, 2), float32, base
+    frame [m]; `pose` is x, y, heading in the frame of the field [m, m, rad]. The third result is the summed occupancy
+    of
+    occupied cells under the hits [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -89,7 +91,7 @@ def count_hits(field, points, pose):
 
 
 def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
-    """Return the `HitShares` of points at a pose; for the arguments see `count_hits`."""
+    """Return the `HitShares` of points at a pose; see `count_hits`."""
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
     return HitShares(total / (FULL_PERCENT * n), occupied / n, free / n)
@@ -98,10 +100,11 @@ def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float
 def fits_map(
     grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
 ) -> bool | None:
-    """Tell whether at least a share of the hits on known cells lies at occupied ones; None with too few of them.
+    """Return True if at least `least_share` of the hits on known cells lie near occupied cells.
 
-    `points`: shape (2, n), float32, hits in the base frame [cells]; `pose`: x, y, heading in the frame of the map [m,
-    m, rad].
+    `points` are hits, shape (2, n), float32, base frame [cells]; `pose` is x, y, heading, map frame [m, m, rad].
+    Returns None
+    if fewer than `LEAST_HITS` hits lie on known cells.
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
@@ -111,11 +114,11 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count the beams of a scan that pass through surely occupied cells, and all of which most cells passed are known.
+    """Count the beams through certainly occupied cells, and the beams with mostly known cells.
 
-    A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
-    `GRAZING_LENGTH` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
-    `pose`: x, y, heading of the base in the frame of the field [m, m, rad].
+    At a wrong pose, hits often fall on walls by chance, but beams cross walls. Args: `ranges`, shape (num_beams,),
+    float32
+    [m]; `geometry`, a `ScanGeometry`; `pose`, x, y, heading of the base in the frame of the field [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -142,7 +145,7 @@ def count_crossings(field, ranges, geometry, pose):
 
 
 def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
-    """Return whether hits agree well enough with a map for a loop closure or a relocalization."""
+    """Return True if hits agree with a map well enough for loop closure or relocalization."""
     return (
         shares.score >= params.min_score
         and shares.occupied >= params.min_occupied
@@ -152,26 +155,25 @@ def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
 
 
 class Pyramid(NamedTuple):
-    """Maxima of a field over squares of growing size: upper bounds for scores of many poses at once.
+    """Maxima of a field over squares of growing size: upper bounds for branch and bound.
 
     Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V.B.
     """
 
     levels: np.ndarray
-    """Shape (num_levels, height, width), uint8: cell (i, j) of level l is the greatest of the cells from (i, j) to
-    (i + 2^l - 1, j + 2^l - 1) of level 0, which is the field within a border of zeros."""
+    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l is the maximum of the 2^l x 2^l
+    cells of level 0 from (i, j) on. Level 0 is the field with a border of zeros."""
     x: float
-    """Position of the corner of cell (0, 0), with `y`, frame of the field [m]."""
+    """Corner of cell (0, 0) along x, frame of the field [m]."""
     y: float
     resolution: float
     """Side of a cell [m]."""
     reach: int
-    """Largest half width of a window that may be searched [cells]."""
+    """Maximum half width of a search window [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def _write_greatest(a, b, c, d, out):
-    """Write the greatest of four arrays; all of shape (n,), uint8."""
     for j in range(out.shape[0]):
         left = a[j] if a[j] > b[j] else b[j]
         right = c[j] if c[j] > d[j] else d[j]
@@ -180,16 +182,15 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return the `Pyramid` of a `Field`, whose cells that are free or unknown count as 0.
+    """Return the `Pyramid` of a `Field`; free and unknown cells count as 0.
 
-    The last one of the levels holds maxima over 2^(num_levels - 1) cells; `reach` is the largest half width of a window
-    that will be searched [m].
+    The top level has maxima over 2^(num_levels - 1) cells; `reach` is the maximum half width of a search window [m].
     """
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # A point that lies outside by the window's reach may get in. Moved away by as much, it leaves a row for the border
-    # of the next one, which is as empty; above and below there must be twice the room.
+    # Points up to one reach outside can be moved inside. The border is twice as wide above and below, because an offset
+    # along x beyond a row's end continues in the next row.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

@@ -1,12 +1,11 @@
-"""Matching a scan to an occupancy map by Gauss-Newton steps, with a prior (Kohlbrecher et al., 2011, section IV.B).
+"""Gauss-Newton scan matching to an occupancy map with a pose prior (Kohlbrecher et al., 2011, section IV.B).
 
-Sought is the pose that minimises
+Minimises over the pose
 
     sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-where q is a hit in the map and M the occupancy there, from 0 to 1, interpolated between cell centres. The original has
-no prior; with it the result is the most probable pose given scan and odometry. Positions and lengths are in cells of
-the finest map throughout.
+where q is a hit in the map and M the interpolated occupancy, from 0 to 1. The original has no prior. Lengths are in
+cells of the finest map.
 """
 
 import math
@@ -20,15 +19,15 @@ from numba.extending import overload
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2
-"""Longest step of the heading [rad]."""
+"""Maximum change of heading per step [rad]."""
 SMALL_STEP = 1e-2
-"""A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on the finest map."""
+"""Convergence threshold on the finest map: displacement of the position and of the farthest hit [cells]."""
 COARSE_STEP = 0.05
-"""The same on the others, whose result is but a start [cells of the map]."""
+"""Convergence threshold on coarser maps [cells of that map]."""
 
 
 class PosePrior(NamedTuple):
-    """Where the pose is expected, x, y [cells] and heading [rad], and how firmly: the entries of W."""
+    """Prior pose, x, y [cells] and heading [rad], with the entries of its weight matrix W."""
 
     x: float
     y: float
@@ -42,47 +41,48 @@ class PosePrior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What the hits of a scan say at a pose: sums over the hits."""
+    """Gauss-Newton sums over the hits of a scan at a pose."""
 
     h_xx: float
-    """The Hessian sum g g^T, where g is the gradient of M by the pose, and so on."""
+    """Entry of the Hessian, the sum of g g^T with the gradient g of M by the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
     h_yt: float
     h_tt: float
     b_x: float
-    """The right-hand side sum g (1 - M), and so on."""
+    """Entry of the right-hand side, the sum of g (1 - M)."""
     b_y: float
     b_t: float
     total: float
-    """Sum of M."""
+    """Sum of the occupancies M."""
     squares: float
-    """Sum of (1 - M)^2."""
+    """Sum of the squared residuals (1 - M)^2."""
 
 
 class Level(NamedTuple):
-    """One of several maps, which lies in one array."""
+    """One resolution level of a map, flattened."""
 
     occupancy: np.ndarray
-    """Shape (height * width,), int8, percent; -1 unknown."""
+    """Occupancies, shape (height * width,), int8 [percent], -1 unknown."""
     height: int
     width: int
 
 
 @singledispatch
 def at_level(map, level):
-    """Return a level of a map as kernels read it: with `occupancy`, flattened, `height` and `width`.
+    """Return a level of a map with flattened `occupancy`, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8, the finest first; or another kind that registers and
-    overloads this and `neighbours`, as `gmapping.tiles` does.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that registers and overloads
+    `at_level`
+    and `neighbours`, as in `gmapping.tiles`.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return where four cells lie in `view.occupancy`: (row, col), (row, col + 1), (row + 1, col) and the last one."""
+    """Return the flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
@@ -100,10 +100,11 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the `Fit` of a scan at a pose: x, y from the map's corner [cells of the finest map], heading [rad].
+    """Return the `Fit` of a scan at x, y from the map's corner [finest cells] and heading theta [rad].
 
-    `map`: see `at_level`, an unknown cell counts as one half; `level`: its number, each has cells twice as wide as the
-    one before; `points`: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
+    `map` is as in `at_level`; unknown cells count as 0.5. The cell side doubles with each `level`. `points` are hits,
+    shape
+    (2, >= num_points), float32, base frame [finest cells].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width
@@ -169,7 +170,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn) at a pose, zeros if the scan and the prior do not determine it."""
+    """Return the Gauss-Newton step (dx, dy, turn); zeros if scan and prior do not determine the pose."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
@@ -191,11 +192,20 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Step to the best pose, on one map after the other from the coarsest to the finest.
+    """Refine a pose by Gauss-Newton steps from the coarsest to the finest level.
 
-    Map and points are as in `evaluate`; `pose` is x, y from the map's corner [cells] and heading [rad] to start from,
-    and the heading of the `PosePrior` within half a turn of that, not wrapped. There are at most `iterations` steps on the
-    finest map, and `coarse_iterations` on each of the others. Returns x, y, heading and its `Fit` on the finest map.
+    Args:
+        map: see `at_level`.
+        num_levels: number of levels.
+        points: see `evaluate`.
+        num_points: number of hits.
+        pose: initial x, y from the map's corner [cells] and heading [rad].
+        prior: `PosePrior` with a heading within pi of the initial heading, not wrapped.
+        iterations: maximum number of steps on the finest level.
+        coarse_iterations: maximum number of steps on each coarser level.
+
+    Returns:
+        x, y, heading and the `Fit` on the finest level.
     """
     x, y, theta = pose
     reach = 1.0

@@ -1,4 +1,4 @@
-"""One scan matched to a log-odds map: a search where odometry may be half_width off, Gauss-Newton, and the covariance."""
+"""Scan matching to a log-odds map: correlative search, Gauss-Newton refinement, covariance."""
 
 import math
 from typing import Any, NamedTuple, Self
@@ -16,13 +16,13 @@ from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, pr
 from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
-"""Half width of the search window in standard deviations of the predicted pose."""
+"""Half width of the search window, in standard deviations of the predicted pose."""
 UNKNOWN_POSE_STD = 1e6
-"""Standard deviation of a pose that nothing predicts [m] or [rad]."""
+"""Standard deviation of a pose without odometry [m] or [rad]."""
 
 
 class MatcherParams(NamedTuple):
-    """What kernels read of `MatchingParams`, by the same names; None, for never, is infinite."""
+    """`MatchingParams` as a named tuple for kernels, with infinity instead of None."""
 
     odometry_noise: NoiseRecord
     uses_odometry: bool
@@ -40,34 +40,33 @@ class MatcherParams(NamedTuple):
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
-        """Return what a matcher with these params reads."""
         values = [getattr(params, name) for name in cls._fields[1:]]
         numbers: list[Any] = [math.inf if value is None else value for value in values]
         return cls(NoiseRecord.of(params.odometry_noise), *numbers)
 
 
 class Match(NamedTuple):
-    """Where a scan fits the map."""
+    """Result of matching a scan to a map."""
 
     x: float
-    """Position, with `y`, and heading in [-pi, pi), map frame [m, m, rad]."""
+    """Matched position along x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool
-    """Whether enough hits fall in known cells to tell whether the scan fits; see `MatchingParams.min_known_hits`."""
+    """Whether enough hits fall in known cells to judge the match; see `MatchingParams.min_known_hits`."""
     fits: bool
-    """Whether nothing speaks against the pose; see `MatchingParams.min_known_score`."""
+    """Whether the score is high enough, or too few cells are known; see `MatchingParams.min_known_score`."""
     num_hits: int
-    """Hits of the scan."""
+    """Number of hits in the scan."""
     fit: Fit
-    """What they say at the pose."""
+    """Gauss-Newton sums at the matched pose."""
     is_far: bool
-    """Whether the second search found the pose, of which odometry knew nothing; see `MatchingParams.retry_below`."""
+    """Whether the second, wider search found the pose; see `MatchingParams.retry_below`."""
 
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the prior of a predicted pose, x, y [cells] and heading, with its covariance [m, rad]: W = k P^-1."""
+    """Return the prior of a predicted pose, x, y [cells] and heading, from its covariance [m, rad]: W = k P^-1."""
     w = np.empty((3, 3))
     invert(covariance, w)
     k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
@@ -77,14 +76,22 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Return the `Match` of a scan with a map.
+    """Match a scan to a map.
 
-    `ranges`: shape (num_beams,), float32 [m], as in `project_hits`; `levels`: occupancies, the finest first, see
-    `at_level`; `corner`: column and row of the finest map's first cell, counted from the map frame's origin; `last`,
-    `predicted`: poses (x, y, theta) of the last matched scan and by odometry since then (not used without odometry),
-    map frame [m, m, rad]; `params`: `MatcherParams`; `covariance`: shape (3, 3), float64 [m, rad], that of the last
-    pose; written: that of the match, or, of a scan that does not fit, that of the predicted pose; `points`: shape (2,
-    num_beams), float32, scratch.
+    Args:
+        ranges: shape (num_beams,), float32 [m]; see `project_hits`.
+        geometry: `ScanGeometry`.
+        levels: occupancies, finest first; see `at_level`.
+        corner: column and row of the finest map's first cell, counted from the map frame's origin.
+        last: pose of the last matched scan, map frame [m, m, rad].
+        predicted: pose by odometry, map frame [m, m, rad]; unused without odometry.
+        params: `MatcherParams`.
+        covariance: pose covariance, shape (3, 3), float64 [m, rad]; updated from the last pose to the match, or to
+            the predicted pose if the scan does not match.
+        points: scratch space, shape (2, num_beams), float32.
+
+    Returns:
+        `Match`.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
@@ -108,8 +115,8 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
     if num_known >= params.min_known_hits and known_score < params.retry_below:
-        # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
-        # nothing: they would draw a search as wide as this one.
+        # The prediction has failed, and its covariance is too small. Unknown cells count as 0, because they would
+        # attract such a wide search.
         half_width, half_angle = params.retry_distance / resolution, params.retry_angle
         pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
         wide = np.zeros((3, 3))

@@ -1,11 +1,9 @@
-"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks, stored as a skyline.
+"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks in skyline storage.
 
-Of each block row the lower triangle is kept from the first block that is not zero; the factor has no entries in front
-of it (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4). Submaps in the
-order of time have short rows, but for those that close a loop.
-
-Block row i consists of three scalar rows of `3 * (i + 1 - first[i])` numbers, one after the other from `starts[i]` on.
-Sums run in one fixed order, so that results do not depend on the width of the processor's vectors.
+Each block row stores the lower triangle from its first nonzero block `first[i]` on (George and Liu, Computer Solution
+of Large Sparse Positive Definite Systems, 1981, chapter 4). Block row i is three scalar rows of `3 * (i + 1 -
+first[i])`
+numbers from `starts[i]` on. Sums have a fixed order, independent of the processor's vector width.
 """
 
 import math
@@ -14,20 +12,19 @@ import numpy as np
 from numba import njit
 
 LEAST_PIVOT = 1e-11
-"""Pivots below this share of the diagonal's entry belong to unknowns that nothing determines."""
+"""Pivot threshold, relative to the diagonal entry, below which an unknown is undetermined."""
 
 
 def row_starts(first: np.ndarray) -> np.ndarray:
-    """Return where block rows start in the array of numbers, and its length: shape (n + 1,), int64.
+    """Return start indices of block rows and the total length, shape (n + 1,), int64.
 
-    `first`, shape (n,), int64, is the first block of each row.
+    `first` is the first block of each row, shape (n,), int64.
     """
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
 @njit(cache=True, error_model="numpy")
 def _subtract_products(values, a, width_a, b, width_b, count, block):
-    """Subtract from `block` the products of three rows that start at `a` and three at `b`, over `count` numbers."""
     s00, s01, s02 = 0.0, 0.0, 0.0
     s10, s11, s12 = 0.0, 0.0, 0.0
     s20, s21, s22 = 0.0, 0.0, 0.0
@@ -50,9 +47,9 @@ def _subtract_products(values, a, width_a, b, width_b, count, block):
 
 @njit(cache=True, error_model="numpy")
 def _factorise_diagonal(block, diagonal):
-    """Replace a diagonal block, shape (3, 3), by its factor; return how many unknowns are not determined.
+    """Factorise a diagonal block, shape (3, 3), in place; return the number of undetermined unknowns.
 
-    `diagonal`, shape (3,), holds the diagonal before elimination. A pivot of infinity makes an unknown 0.
+    `diagonal` is the original diagonal, shape (3,). An infinite pivot sets an unknown to 0.
     """
     undetermined = 0
     for r in range(3):
@@ -71,11 +68,10 @@ def _factorise_diagonal(block, diagonal):
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Replace a symmetric positive semidefinite matrix by its Cholesky factor, in place.
+    """Factorise a symmetric positive semidefinite matrix in place; return the number of undetermined unknowns.
 
-    `values`: shape (starts[n],), float64, the matrix; `first`: shape (n,), int64, the first block of each block row;
-    `starts`: shape (n + 1,), int64, from `row_starts`. Returns the number of unknowns that the matrix does not
-    determine; `solve` gives 0 for them.
+    `values` is the matrix, shape (starts[n],), float64; `first` and `starts` are as in `row_starts`. `solve` sets
+    undetermined unknowns to 0.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
@@ -109,7 +105,7 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Solve for the right-hand side `x`, shape (3 n,), float64, in place, by the factor from `factorise`."""
+    """Solve for the right-hand side `x`, shape (3 n,), float64, in place, with the factor from `factorise`."""
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
