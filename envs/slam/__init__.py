@@ -48,7 +48,7 @@ SLAMS: dict[str, Kind] = {
 """SLAM algorithms by name. "odometry" and "truth" build a map at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""Default SLAM of the environments: fast, deterministic, with maps that teams can share."""
+"""Default SLAM of the environments: fast, deterministic, shareable by teams."""
 
 
 def make_slam(
@@ -61,12 +61,13 @@ def make_slam(
     """Build a SLAM.
 
     Args:
-        name: one of `SLAM_NAMES`; `module:attribute` or a callable that is called with the lidar (`LidarParams`) and
-            the resolution [m] and returns an `Estimator`; or an `Estimator`, which is copied.
+        name: one of `SLAM_NAMES`; `module:attribute` or a callable (lidar: `LidarParams`, resolution [m]) ->
+            `Estimator`; or
+            an `Estimator`, which is copied.
         lidar: geometry of the scans.
         resolution: side of a map cell [m]; overrides the preset.
-        preset: preset name, YAML file, or parameters of the SLAM.
-        odometry_noise: overrides the odometry noise of the preset; None keeps the preset.
+        preset: preset name, YAML file, or parameters.
+        odometry_noise: overrides the preset's noise; None keeps it.
 
     Raises:
         ValueError: if the name, the preset or the resolution is invalid.

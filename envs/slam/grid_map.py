@@ -1,7 +1,8 @@
-"""Occupancy grid of TinySLAM and of mapping with known poses: each cell is the mean of its observations.
+"""Occupancy grid of TinySLAM and known-pose mapping: cells are means of observations.
 
-A cell is a 32-bit word: signed fixed-point occupancy in the upper 20 bits (18 fractional), number of observations in
-the lower 12. One load or store accesses both, and integer sums of occupancies are exact in any order.
+A 32-bit cell word has a signed fixed-point occupancy in the upper 20 bits (18 fractional) and an observation count in
+the
+lower 12, for single loads and exact integer sums.
 """
 
 import math
@@ -21,27 +22,27 @@ from .scans import SIDE_START, beam_ends, walk
 COUNT_BITS = 12
 """Bits of a cell word that count observations."""
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Maximum observation count of a cell; later observations keep the weight 1 / (MAX_COUNT + 1)."""
+"""Maximum observation count; later observations keep the weight 1 / (MAX_COUNT + 1)."""
 FULL_OCCUPANCY = 1 << 18
 """Occupancy 1 in fixed-point representation."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
-"""Weight of a new observation by the number of earlier ones, shape (MAX_COUNT + 1,), fixed-point."""
+"""Weight of an observation by the number of earlier observations, fixed-point."""
 
 
 class InverseSensorModel(NamedTuple):
-    """Occupancies that a beam assigns to cells; see `TinySlamParams`."""
+    """Occupancies that a beam assigns to cells."""
 
     occupied_prob: float
     empty_prob: float
     hole: float
     """Length of the occupancy ramp in front of a hit [cells]; 0 for no ramp."""
     add_blur: bool
-    """Add the ramp to the occupancy of a passed cell instead of replacing it."""
+    """Add the ramp to a passed cell's occupancy instead of replacing it."""
 
 
 def unvisited_word(value: float) -> int:
-    """Return the word of an unobserved cell with occupancy `value` in [-1, 1] for the matcher."""
+    """Return the word of an unobserved cell; the matcher reads occupancy `value`, in [-1, 1]."""
     return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
@@ -52,7 +53,7 @@ def probabilities(words: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return the cell word after another observation, `target`, fixed-point."""
+    """Return the cell word after an observation, `target`, fixed-point."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
@@ -65,16 +66,15 @@ def _weighted(prob, quality):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Integrate a scan into a map that is large enough; return the number of new known cells.
+    """Integrate a scan; return the number of new known cells.
 
-    Beams are walked from the lidar cell to the end cell, one cell per column or row. A hit occupies the last cell,
-    after
-    a ramp of rising occupancy unless the beam is shorter than the ramp. Scan arguments are as in `beam_ends`.
+    A hit occupies the last cell of a beam, after a ramp of rising occupancy unless the beam is shorter than the ramp.
+    The
+    map must hold the scan; see `beam_ends`.
 
     Args:
-        words: updated cells, shape (height, width), int32.
-        occupancy: updated occupancies, shape (height, width), int8 [percent].
-        model: `InverseSensorModel`.
+        words: cells, updated, shape (height, width), int32.
+        occupancy: shape (height, width), int8 [percent], updated.
         quality: weight of the scan.
         new_cells: output, row and column of new known cells, shape (n, 2), int32.
     """
@@ -129,7 +129,7 @@ class GridMap(GrowingMap):
         """Cell words, shape (height, width), int32."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose, with a weight from 0 to 1."""
+        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose, with weight `quality` from 0 to 1."""
         extent, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)

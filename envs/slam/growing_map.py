@@ -11,19 +11,17 @@ from .params import SlamParams
 from .scans import ScanGeometry, scans_extent
 
 MAX_CELLS = 1 << 27
-"""Maximum number of map cells; limits memory if the pose estimate diverges."""
+"""Maximum number of cells; limits memory if the estimate diverges."""
 
 
 class GrowingMap:
-    """Occupancy grid centred at the origin of the map frame.
+    """Occupancy grid centred at the map frame's origin, growing by powers of two.
 
-    The map grows by powers of two. `grid` stays the same object, but growth replaces its array and origin. Subclasses
-    pad
-    their own cells in `_pad`.
+    Growth replaces the array and origin of `grid`; subclasses pad their own cells in `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Create an unknown map; its sides and corner are multiples of `block` cells.
+        """Create an unknown map with sides and corner in multiples of `block` cells.
 
         Raises:
             ValueError: if the map exceeds `MAX_CELLS`.
@@ -34,10 +32,10 @@ class GrowingMap:
         self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
-        """Column and row of the map's first cell, counted from the map frame's origin."""
+        """Column and row of the first cell from the map frame's origin."""
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
-        """Occupancy grid of the map, kept up to date."""
+        """Current occupancy grid."""
         # Buffer for the cells that a scan makes known; untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
@@ -47,22 +45,21 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position in the map frame [m] to cells from the map's corner."""
+        """Convert map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position in cells from the map's corner to the map frame [m]."""
+        """Convert cells from the map's corner to map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
-        """Enlarge the map to hold scans; see `scans_extent`."""
         extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
         if self.grow_to_hold(*extent):
             extent = scans_extent(ranges, poses, self.geometry, self.corner, self._ends)
         return extent
 
     def grow_to_hold(self, col_min: int, row_min: int, col_max: int, row_max: int) -> bool:
-        """Enlarge the map to include the given columns and rows; return True if it grew."""
+        """Enlarge the map to include columns and rows; return True if it grew."""
         height, width = self.grid.data.shape
         left, right = _growth(width, col_min, col_max)
         low, high = _growth(height, row_min, row_max)
@@ -85,7 +82,7 @@ class GrowingMap:
 
 
 def _growth(size: int, first: int, last: int) -> tuple[int, int]:
-    """Return the cells to add before and after `size` cells to hold the range from `first` to `last`."""
+    """Return cells to add before and after, to hold indices `first` to `last`."""
     before = after = 0
     while -first > before:
         before = 2 * before + size
@@ -96,7 +93,7 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
 
 
 def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of all known cells, shape (n, 2), int32, in row order."""
+    """Return row and column of known cells, shape (n, 2), int32."""
     known = np.flatnonzero(occupancy != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
     np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")

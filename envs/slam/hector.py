@@ -14,18 +14,17 @@ from .params import HectorParams
 from .relocalization import FOUND_STD, LocalizationMonitor
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""Replaces `min_known_score` among people, because a group of people looks like an unmapped wall."""
+"""`min_known_score` among people: a group looks like an unmapped wall."""
 
 
 class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original, odometry is a prior, weighted by its noise, unless `uses_odometry=False`. There is no loop
-    closure and no randomness.
+    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. There is no loop closure or
+    randomness.
 
-    `belief.covariance` is the covariance of the last match relative to the map. `belief.is_lost` is set after
-    consecutive mismatches or if the position is too uncertain. Mismatched scans are not integrated, and a lost robot
-    is searched on the whole map (`relocalization`).
+    `belief.covariance` is relative to the map. `belief.is_lost` is set after consecutive mismatches or at high position
+    uncertainty. Mismatched scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     params: HectorParams
@@ -59,9 +58,8 @@ class Hector(KeyScanSlam):
         return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
-        """Match a scan to the map and update `belief.covariance`."""
         last, belief = self._last_matched_pose() or predicted, self.belief
-        # A new array, because earlier beliefs keep their covariance.
+        # Earlier beliefs keep their covariance.
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
@@ -69,7 +67,7 @@ class Hector(KeyScanSlam):
         return match
 
     def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
-        """Update `belief.is_lost`; arguments and result as in `LocalizationMonitor.update`."""
+        """Update `belief.is_lost`; see `LocalizationMonitor.update`."""
         belief = self.belief
         fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
         if self._monitor.is_found:

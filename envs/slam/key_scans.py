@@ -1,4 +1,4 @@
-"""Base class of the SLAMs: selection and storage of key scans."""
+"""Key scans: selection, storage, and base class of SLAMs."""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
@@ -24,14 +24,13 @@ def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
 
 
 MAX_LOG_ODDS_WITH_PEOPLE = 3.5
-"""Log-odds limit of occupied cells among people (Hornung et al., "OctoMap", 2013, section 3.4): nine observations as
-free clear a cell."""
+"""Log-odds limit among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a cell."""
 POINT_CELL = 0.1
-"""Grid size for thinning the joined points of scans: one point per cell [m]."""
+"""Cell side for thinning joined points, one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
-    """Pose relative to a key scan, so that map corrections can be applied to it later."""
+    """Pose relative to a key scan, for later map corrections."""
 
     key_scan: int
     """Index of the key scan in `Belief.path`."""
@@ -61,7 +60,7 @@ class KeyScans:
         return self._poses.rows
 
     def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
-        """Add a scan, shape (num_beams,), float32 [m], with the pose of the base; return its index."""
+        """Add a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
@@ -72,10 +71,9 @@ class KeyScans:
         return out[:, :count].T
 
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the hits of scans `first` to `last` in the base frame of scan `last`, one per `POINT_CELL`.
+        """Return the joined hits of scans `first` to `last`, base frame of scan `last`, shape (n, 2), float32 [m].
 
-        Shape (n, 2), float32 [m]. Points beyond `max_range` [m] are dropped; at most `max_points` are kept, evenly
-        chosen.
+        Points are thinned to one per `POINT_CELL` within `max_range` [m], and to `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
@@ -89,31 +87,30 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
+    """SLAM that matches and integrates key scans; between them the pose follows odometry.
 
-    A scan is a key scan if the predicted pose differs from the last key pose by `params.min_travel_distance` or
-    `params.min_travel_angle`. With `params.match_every_scan`, every scan is matched, and only scans at such distances
-    are
-    integrated. `process_key_scan` depends only on its arguments and the state after the last key scan: a simulation may
-    compose the motions itself and call it for key scans only.
+    A key scan is `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
+    `params.match_every_scan`, every scan is matched, but only key scans are integrated. `process_key_scan` does not
+    depend on
+    scans between key scans: a simulation may compose their motions and skip them.
     """
 
     meets_people = False
-    """People may be near the robot; limits cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
+    """Limit cells to `MAX_LOG_ODDS_WITH_PEOPLE`, because people leave."""
     unmatched: np.ndarray | None = None
-    """Beams of the next scan to integrate without matching, shape (num_beams,), bool; None for no beams."""
+    """Beams of the next scan to integrate but not match, shape (num_beams,), bool; None for no beams."""
     shares_maps = True
-    """Whether several robots may integrate scans into one map."""
+    """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Build a SLAM for a lidar; `params` are `SlamParams` with `match_every_scan`."""
+        """Build a SLAM; `params` are `SlamParams` with `match_every_scan`."""
         self.params = params
         self._lidar = lidar
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Start at a known pose, map frame, with a new map or a map that is shared between robots."""
+        """Start at a known pose, map frame, with a new or shared map."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
@@ -126,9 +123,9 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a scan: in `reading.ranges`, +inf means no return, and NaN ignores a beam.
+        """Process a scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
 
-        `motion` is the current base pose in the base frame at the previous scan.
+        `motion` is the base motion since the previous scan.
 
         Raises:
             ValueError: if the number of beams is wrong, or the motion is not finite.
@@ -141,15 +138,12 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Return True if a pose is far enough from the last key pose for a new key scan."""
+        """Return True if a pose is far enough from the last key pose."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, shape (num_beams,), float32 [m], and integrate it.
-
-        `predicted` is the pose by odometry since the last key scan, or since the last scan if every scan is matched.
-        """
+        """Match and integrate a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose."""
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
@@ -164,7 +158,7 @@ class KeyScanSlam(ABC):
         return self.belief.pose.compose(motion)
 
     def _last_matched_pose(self) -> Pose2D | None:
-        """Return the pose of the last matched scan; None before the first scan."""
+        """Return the pose of the last matched scan, if any."""
         return self.belief.pose if self.params.match_every_scan and self.last_key_pose else self.last_key_pose
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
@@ -177,4 +171,4 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the matched pose, and the weight of the scan in the map from 0 to 1, or None to not integrate it."""
+        """Return the matched pose and the scan's map weight from 0 to 1; None to skip integration."""

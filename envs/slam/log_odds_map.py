@@ -1,8 +1,8 @@
 """Log-odds occupancy maps at several resolutions.
 
-A cell is a 32-bit word: signed log-odds in the upper 16 bits (9 fractional), and in the lower 16 the number (stamp)
-of the last scan that observed it, 0 for none. The stamp ensures that a scan updates a cell only once. The matcher reads
-a separate array of occupancies in percent.
+A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and a stamp in the lower 16: the number of
+the
+last observing scan, 0 for none. Stamps limit a scan to one observation per cell.
 """
 
 import math
@@ -20,9 +20,9 @@ from .params import MatchingParams
 from .scans import SIDE_START, beam_ends, walk
 
 STAMP_BITS = 16
-"""Bits of a cell word that store the number of the last scan."""
+"""Bits of a cell word for the scan number."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
-"""Largest scan number; afterwards numbering restarts."""
+"""Largest scan number before numbering restarts."""
 LOG_ODDS_UNIT = 1 << 9
 """Log-odds of 1 in fixed-point representation."""
 _HALF = 6 * LOG_ODDS_UNIT
@@ -34,15 +34,14 @@ class LogOddsModel(NamedTuple):
     """Log-odds increments of a scan, fixed-point."""
 
     hit: int
-    """Log-odds added to a cell with a hit, fixed-point."""
+    """Increment of a cell with a hit."""
     passed: int
-    """Negative log-odds added to a cell that beams pass, fixed-point."""
+    """Increment of a cell that beams pass, negative."""
     bound: int
-    """Maximum absolute log-odds of a cell, fixed-point."""
+    """Maximum absolute log-odds of a cell."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
-        """Return the increments for the observed occupancy probabilities."""
         probs = (params.occupied_prob, params.empty_prob)
         hit, passed = (round(LOG_ODDS_UNIT * math.log(prob / (1.0 - prob))) for prob in probs)
         return cls(hit, passed, round(LOG_ODDS_UNIT * params.max_log_odds))
@@ -65,8 +64,7 @@ def observe(word, change, bound, stamp):
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
     """Integrate a scan into one level; return the number of new known cells, with indices in `new_cells`.
 
-    Hits are integrated first, and passing beams do not change them. (Kohlbrecher et al., 2011, instead undo the free
-    observation of a cell that is then hit.)
+    Hits come first, and passing beams do not change them. (Kohlbrecher et al., 2011, undo free observations instead.)
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
@@ -101,19 +99,17 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into all levels of a map that is large enough; return the number of new known cells.
+    """Integrate scans into all levels; return the number of cells that the last scan made known.
 
     Args:
-        words: updated cells by level, finest first, each of shape (height, width), int32.
-        levels: updated occupancies by level, finest first, int8 [percent].
+        words: cells by level, finest first, shape (height, width), int32, updated.
+        levels: occupancies by level, int8 [percent], updated.
         ranges: shape (n, num_beams), float32 [m].
         poses: base poses, shape (n, 3), float64, map frame [m, m, rad].
-        geometry: `ScanGeometry` in cells of the finest level.
-        corner: see `beam_ends`, in cells of the finest level.
-        model: `LogOddsModel`.
-        stamp: number of the first scan; all numbers must be in 1 to `MAX_STAMP` and unused in `words`.
+        geometry: `ScanGeometry` of the finest level, like `corner`; see `beam_ends`.
+        stamp: number of the first scan; new numbers must be unused and at most `MAX_STAMP`.
         ends: scratch space, shape (num_beams, 3), float64.
-        new_cells: output, row and column of cells that the last scan made known, shape (n, 2), int32.
+        new_cells: output, row and column of new known cells, shape (n, 2), int32.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
@@ -129,7 +125,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Set the stamp of all observed cells to 1, which frees the stamps from 2 on."""
+    """Reset stamps of observed cells to 1, to reuse stamps from 2."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:
@@ -137,9 +133,9 @@ def forget_stamps(words):
 
 
 class LogOddsMap(GrowingMap):
-    """Log-odds map at several resolutions for scan matching (Kohlbrecher et al., 2011, section IV.C).
+    """Multi-resolution log-odds map for scan matching (Kohlbrecher et al., 2011, section IV.C).
 
-    Every scan is integrated into every level; coarse levels are not averages of fine levels.
+    Scans are integrated into every level; coarse levels are not averages.
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
@@ -149,7 +145,7 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Cell words by level, each of shape (height, width) / 2^level, int32."""
+        """Cell words by level, shape (height, width) / 2^level, int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
@@ -165,9 +161,9 @@ class LogOddsMap(GrowingMap):
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[tuple[int, int, int, int], int]:
         """Integrate 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
 
-        `poses` are base poses, shape (n, 3), float64, map frame. Returns the extent of the scans (see `beam_ends`) and
-        the
-        number of cells that the last scan made known.
+        `poses` are base poses, shape (n, 3), float64, map frame. Returns the scans' extent, see `beam_ends`, and the
+        number of
+        new known cells of the last scan.
         """
         extent = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
@@ -180,10 +176,7 @@ class LogOddsMap(GrowingMap):
         return extent, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
-        """Replace the cells by those of another map of the same params, which must not be used any more.
-
-        `grid` stays the same object.
-        """
+        """Take the cells of another map, which becomes invalid; `grid` stays the same object."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
 

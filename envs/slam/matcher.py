@@ -16,7 +16,7 @@ from .scans import project_hits
 
 
 class SearchParams(NamedTuple):
-    """Spread and limits of the Monte Carlo search; see `TinySlamParams`."""
+    """Spread and limits of a Monte Carlo search."""
 
     sigma_xy: float
     """Initial standard deviation of candidate positions [cells]."""
@@ -26,19 +26,19 @@ class SearchParams(NamedTuple):
     unvisited: int
     """Map word of an unobserved cell."""
     position_penalty: float = 0.0
-    """Score penalty per squared distance from the predicted position, fixed-point [1/cells^2]."""
+    """Score penalty per squared distance from the prediction, fixed-point [1/cells^2]."""
     heading_penalty: float = 0.0
-    """Score penalty per squared turn from the predicted heading, fixed-point [1/rad^2]."""
+    """Score penalty per squared turn from the prediction, fixed-point [1/rad^2]."""
 
 
 class Search(NamedTuple):
-    """Best pose of a Monte Carlo search, relative to the map's corner [cells, cells, rad]."""
+    """Best pose of a search, from the map's corner [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """Score of the best pose minus its penalty, fixed-point."""
+    """Best score minus its penalty, fixed-point."""
     tried: int
     """Number of candidates tried."""
     accepted: int
@@ -46,17 +46,17 @@ class Search(NamedTuple):
 
 
 class MatcherObserver(Protocol):
-    """Observer of the poses that the matcher tests; notified after the search.
+    """Observer of tested poses, notified after each search.
 
-    Costs are the number of hits minus the sum of their cells' occupancies, plus the penalty of the prior.
+    Cost is the number of hits minus the sum of their occupancies, plus the prior penalty.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """Handle the start of a search at the predicted pose."""
+        """Handle the predicted pose."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Handle the test of a pose, including the predicted pose."""
+        """Handle a tested pose."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
@@ -64,7 +64,7 @@ class MatcherObserver(Protocol):
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Handle the end of a search, with the best pose."""
+        """Handle the result of the search."""
         ...
 
 
@@ -76,11 +76,9 @@ def search_params(params: TinySlamParams) -> SearchParams:
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the summed occupancy of the cells under a scan's hits, fixed-point.
+    """Return the summed occupancy under the hits, fixed-point.
 
-    The original minimises the number of hits minus this sum, with the same best pose. Cells outside the map are
-    unobserved. For
-    the arguments see `match`; `indices`, shape (>= num_points,), uint32, is scratch space.
+    Cells outside are unobserved. See `match`; `indices` is scratch space, shape (>= num_points,), uint32.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -90,7 +88,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
         col = c * points[0, k] - s * points[1, k] + x32
         row = s * points[0, k] + c * points[1, k] + y32
         inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-        # Points outside get index 0, like hits in the map's corner; the loop below corrects them.
+        # Points outside and at the corner have index 0; outside points are corrected below.
         index = np.uint32(np.int32(row) * width + np.int32(col) if inside else 0)
         indices[k] = index
         lowest = min(lowest, index)
@@ -110,27 +108,25 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return the score penalty for the distance of a candidate from the predicted pose, fixed-point."""
+    """Return a candidate's penalty by its distance from the predicted pose, fixed-point."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Search the pose at which a scan fits the map best.
+    """Search the best pose of a scan in a map.
 
-    Candidates are drawn around the best pose. An improvement after more than a third of the allowed failures halves the
-    spread and resets the failures.
+    Candidates are sampled around the best pose. An improvement after a third of the allowed failures halves the spread
+    and
+    resets the failures.
 
     Args:
-        words: the map, shape (height, width), int32.
+        words: map, shape (height, width), int32.
         points: hits, shape (2, >= num_points), float32, base frame [cells].
-        num_points: number of hits.
         pose: predicted x, y from the map's corner [cells] and heading [rad].
-        params: `SearchParams`.
         noise: standard normal, shape (max_tries, 3), float64.
-        trace: output, shape (max_tries + 1, 5), float64: predicted pose and candidates, score minus penalty, and
-            whether the candidate improved the score.
+        trace: output, shape (max_tries + 1, 5), float64: predicted pose and candidates, their scores, whether improved.
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -178,7 +174,7 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
 def notify(
     observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
 ) -> None:
-    """Notify observers of a search from its `trace`, see `match`; `predicted` is in metres."""
+    """Notify observers from a search `trace`; `predicted` is in metres."""
 
     def tell(event: str, *said: Pose2D | float) -> None:
         for observer in observers:

@@ -1,7 +1,7 @@
-"""Relocalization of a lost robot, for example a kidnapped robot, on its own map.
+"""Relocalization of a lost or kidnapped robot on its own map.
 
-The scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al.,
-Real-time loop closure in 2D lidar SLAM, 2016). A single short-range scan is ambiguous; twenty scans seldom are.
+Scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al., Real-time
+loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous; twenty scans seldom are.
 """
 
 import math
@@ -23,10 +23,10 @@ from .params import LoopClosureParams
 from .scans import ScanGeometry
 
 NUM_SCANS = 20
-"""Number of key scans that are matched together."""
+"""Number of key scans matched together."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans before the first search, and between searches. The interval doubles after a failed search, up to
-`MAX_INTERVAL`, because a search costs as much as a hundred matches."""
+"""Key scans before the first search, between searches, and between failed searches at most; the interval doubles,
+because a search costs a hundred matches."""
 COARSE_CELL = 0.1
 """Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
@@ -34,50 +34,47 @@ NUM_LEVELS = 6
 MAX_POINTS, LEAST_POINTS = 300, 40
 """Maximum and minimum number of points for a search."""
 MAX_EVALUATIONS = 500_000
-"""Maximum number of branch-and-bound nodes scored per search."""
+"""Maximum branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from the odometry pose within which less evidence is required [m]: bent maps are more frequent than
-kidnapped robots."""
+"""Distance from odometry with lower required evidence [m]: maps bend more often than robots are kidnapped."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Accumulated lead over rivals required to accept a nearby pose and a distant pose, and maximum contribution of one
-search."""
+"""Accumulated lead over rivals to accept a nearby and a distant pose; maximum lead per search."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Maximum difference of two poses that agree [m], [rad]."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Minimum distance [m] and angle [rad] of rivals from the best coarse pose, and maximum score deficit of a rival."""
+"""Minimum distance [m] and angle [rad] of rivals from a coarse pose, and their maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum lead: merit of the best pose minus merit of the best rival."""
+"""Minimum merit difference between best pose and best rival."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""A robot is lost after `CROSSING_SCANS` consecutive key scans with more than this fraction of beams through occupied
-cells, among at least `LEAST_JUDGED` beams. On a real log the fraction reaches 0.5 before loop closures."""
+"""Fraction of at least `LEAST_JUDGED` beams through occupied cells that, in `CROSSING_SCANS` consecutive key scans,
+means a lost robot. Before loop closures, a real log reaches 0.5."""
 RECOVERY_SCANS = 4
-"""Consecutive key scans that match at the odometry pose after which a robot is no longer lost, as after people leave."""
+"""Consecutive key scans that match at the odometry pose to end a loss, as after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of the four whole-map searches [rad]."""
+"""Central headings of four map searches [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviation of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""Acceptance criteria for a relocalized pose; see `is_accepted`."""
+"""Acceptance criteria for a relocalized pose."""
 MAX_ACCEPTED_CROSSING = 0.08
 """Maximum fraction of beams through occupied cells at an accepted pose."""
 
 
 class LocalizationMonitor:
-    """Monitor that detects consecutive mismatches of scans and map, and relocalizes the robot."""
+    """Monitor that detects a lost robot by mismatched scans, and relocalizes it."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Create a monitor; the robot is lost after `lost_scans` consecutive mismatched key scans.
+        """Create a monitor; `lost_scans` consecutive mismatches mean a lost robot.
 
-        Relocalization or consecutive matches end the loss; a single match can be a coincidence at a wrong pose. Without
-        odometry, scans cannot be joined, and a single match ends the loss.
+        Relocalization or consecutive matches end a loss; without odometry, one match.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Ignore beams through occupied cells, because people may have left these cells."""
+        """Ignore beams through occupied cells, because people may have left."""
         self.reset()
 
     def reset(self) -> None:
@@ -94,7 +91,7 @@ class LocalizationMonitor:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the number of consecutive mismatches reached the limit."""
+        """Whether consecutive mismatches reached the limit."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -105,17 +102,17 @@ class LocalizationMonitor:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a key scan, and return the pose to use instead of its match, or None to accept the match.
+        """Process a key scan; return a pose to use instead of the match, or None to accept the match.
 
         Args:
             ranges: shape (num_beams,), float32 [m].
-            predicted: pose by odometry, map frame.
+            predicted: odometry pose, map frame.
             pose: matched pose, map frame.
-            fits: whether the scan matches; None if too little of the map is known.
-            grid: the map.
+            fits: whether the scan matches; None if too few cells are known.
+            grid: map for relocalization.
 
         Returns:
-            Pose, map frame, if the scan must not be integrated (mismatch, or lost robot); otherwise None.
+            Pose, map frame, if the scan must not be integrated; otherwise None.
         """
         self.is_found = False
         if self.meets_people:
@@ -154,28 +151,21 @@ class LocalizationMonitor:
 
 
 class Relocalizer:
-    """Search of a lost robot on the map by the scans since the loss."""
+    """Map search by the scans since a loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
         self.reset()
 
     def reset(self) -> None:
-        """Delete all scans and accumulated evidence."""
         self._scans = KeyScans(self._lidar)
         self._next, self._interval = LEAST_SCANS, SEARCH_EVERY
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, and search the map if a search is due.
+        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if given, when due.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            pose: pose by odometry.
-            grid: the map; None for no search.
-
-        Returns:
-            Pose of the scan, map frame, once consecutive searches agree without a rival; otherwise None.
+        Returns the pose, map frame, once consecutive searches agree without rivals; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -220,7 +210,6 @@ class Relocalizer:
         return (best.pose if lead >= LEAST_LEAD else None), lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
-        """Return the fit of the joined scans at the best pose near a coarse result."""
         window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
         pose = search(pyramid, points, rough, window, 0.0, MAX_EVALUATIONS).pose or rough
         shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
@@ -228,7 +217,6 @@ class Relocalizer:
         return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
 
     def _crossing(self, field: Field, pose: Pose2D) -> float:
-        """Return the fraction of beams of the joined scans that pass through occupied cells."""
         last = len(self._scans) - 1
         to_map = pose.compose(Pose2D(*self._scans.poses[last].tolist()).inverse())
         counts = np.zeros(2)
@@ -249,9 +237,9 @@ class _Fit(NamedTuple):
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a function that searches the whole map on coarse cells, within 45 degrees of a heading [rad].
+    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad].
 
-    Similar rooms on opposite sides can swap ranks on fine cells, so each quarter of headings is searched separately.
+    Opposite sides of a room look alike on coarse cells, hence one search per quarter.
     """
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape

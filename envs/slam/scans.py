@@ -1,4 +1,4 @@
-"""Lidar scans for SLAM and localization: validation, hits as points, and beam end points in a map."""
+"""Scan validation, hits as points, and beam end points."""
 
 import math
 from typing import NamedTuple, Self
@@ -10,24 +10,24 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position in `walk`, just below half a cell, with 32 fractional bits. A tie between two cells takes
-the cell nearer to the start of the line."""
+"""Initial sideways position in `walk`, just below half a cell, 32 fractional bits: ties go to the cell nearer to the
+start."""
 
 
 class ScanGeometry(NamedTuple):
-    """Beam geometry of a lidar and the map resolution."""
+    """Beam geometry and map resolution."""
 
     directions: np.ndarray
-    """Cosine and sine of the beam directions in the base frame, shape (2, num_beams), float64."""
+    """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
     mount_x: float
     """Lidar position along x in the base frame [m]."""
     mount_y: float
     range_max: float
-    """Maximum range [m]; readings from this range on are not hits."""
+    """Maximum range [m]; readings beyond have no return."""
     resolution: float
     """Side of a map cell [m]."""
     skip_exceeding: bool = False
-    """Ignore beams without a return in mapping; otherwise they clear cells up to the maximum range."""
+    """Ignore beams without a return in mapping."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
@@ -39,7 +39,7 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
     """Return `ranges` as float32.
 
     Raises:
-        ValueError: if the number of beams differs from the lidar's, or the motion is not finite.
+        ValueError: if the number of beams is wrong, or the motion is not finite.
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (lidar.num_beams,):
@@ -51,15 +51,9 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Project the hits of a scan to points in the base frame.
+    """Write hits, x and y, base frame, to `points`, shape (2, num_beams), float32 [cells]; return their number.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
-        geometry: `ScanGeometry`.
-        points: output, x and y of the hits, shape (2, num_beams), float32 [cells].
-
-    Returns:
-        Number of hits.
+    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -73,17 +67,14 @@ def project_hits(ranges, geometry, points):
 
 @njit(cache=True, error_model="numpy")
 def beam_ends(ranges, pose, geometry, corner, ends):
-    """Compute the end points of beams in a map, and the cells that the scan touches.
+    """Return lidar position (x, y) [cells] and extent (col_min, row_min, col_max, row_max) of a scan in a map.
 
     Args:
         ranges: shape (num_beams,), float32 [m]; NaN ignores a beam.
-        pose: x, y, heading of the base, map frame [m, m, rad].
-        geometry: `ScanGeometry`; a beam without a return ends at the maximum range, or is ignored.
-        corner: column and row of the map's first cell, counted from the map frame's origin.
-        ends: output, shape (num_beams, 3), float64: x, y [cells], and 1 for a hit, else 0; NaN for ignored beams.
-
-    Returns:
-        Lidar position (x, y) from the map's corner [cells], and (col_min, row_min, col_max, row_max) of the scan.
+        pose: base pose, map frame [m, m, rad].
+        geometry: `ScanGeometry`.
+        corner: column and row of the map's first cell from the map frame's origin.
+        ends: output, beam ends x, y [cells] and hit flag, shape (num_beams, 3), float64; NaN for ignored beams.
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -108,10 +99,7 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_extent(ranges, poses, geometry, corner, ends):
-    """Return (col_min, row_min, col_max, row_max) of the cells that scans touch; see `beam_ends`.
-
-    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all `poses`, shape (n, 3).
-    """
+    """Return the extent of scans, shape (n, num_beams) or (1, num_beams), at `poses`, shape (n, 3); see `beam_ends`."""
     col_min = row_min = np.int64(1) << 40
     col_max = row_max = -(np.int64(1) << 40)
     for i in range(poses.shape[0]):
@@ -123,10 +111,10 @@ def scans_extent(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return the increments of a straight line over rows and columns of a flattened map.
+    """Return the steps of a straight line in a flattened map.
 
-    The result is the number of steps, the sideways motion per step with 32 fractional bits, and the index increments of
-    a forward and of a sideways step.
+    The result is the number of steps, sideways motion per step (32 fractional bits), and index increments forward and
+    sideways.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

@@ -21,17 +21,13 @@ from .scans import project_hits
 LOST_SCANS = 3
 """Consecutive mismatched key scans after which the robot is lost."""
 WIDE_SPREAD = (0.3, 0.2)
-"""Spread of candidates [m], [rad] in the second search, after a mismatch near the predicted pose (wheel slip)."""
+"""Candidate spread [m], [rad] of the second search, after a mismatch (wheel slip)."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Minimum hits on known cells to judge a scan, and minimum mean occupancy of these cells in the first and in the
-second, wider search."""
+"""Minimum hits on known cells to judge a scan; minimum mean occupancy of these cells in the first and second search."""
 
 
 class KnownPoses(KeyScanSlam):
-    """Mapping at the poses of odometry or ground truth, with the map of TinySLAM.
-
-    Uses only the map parameters of `TinySlamParams`.
-    """
+    """Mapping at odometry or ground-truth poses, with the map parameters of `TinySlamParams`."""
 
     params: TinySlamParams
 
@@ -47,11 +43,11 @@ class TinySlam(KnownPoses):
 
     If only key scans are matched (unlike the original), `belief.is_lost` is set after consecutive mismatches.
     Mismatched
-    scans are not integrated, and a lost robot is searched on the whole map (`relocalization`).
+    scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM for a lidar; `observers` are notified of each search."""
+        """Build a SLAM; `observers` are notified of each search."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(
@@ -62,7 +58,7 @@ class TinySlam(KnownPoses):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start at a known pose with a new or shared map; `rng` generates the candidates."""
+        """Start at a known pose with a new or shared map; candidates are sampled from `rng`."""
         self._odometry = pose
         self._monitor.reset()
         return super().reset(rng, pose, map)
@@ -85,7 +81,7 @@ class TinySlam(KnownPoses):
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:
-        """Return True if hits fall on occupied cells at a pose; None if too few cells are known."""
+        """Return True if hits fall on occupied cells; None if too few cells are known."""
         count = project_hits(ranges, self.map.geometry, self._points)
         x, y = self.map.to_cells(pose.x, pose.y)
         num_known, score = known_score_at((self.map.grid.data,), self._points, count, x, y, pose.theta)
@@ -100,7 +96,7 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
-        """Return the pose where the scan fits best; the object `predicted` if no candidate is better."""
+        """Return the best pose; the object `predicted` if no candidate is better."""
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
         work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)
@@ -110,7 +106,6 @@ class TinySlam(KnownPoses):
         return Pose2D(*pose) if is_better else predicted
 
     def _weighted_search(self, predicted: Pose2D) -> SearchParams:
-        """Return the search parameters with penalties for the motion since the last match."""
         params, last = self.params, self._last_matched_pose()
         if params.prior_weight == 0.0 or last is None:
             return self._search
