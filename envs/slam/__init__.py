@@ -29,12 +29,12 @@ from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
-    """Constructor of a SLAM algorithm and loader of its parameters."""
+    """Builder of a SLAM and loader of its parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
-    """Function that builds the SLAM from a lidar and parameters."""
+    """Function that builds the SLAM from lidar and parameters."""
     load: Callable[..., Any]
-    """Function that returns the parameters of a preset, with changes; see `load_params`."""
+    """Function that returns parameters of a preset; see `load_params`."""
 
 
 SLAMS: dict[str, Kind] = {
@@ -61,13 +61,12 @@ def make_slam(
     """Build a SLAM.
 
     Args:
-        name: one of `SLAM_NAMES`; `module:attribute` or a callable (lidar: `LidarParams`, resolution [m]) ->
-            `Estimator`; or
-            an `Estimator`, which is copied.
+        name: one of `SLAM_NAMES`; an `Estimator`, which is copied; or `module:attribute` or a callable that takes lidar
+            (`LidarParams`) and resolution [m] and returns an `Estimator`.
         lidar: geometry of the scans.
         resolution: side of a map cell [m]; overrides the preset.
         preset: preset name, YAML file, or parameters.
-        odometry_noise: overrides the preset's noise; None keeps it.
+        odometry_noise: overrides the preset; None keeps it.
 
     Raises:
         ValueError: if the name, the preset or the resolution is invalid.

@@ -1,8 +1,7 @@
 """Occupancy grid of TinySLAM and known-pose mapping: cells are means of observations.
 
-A 32-bit cell word has a signed fixed-point occupancy in the upper 20 bits (18 fractional) and an observation count in
-the
-lower 12, for single loads and exact integer sums.
+A 32-bit cell word has a signed fixed-point occupancy in the upper 20 bits (18 fractional) and the number of
+observations in the lower 12. Sums of occupancies are exact.
 """
 
 import math
@@ -27,7 +26,6 @@ FULL_OCCUPANCY = 1 << 18
 """Occupancy 1 in fixed-point representation."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
-"""Weight of an observation by the number of earlier observations, fixed-point."""
 
 
 class InverseSensorModel(NamedTuple):
@@ -69,12 +67,11 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
     """Integrate a scan; return the number of new known cells.
 
     A hit occupies the last cell of a beam, after a ramp of rising occupancy unless the beam is shorter than the ramp.
-    The
-    map must hold the scan; see `beam_ends`.
+    Scan arguments are as in `beam_ends`.
 
     Args:
-        words: cells, updated, shape (height, width), int32.
-        occupancy: shape (height, width), int8 [percent], updated.
+        words: updated cells, shape (height, width), int32.
+        occupancy: updated occupancies, shape (height, width), int8 [percent].
         quality: weight of the scan.
         new_cells: output, row and column of new known cells, shape (n, 2), int32.
     """

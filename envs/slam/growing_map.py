@@ -15,7 +15,7 @@ MAX_CELLS = 1 << 27
 
 
 class GrowingMap:
-    """Occupancy grid centred at the map frame's origin, growing by powers of two.
+    """Occupancy grid that starts around the map frame's origin and grows by powers of two.
 
     Growth replaces the array and origin of `grid`; subclasses pad their own cells in `_pad`.
     """
@@ -45,11 +45,11 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Convert map frame [m] to cells from the map's corner."""
+        """Convert a position from the map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Convert cells from the map's corner to map frame [m]."""
+        """Convert a position from cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
@@ -82,7 +82,6 @@ class GrowingMap:
 
 
 def _growth(size: int, first: int, last: int) -> tuple[int, int]:
-    """Return cells to add before and after, to hold indices `first` to `last`."""
     before = after = 0
     while -first > before:
         before = 2 * before + size

@@ -1,4 +1,4 @@
-"""Hector SLAM: Gauss-Newton scan matching to a log-odds map."""
+"""Hector SLAM: Gauss-Newton scan matching on a log-odds map."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ from .params import HectorParams
 from .relocalization import FOUND_STD, LocalizationMonitor
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""`min_known_score` among people: a group looks like an unmapped wall."""
+"""Minimum matching score among people; a group of people looks like an unmapped wall."""
 
 
 class Hector(KeyScanSlam):

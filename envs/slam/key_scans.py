@@ -24,13 +24,14 @@ def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
 
 
 MAX_LOG_ODDS_WITH_PEOPLE = 3.5
-"""Log-odds limit among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a cell."""
+"""Maximum log-odds of cells among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a
+cell."""
 POINT_CELL = 0.1
-"""Cell side for thinning joined points, one point per cell [m]."""
+"""Cell side for thinning points of joined scans: one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
-    """Pose relative to a key scan, for later map corrections."""
+    """Robot pose relative to a key scan, which map corrections may move later."""
 
     key_scan: int
     """Index of the key scan in `Belief.path`."""
@@ -87,16 +88,15 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and integrates key scans; between them the pose follows odometry.
+    """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
 
-    A key scan is `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
-    `params.match_every_scan`, every scan is matched, but only key scans are integrated. `process_key_scan` does not
-    depend on
-    scans between key scans: a simulation may compose their motions and skip them.
+    A scan is a key scan at `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
+    `params.match_every_scan`, all scans are matched, but only key scans are integrated. A simulation may call
+    `process_key_scan` directly, and compose the motions between key scans itself.
     """
 
     meets_people = False
-    """Limit cells to `MAX_LOG_ODDS_WITH_PEOPLE`, because people leave."""
+    """Whether people are near; limits cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
     """Beams of the next scan to integrate but not match, shape (num_beams,), bool; None for no beams."""
     shares_maps = True
@@ -158,7 +158,6 @@ class KeyScanSlam(ABC):
         return self.belief.pose.compose(motion)
 
     def _last_matched_pose(self) -> Pose2D | None:
-        """Return the pose of the last matched scan, if any."""
         return self.belief.pose if self.params.match_every_scan and self.last_key_pose else self.last_key_pose
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:

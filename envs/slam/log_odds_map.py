@@ -1,8 +1,7 @@
 """Log-odds occupancy maps at several resolutions.
 
-A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and a stamp in the lower 16: the number of
-the
-last observing scan, 0 for none. Stamps limit a scan to one observation per cell.
+A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and, in the lower 16, the number of the last
+observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
 """
 
 import math
@@ -27,7 +26,6 @@ LOG_ODDS_UNIT = 1 << 9
 """Log-odds of 1 in fixed-point representation."""
 _HALF = 6 * LOG_ODDS_UNIT
 _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
-"""Occupancy by log-odds [percent]; 0 or 100 outside the table."""
 
 
 class LogOddsModel(NamedTuple):
@@ -162,8 +160,7 @@ class LogOddsMap(GrowingMap):
         """Integrate 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
 
         `poses` are base poses, shape (n, 3), float64, map frame. Returns the scans' extent, see `beam_ends`, and the
-        number of
-        new known cells of the last scan.
+        number of new known cells of the last scan.
         """
         extent = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:

@@ -118,8 +118,7 @@ def match(words, points, num_points, pose, params, noise, trace):
     """Search the best pose of a scan in a map.
 
     Candidates are sampled around the best pose. An improvement after a third of the allowed failures halves the spread
-    and
-    resets the failures.
+    and resets the failures.
 
     Args:
         words: map, shape (height, width), int32.

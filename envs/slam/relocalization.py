@@ -25,8 +25,8 @@ from .scans import ScanGeometry
 NUM_SCANS = 20
 """Number of key scans matched together."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans before the first search, between searches, and between failed searches at most; the interval doubles,
-because a search costs a hundred matches."""
+"""Key scans before the first search, interval of searches, and limit of the interval, which doubles after failures: a
+search costs a hundred matches."""
 COARSE_CELL = 0.1
 """Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
@@ -38,9 +38,9 @@ MAX_EVALUATIONS = 500_000
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from odometry with lower required evidence [m]: maps bend more often than robots are kidnapped."""
+"""Distance from the odometry pose with lower required evidence [m]; maps bend more often than robots are kidnapped."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Accumulated lead over rivals to accept a nearby and a distant pose; maximum lead per search."""
+"""Accumulated lead over rivals to accept a nearby and a distant pose, and maximum lead per search."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Maximum difference of two poses that agree [m], [rad]."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
@@ -48,8 +48,8 @@ RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
 LEAST_LEAD = 0.05
 """Minimum merit difference between best pose and best rival."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Fraction of at least `LEAST_JUDGED` beams through occupied cells that, in `CROSSING_SCANS` consecutive key scans,
-means a lost robot. Before loop closures, a real log reaches 0.5."""
+"""Fraction of at least `LEAST_JUDGED` beams that may pass through occupied cells; above it in `CROSSING_SCANS`
+consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures."""
 RECOVERY_SCANS = 4
 """Consecutive key scans that match at the odometry pose to end a loss, as after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
@@ -63,7 +63,7 @@ MAX_ACCEPTED_CROSSING = 0.08
 
 
 class LocalizationMonitor:
-    """Monitor that detects a lost robot by mismatched scans, and relocalizes it."""
+    """Monitor that detects a lost robot by mismatched scans and relocalizes it."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
         """Create a monitor; `lost_scans` consecutive mismatches mean a lost robot.
@@ -74,7 +74,7 @@ class LocalizationMonitor:
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Ignore beams through occupied cells, because people may have left."""
+        """Whether to ignore beams through occupied cells, because people may have left."""
         self.reset()
 
     def reset(self) -> None:
@@ -163,7 +163,7 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if given, when due.
+        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, when due.
 
         Returns the pose, map frame, once consecutive searches agree without rivals; otherwise None.
         """
@@ -184,9 +184,9 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose of the robot at the last key scan, map frame, and its lead.
+        """Return the pose at the last key scan, map frame, and its lead over rivals.
 
-        The pose is None where none or more than one will do.
+        The pose is None if unacceptable or ambiguous.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
@@ -227,9 +227,8 @@ class Relocalizer:
 
 
 class _Fit(NamedTuple):
-
     merit: float
-    """Fraction of known hits near occupied cells, minus the fraction in free cells, minus `crossing`."""
+    """Fraction of known hits near occupied cells, minus fractions of free hits and crossing beams."""
     crossing: float
     """Fraction of beams through occupied cells."""
     shares: HitShares

@@ -1,4 +1,4 @@
-"""Scan validation, hits as points, and beam end points."""
+"""Lidar scans: validation, hits as points, and beam end points in a map."""
 
 import math
 from typing import NamedTuple, Self
@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position in `walk`, just below half a cell, 32 fractional bits: ties go to the cell nearer to the
+"""Initial sideways position in `walk`, just below half a cell (32 fractional bits): ties go to the cell nearer to the
 start."""
 
 
@@ -51,7 +51,7 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Write hits, x and y, base frame, to `points`, shape (2, num_beams), float32 [cells]; return their number.
+    """Write the hits of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
 
     `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
     """
@@ -111,10 +111,9 @@ def scans_extent(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return the steps of a straight line in a flattened map.
+    """Return number of steps, sideways motion per step, and forward and sideways index increments of a line.
 
-    The result is the number of steps, sideways motion per step (32 fractional bits), and index increments forward and
-    sideways.
+    The line runs through a flattened map; sideways motion has 32 fractional bits.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

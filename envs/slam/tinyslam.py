@@ -42,8 +42,7 @@ class TinySlam(KnownPoses):
     """TinySLAM of OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025); Steux and El Hamzaoui (2010).
 
     If only key scans are matched (unlike the original), `belief.is_lost` is set after consecutive mismatches.
-    Mismatched
-    scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
+    Mismatched scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:

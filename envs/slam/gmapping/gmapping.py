@@ -29,19 +29,18 @@ def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
 
 
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
-    """Select particles by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
+    """Return particle indices by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
-    `weights` are normalized, shape (n,); `offset` is uniform in [0, 1). Returns ascending particle indices, shape (n,),
-    int64: particle i occurs n w_i times, rounded down or up.
+    `weights` are normalized, shape (n,); `offset` is uniform in [0, 1). Indices have shape (n,), int64, ascending.
     """
     n = len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
 
 
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the covariance of weighted poses, shape (n, 3), about their mean: shape (3, 3), float64 [m, rad].
+    """Return the covariance of weighted poses, shape (n, 3), about their mean, shape (3, 3), float64 [m, rad].
 
-    Headings are relative to the pose `reference`, to avoid wrap-around.
+    Headings are relative to `reference`, which avoids wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
@@ -54,21 +53,15 @@ class GMapping(KeyScanSlam):
     """SLAM by a Rao-Blackwellised particle filter.
 
     Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
-    A particle is a trajectory with its map. At a key scan, its pose is sampled from a proposal distribution around the
-    scan match, and its weight is multiplied by the scan likelihood. Particles are resampled at a low effective sample
-    size.
+    A particle is a trajectory with its map. At a key scan, particle poses are sampled around their scan matches and
+    weighted by the scan likelihood; a low effective sample size triggers resampling.
 
-    The belief has pose and map of the best particle, whose trajectory has the highest likelihood. The best particle
-    takes
-    the mode of its proposal instead of a sample. When another particle becomes best, the map is redrawn, and
-    `belief.path`
-    holds the new trajectory.
+    The belief has pose and map of the best particle, with the most likely trajectory. The best particle takes the mode
+    of its proposal instead of a sample. When another particle becomes best, the map is redrawn, and `belief.path` is
+    the new trajectory.
 
-    `belief.covariance` is the covariance of the particles. `belief.is_lost` is set after consecutive mismatches with
-    the
-    best map, or if the particles spread too far. A lost robot is searched on that map (`relocalization`); meanwhile
-    scans are
-    not integrated, and particles follow odometry.
+    `belief.covariance` is the particles' covariance. `belief.is_lost` is set after consecutive mismatches or at high
+    position spread. A lost robot is searched on the best map (`relocalization`); meanwhile particles follow odometry.
     """
 
     params: GMappingParams
@@ -94,13 +87,13 @@ class GMapping(KeyScanSlam):
         self.log_weights = np.zeros(count)
         """Log importance weights since the last resampling, shape (num_particles,), float64."""
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of the particle trajectories since the reset, shape (num_particles,), float64."""
+        """Log likelihoods of trajectories since the reset, shape (num_particles,), float64."""
         self.best = 0
         """Index of the best particle."""
         self.num_switches = self.num_resamplings = 0
-        """Number of changes of the best particle, and number of resamplings."""
+        """Number of best-particle changes, and of resamplings."""
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
-        # Tree of poses at key scans, with the parent particle at the previous key scan.
+        # Tree of poses at key scans, with parent particles.
         self._poses, self._parents = GrowingArray((count, 3), np.float64, 256), GrowingArray((count,), np.int64, 256)
         self._fits = np.ones(count, dtype=np.bool_)
         self._monitor.reset()
@@ -108,7 +101,7 @@ class GMapping(KeyScanSlam):
         return super().reset(rng, pose)
 
     def finish(self) -> None:
-        """Write the trajectory of the best particle to `belief.path`, one pose per key scan."""
+        """Write the best particle's trajectory to `belief.path`, one pose per key scan."""
         particles, particle = np.empty(len(self._poses), dtype=np.int64), self.best
         for k in range(len(particles) - 1, -1, -1):
             particles[k], particle = particle, self._parents.rows[k, particle]
@@ -149,10 +142,7 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Update the proposal distributions after an odometry motion.
-
-        Returns whether the scan fits the best particle's map; None if too few cells are known.
-        """
+        """Update the proposals; return whether the scan fits the best map, None if too few cells are known."""
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
         stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
@@ -181,13 +171,11 @@ class GMapping(KeyScanSlam):
         return fits_map(self.map.grid, self._points[:, :num_points], found.modes[self.best].tolist(), LEAST_MAP_SHARE)
 
     def _draw(self) -> None:
-        """Sample poses from the proposals; the best particle takes the mode."""
         noise = self.rng.standard_normal((len(self.poses), 3))
         noise[self.best] = 0.0
         self.poses = draw_poses(self._proposals, noise)
 
     def _move(self, motion: Pose2D, pose: Pose2D) -> None:
-        """Move the particles by odometry or to a relocalized pose; weights and maps do not change."""
         if self._monitor.is_found:
             noise = self.rng.standard_normal((len(self.poses), 3)) * FOUND_STD
             noise[self.best] = 0.0
@@ -196,7 +184,7 @@ class GMapping(KeyScanSlam):
             self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
     def _search(self, num_points: int, motion: Pose2D, window: CorrelativeWindow) -> Pose2D:
-        """Return the motion that fits the best particle's map, by correlative search; it serves all particles."""
+        """Return the motion that best fits the best particle's map, for all particles."""
         level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
         predicted = before.compose(motion)
         pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)
@@ -205,7 +193,6 @@ class GMapping(KeyScanSlam):
         return before.between(Pose2D(*self.map.to_metres(x, y), theta))
 
     def _weigh(self) -> np.ndarray:
-        """Update weights and best particle, and resample if due; return the particles' parents."""
         params, count = self.params, len(self.poses)
         gained = params.likelihood_gain * self._proposals.log_likelihoods
         self.log_weights += gained
@@ -225,7 +212,6 @@ class GMapping(KeyScanSlam):
         return parents
 
     def _resample(self, parents: np.ndarray) -> None:
-        """Replace particles by copies of `parents`; the best particle may disappear."""
         self.poses, self._fits = self.poses[parents], self._fits[parents]
         self.log_likelihoods = self.log_likelihoods[parents]
         self.log_weights = np.zeros(len(parents))

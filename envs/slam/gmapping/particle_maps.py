@@ -30,15 +30,15 @@ from .tiles import (
 FIRST_CAPACITY = 1024
 """Initial number of slots in the tile pool; untouched pages use no memory."""
 ROW_BITS = 32
-"""Bit position of the row in a combined cell number, row * 2^32 + column."""
+"""Number of column bits in a combined cell index, row * 2^32 + column."""
 _COLUMN = (1 << ROW_BITS) - 1
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp, level):
-    """Integrate a scan into one map level as `integrate_scans` does; return False if the pool is full.
+    """Integrate a scan into one level; return False if the pool is full.
 
-    After a failure the scan can be integrated again, because stamps prevent double observations.
+    An incomplete scan can be integrated again, because stamps prevent double observations.
     """
     bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
     mask = (1 << bits) - 1
@@ -79,11 +79,9 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Integrate a scan into the selected `Maps`, starting with map `first`.
+    """Integrate a scan into selected `Maps` from map `first` on; return the next map if the pool is full.
 
-    `number` is the number of the scan since the reset; other arguments are as in `log_odds_map.integrate_scans`, with
-    one pose
-    per particle. Returns the index of the first unfinished map when the pool is full, otherwise the number of maps.
+    `number` counts scans since the reset; see `log_odds_map.integrate_scans`. Returns the number of maps when complete.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -97,12 +95,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Update an occupancy grid from a particle's map by the tiles that differ.
+    """Update an occupancy grid by the tiles that differ from a particle's map.
 
-    `shown` are the slots drawn in `occupancy`, shape (num_tiles,), int32; `after` is the last scan drawn. Writes row
-    and
-    column of new known cells to `new_cells`, shape (n, 2), int32. Returns their number, and (col_min, row_min, col_max,
-    row_max) of the updated tiles (minimum above maximum if none).
+    `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes new known cells to
+    `new_cells`, shape (n, 2), int32; returns their number, and (col_min, row_min, col_max, row_max) of updated tiles.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -126,7 +122,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Particle maps with shared tiles; `grid` is the map of the particle rendered last."""
+    """Particle maps with shared tiles; `grid` shows the last rendered particle."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)
@@ -146,7 +142,7 @@ class ParticleMaps(GrowingMap):
         return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
-        """Return the map of a particle at one level, shape of `grid` / 2^level, int8 [percent]."""
+        """Return a particle's map at one level, shape of `grid` / 2^level, int8 [percent]."""
         maps = self.maps
         out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -154,11 +150,11 @@ class ParticleMaps(GrowingMap):
         return out
 
     def resample(self, parents: np.ndarray) -> None:
-        """Replace the maps by copies of their parents' maps, shape (num_particles,), int64."""
+        """Replace maps by copies of their parents', shape (num_particles,), int64."""
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:
-        """Integrate a scan, shape (num_beams,), float32 [m], into the maps with `is_integrated` set.
+        """Integrate a scan, shape (num_beams,), float32 [m], into maps with `is_integrated` set.
 
         `poses` are base poses, shape (num_particles, 3), float64, map frame [m, m, rad].
         """
@@ -173,7 +169,7 @@ class ParticleMaps(GrowingMap):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
-        """Update `grid` to the map of a particle; `is_switched` marks the whole map as redrawn."""
+        """Update `grid` to a particle's map; `is_switched` marks the whole map as redrawn."""
         data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number

@@ -1,9 +1,8 @@
 """Proposal distribution and importance weight of each particle.
 
-The pose posterior is approximated by a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section
-IV.B). Mode and Hessian come from the Gauss-Newton matcher with an odometry prior, not from sampled points as in
-the paper, which saves dozens of evaluations per particle. With the motion covariance P, hit residuals r_i of variance
-k, and distance d of the mode from the odometry pose,
+The pose posterior is a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mode and
+Hessian come from Gauss-Newton matching, not from samples, which saves dozens of evaluations per particle. With motion
+covariance P, hit residuals r_i of variance k, and distance d of the mode from odometry,
 
     S = (P^-1 + H / k)^-1,    log w = -sum r_i^2 / 2k  -  d^T P^-1 d / 2  +  log(det S / det P) / 2,
 
@@ -26,27 +25,25 @@ from .tiles import TileMap, TilePool
 
 
 class Maps(NamedTuple):
-    """Maps of all particles."""
+    """Maps of all particles for matching kernels."""
 
     pool: TilePool
     slots: np.ndarray
     """Pool slot of each tile, shape (num_particles, num_tiles), int32."""
     tiles_wide: int
-    """Number of tiles per row."""
     num_levels: int
     corner: tuple[int, int]
-    """Column and row of the map's first cell, counted from the map frame's origin."""
+    """Column and row of the first cell from the map frame's origin."""
     resolution: float
-    """Side of a finest-level cell [m]."""
 
 
 class Proposals(NamedTuple):
     """Proposal distributions and importance weights of all particles."""
 
     modes: np.ndarray
-    """Modes of the proposals, shape (num_particles, 3), float64, map frame [m, m, rad]."""
+    """Proposal modes, shape (num_particles, 3), float64, map frame [m, m, rad]."""
     covariances: np.ndarray
-    """Covariances of the proposals, shape (num_particles, 3, 3), float64 [m, rad]."""
+    """Proposal covariances, shape (num_particles, 3, 3), float64 [m, rad]."""
     log_likelihoods: np.ndarray
     """Log importance weights up to a common constant, shape (num_particles,), float64."""
     num_known: np.ndarray
@@ -65,7 +62,7 @@ class Proposals(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def prior_cost(prior, x, y, theta):
-    """Return d^T W d for the difference d between a pose, x, y [cells] and heading [rad], and a `PosePrior`."""
+    """Return d^T W d for the difference d between a pose [cells, cells, rad] and a `PosePrior`."""
     dx, dy, turn = x - prior.x, y - prior.y, theta - prior.theta
     own = prior.w_xx * dx * dx + prior.w_yy * dy * dy + prior.w_tt * turn * turn
     return own + 2.0 * (prior.w_xy * dx * dy + prior.w_xt * dx * turn + prior.w_yt * dy * turn)
@@ -73,11 +70,7 @@ def prior_cost(prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _propose(map, num_levels, points, num_points, start, prior, params, max_correction):
-    """Match a scan to a particle's map; return mode, `Fit`, log likelihood, known hits, their score, and validity.
-
-    The log likelihood excludes the covariance term. The mode is invalid if its score is too low or it is more than
-    `max_correction` cells from the prior.
-    """
+    """Match a scan to a particle's map; return mode, `Fit`, log likelihood, known hits, their score, and validity."""
     over = (map, num_levels, points, num_points)
     x, y, theta, fit = refine(*over, start, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = known_score_at(map, points, num_points, x, y, theta)
@@ -91,17 +84,15 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 
 @njit(cache=True, error_model="numpy")
 def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
-    """Compute proposal distribution and importance weight of every particle.
+    """Compute proposal and importance weight of every particle.
 
     Args:
-        maps: `Maps` of the particles.
-        poses: poses at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad].
+        poses: at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad].
         motion: odometry motion since the last key scan.
-        start_motion: motion to the start of the scan match.
-        stds: odometry standard deviations of position per axis [m] and heading [rad].
+        start_motion: motion to the start of matching.
+        stds: odometry standard deviations of position [m] and heading [rad].
         points: hits, shape (2, >= num_points), float32, base frame [cells].
-        num_points: number of hits.
-        params: `MatcherParams`; modes beyond `retry_distance` from the odometry pose are rejected.
+        params: `MatcherParams`; modes beyond `retry_distance` from odometry are rejected.
         out: updated `Proposals`.
     """
     resolution, (col, row) = maps.resolution, maps.corner
@@ -130,7 +121,7 @@ def propose(maps, poses, motion, start_motion, stds, points, num_points, params,
 
 
 def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> None:
-    """Replace proposals by matching alternatives with a summed known occupancy higher by `least_gain`."""
+    """Replace proposals by matching alternatives with a summed occupancy higher by `least_gain`."""
     before, after = (each.num_known * each.known_scores for each in (proposals, others))
     is_better = others.fits & (after > before + least_gain)
     for own, other in zip(proposals, others):
@@ -138,10 +129,9 @@ def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> N
 
 
 def draw_poses(proposals: Proposals, noise: np.ndarray) -> np.ndarray:
-    """Sample a pose from each proposal: mode + L z, with the Cholesky factor L of the covariance.
+    """Return sampled poses, shape (num_particles, 3), float64, map frame [m, m, rad].
 
-    `noise` is z, standard normal, shape (num_particles, 3). Returns poses, shape (num_particles, 3), float64, map frame
-    [m, m, rad].
+    A sample is mode + L z, with standard normal `noise` z and Cholesky factor L of the covariance.
     """
     drawn = np.einsum("pij,pj->pi", np.linalg.cholesky(proposals.covariances), noise)
     poses: np.ndarray = proposals.modes + drawn

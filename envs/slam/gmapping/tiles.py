@@ -1,8 +1,7 @@
 """Tiled maps with copy-on-write.
 
-A pool with reference counts stores all tiles. A map is an index of pool slots; copying a map copies its index. A shared
-tile is copied before it is written. A tile holds `TILE` x `TILE` cells of the finest level, then the coarser levels of
-the same square. A cell has a word of `log_odds_map` and an occupancy in percent.
+A pool with reference counts stores all tiles; a map is an index of pool slots. Shared tiles are copied before writing.
+A tile holds `TILE` x `TILE` finest-level cells, then the coarser levels of the same square.
 """
 
 from typing import NamedTuple
@@ -19,22 +18,22 @@ TILE_BITS = 5
 TILE = 1 << TILE_BITS
 """Side of a tile [cells of the finest level]."""
 EMPTY = 0
-"""Read-only slot of the unknown tile, shared by all maps."""
+"""Read-only slot of the unknown tile."""
 
 
 class TilePool(NamedTuple):
-    """Pool of tiles in slots."""
+    """Pool of map tiles in slots."""
 
     words: np.ndarray
     """Cell words, shape (capacity, cells), int32."""
     occupancy: np.ndarray
     """Occupancies, shape (capacity, cells), int8: -1 unknown, 0 to 100 percent."""
     references: np.ndarray
-    """Number of maps that use each slot, shape (capacity,), int32; `EMPTY` is not counted."""
+    """Number of maps using each slot, shape (capacity,), int32; 0 for `EMPTY`."""
     written: np.ndarray
-    """Number of the last scan integrated into each slot, shape (capacity,), int64."""
+    """Last scan integrated into each slot, shape (capacity,), int64."""
     free: np.ndarray
-    """Stack of unused slots, shape (capacity,), int32; the first `num_free[0]` entries are valid."""
+    """Stack of unused slots, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
     """Number of unused slots, shape (1,), int64."""
 
@@ -47,7 +46,7 @@ def level_start(level):
 
 
 def make_pool(capacity: int, num_levels: int) -> TilePool:
-    """Return a pool with only the `EMPTY` tile."""
+    """Return a pool with the `EMPTY` tile only."""
     cells = level_start(num_levels)
     words, occupancy = np.empty((capacity, cells), dtype=np.int32), np.empty((capacity, cells), dtype=np.int8)
     words[EMPTY], occupancy[EMPTY] = 0, UNKNOWN
@@ -57,7 +56,7 @@ def make_pool(capacity: int, num_levels: int) -> TilePool:
 
 
 def enlarge_pool(pool: TilePool) -> TilePool:
-    """Return a pool of twice the capacity with the same tiles."""
+    """Return a pool of twice the capacity."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
     words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
@@ -68,9 +67,9 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return the slot of a tile for writing, after copying a shared tile; -1 if the pool is full.
+    """Return a writable slot for a tile, copying it if shared; -1 if the pool is full.
 
-    `index` is the updated slots of the map, shape (num_tiles,), int32; `number` is the number of the scan to integrate.
+    `index` are the map's slots, shape (num_tiles,), int32, updated; `number` is the scan to integrate.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -88,10 +87,7 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace maps by copies of others, whose numbers are `parents`, shape (num_maps,), int64.
-
-    `index` has shape (num_maps, num_tiles), int32: slots of the maps, written.
-    """
+    """Replace maps in `index`, shape (num_maps, num_tiles), int32, by copies of `parents`, shape (num_maps,), int64."""
     index[:] = index[parents]
     used = pool.references > 0
     pool.references[:] = np.bincount(index.ravel(), minlength=len(used))
@@ -107,15 +103,14 @@ class TileMap(NamedTuple):
     occupancy: np.ndarray
     """Flattened occupancies of the pool, shape (capacity * cells,), int8."""
     cells: int
-    """Number of cells per tile, all levels."""
+    """Cells per tile, all levels."""
     slots: np.ndarray
     """Pool slot of each tile, shape (num_tiles,), int32."""
     tiles_wide: int
-    """Number of tiles per row."""
+    """Number of tiles per map row."""
 
 
 class _TileLevel(NamedTuple):
-
     occupancy: np.ndarray
     height: int
     width: int
@@ -140,7 +135,6 @@ def _at_level_of_tiles(map, level):
 
 @njit(cache=True, error_model="numpy")
 def _cell_at(view, row, col):
-    """Return the index of a cell in the flattened occupancies."""
     mask = (1 << view.bits) - 1
     slot = view.slots[(row >> view.bits) * view.tiles_wide + (col >> view.bits)]
     return np.uint64(slot * view.cells + view.start + ((row & mask) << view.bits) + (col & mask))
@@ -165,7 +159,7 @@ def _neighbours_in_tiles(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def unpack_level(map, level, out):
-    """Write the occupancies of a level to `out`, int8, initially unknown (-1)."""
+    """Write a level's occupancies to `out`, int8, initially -1 (unknown)."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
     for tile in range(map.slots.shape[0]):

@@ -1,8 +1,4 @@
-"""Graph SLAM: submaps, loop closures, and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
-
-Local SLAM is never corrected. After an optimisation, the map is rendered again from all nodes over several key scans;
-pose and map then change together.
-"""
+"""Graph SLAM: submaps, loop closures, and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016)."""
 
 from functools import cache
 
@@ -31,18 +27,13 @@ FINAL_ITERATIONS = 10
 class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
 
-    Each key scan has bounded work: at most one loop-closure search, and one iteration of optimisation or some nodes of
-    map
-    rendering. No optimisation starts during rendering.
+    Work per key scan is bounded: one loop-closure search, and either one optimisation iteration or some map rendering.
+    Pose and map change together, after the corrected map is complete.
 
-    The robot's pose is Hector's in the live map. Local SLAM matches scans to submaps for the constraints of the graph,
-    which
-    are independent of map distortion. `belief.covariance` is relative to the live map, without future graph
-    corrections.
-    `belief.is_lost` is set after consecutive mismatches with the submap or live map, or if the position is too
-    uncertain.
-    A lost robot adds no nodes; after relocalization a loop closure constrains the next node to the nearest earlier
-    node.
+    The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for the
+    graph's constraints. `belief.covariance` is relative to the live map. `belief.is_lost` is set after consecutive
+    mismatches or at high position uncertainty. A lost robot adds no nodes; after relocalization, a loop closure
+    constrains the next node to the nearest earlier node.
     """
 
     shares_maps = False
@@ -64,7 +55,7 @@ class GraphSlam(Hector):
         self.graph = PoseGraph()
         """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses of nodes in the local frame, which starts at the robot."""
+        """Scans and poses of nodes, local frame (origin at the start pose)."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -83,7 +74,7 @@ class GraphSlam(Hector):
 
     @property
     def pose_graph(self) -> PoseGraphView:
-        """Pose graph of submaps, nodes and constraints; valid until the next scan."""
+        """Current pose graph; valid until the next scan."""
         return PoseGraphView(self.graph.arrays)
 
     @property
@@ -96,7 +87,7 @@ class GraphSlam(Hector):
         return Anchor(node, pose.between(self.belief.pose))
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match and integrate a scan, then continue loop closure, optimisation or rendering."""
+        """Match and integrate a scan, then continue loop closure or map correction."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
         if self._monitor.has_mismatch:
@@ -111,7 +102,7 @@ class GraphSlam(Hector):
         return belief
 
     def finish(self) -> None:
-        """Complete all searches and the optimisation, and render the final map; `belief.path` holds the node poses."""
+        """Complete searches and optimisation, and render the final map; `belief.path` holds node poses."""
         while self.search.num_waiting:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
@@ -134,8 +125,7 @@ class GraphSlam(Hector):
         if self.last_key_pose is None:
             return predicted, 1.0
         by_local_slam = self._correction.compose(self.local.pose)
-        # Local SLAM predicts better than odometry that needs correction at every scan; good odometry predicts better
-        # than local SLAM, whose matching errors add up.
+        # Local SLAM predicts better than poor odometry, but its errors add up; good odometry predicts better.
         match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
         # A submap bends less than the map, but lacks older observations.
         points = self._points[:, : match.num_hits]
@@ -153,7 +143,6 @@ class GraphSlam(Hector):
         return pose, 1.0
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Add a node, and integrate its scan into the live map."""
         is_relocalized = len(self.nodes) > 0 and not self.local.active
         node = self.local.add_node(ranges)
         self._add_to_graph(node)
@@ -165,7 +154,6 @@ class GraphSlam(Hector):
         return self.map.integrate(ranges, pose)
 
     def _add_to_graph(self, node: int) -> None:
-        """Add a local node, its constraints, and any new submap to the graph."""
         local, correction = self.local, self._graph_correction
         self.graph.add_node(correction.compose(local.pose))
         for submap in local.active:
@@ -176,7 +164,7 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Constrain the first node after a relocalization to the submap of the nearest node."""
+        """Constrain the first node after relocalization to the nearest node's submap."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])
@@ -185,7 +173,6 @@ class GraphSlam(Hector):
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
 
     def _close_loop(self) -> None:
-        """Run one loop-closure search, and start an optimisation if due."""
         loop = self.search.search_next()
         added = [] if loop is None else self._confirmation.add(loop)
         self._loop_nodes += len(added) > 0
@@ -214,7 +201,6 @@ class GraphSlam(Hector):
             self._rendering = MapRendering(params, self._lidar)
 
     def _replace_map(self, map: LogOddsMap) -> None:
-        """Replace map, pose and path by those of the optimised graph."""
         after = self.graph.arrays.nodes.copy()
         correction = Correction(self._mapped.rows.copy(), after)
         self.belief.update = replace_cells(self.map, map, correction)
@@ -230,7 +216,7 @@ class GraphSlam(Hector):
 
 @cache
 def load_kernels() -> None:
-    """Compile the kernels of loop closure and optimisation once per process, so that no scan waits for them."""
+    """Compile loop-closure kernels once per process, before the first scan."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
     local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)

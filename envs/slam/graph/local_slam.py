@@ -26,7 +26,7 @@ def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParam
 
 
 class LocalSlam:
-    """Local SLAM: matches scans to a submap, and builds nodes and submaps in the local frame."""
+    """Local SLAM: matches scans to submaps, and builds nodes and submaps in the local frame."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore) -> None:
         self._params, self._lidar, self._nodes = params, lidar, nodes
@@ -36,16 +36,15 @@ class LocalSlam:
         self.pose = Pose2D(0.0, 0.0, 0.0)
         """Base pose at the last matched scan, local frame."""
         self.travelled = 0.0
-        """Distance travelled [m]."""
         self.active: list[int] = []
-        """Indices of submaps under construction, oldest first; scans are matched to the oldest."""
+        """Indices of unfinished submaps, oldest first; scans match the oldest."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Update the pose by a scan; return whether the scan fits the submap, as `fits_map` does.
+        """Update the pose by a scan, shape (num_beams,), float32 [m]; return the result of `fits_map`.
 
-        `ranges` has shape (num_beams,), float32 [m]; `motion` is the odometry motion since the last matched scan.
+        `motion` is the odometry motion since the last matched scan.
         """
         before = self.pose
         self.pose = predicted = before.compose(motion)
@@ -60,7 +59,7 @@ class LocalSlam:
         dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
         stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
         for other in self.active[1:]:
-            # Same correction as that of the first submap's covariance by the matcher.
+            # Same correction as the matcher's for the first submap.
             covariance = self._covariances[other]
             predict_covariance(covariance, dx, dy, *stds)
             if match.fits:
@@ -75,12 +74,12 @@ class LocalSlam:
         return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
-        """Continue at another pose, local frame; the next node starts a new submap."""
+        """Continue at another pose, local frame, with a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
         self._nodes.break_off()
 
     def add_node(self, ranges: np.ndarray) -> int:
-        """Add a node at the current pose to the active submaps; start and finish submaps when due."""
+        """Add a node to the active submaps; start and finish submaps when due."""
         nodes = self._nodes
         if not self.active or len(nodes) % self._params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]

@@ -1,7 +1,7 @@
 """Loop-closure search between nodes and finished submaps.
 
-Search windows grow with the path length through the graph, like the pose error. A large correction is accepted only
-after a second loop closure agrees.
+Search windows grow with path length in the graph, like pose errors. Large corrections need confirmation by a second
+loop closure.
 """
 
 import dataclasses
@@ -27,45 +27,45 @@ from .local_slam import submap_params
 from .nodes import NodeStore
 
 HALF_WIDTH, HALF_WIDTH_GROWTH, MAX_HALF_WIDTH = 0.5, 0.06, 4.0
-"""Half width of the search window: minimum [m], growth per metre of path, and maximum [m]."""
+"""Half width of search windows: minimum [m], growth per metre of path, maximum [m]."""
 HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
-"""Half angle of the search window: minimum [rad], growth per metre of path [rad/m], and maximum [rad]."""
+"""Half angle of search windows: minimum [rad], growth per metre of path [rad/m], maximum [rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance from a node to the nodes of a submap for a search, without pose uncertainty [m]."""
+"""Maximum distance between a node and a submap for a search, apart from pose uncertainty [m]."""
 MAX_UNCONFIRMED = 0.25
-"""Largest correction accepted without confirmation by a second loop closure [m]."""
+"""Maximum correction without confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
-"""Maximum node distance between two confirming loop closures, and maximum difference of their corrections [m], [rad]."""
+"""Maximum difference between confirming loop closures: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5
 """Levels of the search pyramid; the top level has maxima over 16 cells."""
 MAX_RANGE, MAX_POINTS = 12.0, 1200
-"""Maximum range [m] and number of points that are matched."""
+"""Maximum range [m] and number of matched points."""
 SEARCH_SHARE = 0.8
-"""Minimum score of the search, before refinement, as a fraction of the acceptance score."""
+"""Minimum search score before refinement, relative to the acceptance score."""
 NUM_SKIPPED_SUBMAPS = 2
-"""Number of newest finished submaps to skip, because the robot has just left them."""
+"""Newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Map parameters of searched submaps that differ from matched submaps: log-odds of 2.2 and -0.41."""
+"""Map parameters for searched submaps; log-odds of 2.2 and -0.41."""
 NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Loop(NamedTuple):
-    """Loop closure: measured pose of a node in a submap."""
+    """Loop closure between a node and a submap."""
 
     node: int
     submap: int
     relative: Pose2D
     """Measured pose of the node, submap frame."""
     covariance: np.ndarray
-    """Covariance of the measured pose, shape (3, 3), submap frame [m^2, rad^2]."""
+    """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
     """Pose of the node before the loop closure, map frame."""
     after: Pose2D
-    """Pose of the node by the loop closure, map frame."""
+    """Pose of the node after the loop closure, map frame."""
 
 
 def window_size(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of the search window by path length in the graph [m]."""
+    """Return half width [m] and half angle [rad] of a search window by path length [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
@@ -74,10 +74,10 @@ def window_size(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return the shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
+    """Return the shortest path length in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Path lengths measure relative pose uncertainty. Successive submaps are connected by the travelled distance, loop
-    constraints have length 0. `home` and `travelled` are as in `NodeStore`.
+    Successive submaps are connected by the travelled distance, loop constraints have length 0. See `NodeStore` for
+    `home` and `travelled`.
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])
@@ -102,14 +102,14 @@ def path_lengths(constraints, home, travelled, source):
 def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
     """Return the distance from a node to the nearest node of each submap [m].
 
-    `nodes` has shape (num_nodes, 3); `spans` is as in `NodeStore`, without empty submaps.
+    `nodes` has shape (num_nodes, 3); `spans` is from `NodeStore`.
     """
     far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
     return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
 
 
 class LoopSearch:
-    """Queue of loop-closure searches, one submap per call for bounded work per scan."""
+    """Queue of loop-closure searches, one submap per call."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
@@ -119,7 +119,7 @@ class LoopSearch:
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
-        """Queue searches of a node in the nearby submaps among the first `num_finished`."""
+        """Queue searches of a node in nearby submaps among the first `num_finished`."""
         for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self._queue.append((node, submap, window))
@@ -130,11 +130,9 @@ class LoopSearch:
 
     @property
     def num_waiting(self) -> int:
-        """Number of queued searches."""
         return len(self._queue)
 
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
-        """Return the nearest submaps among the first `count`, with their search windows."""
         params, nodes = self._params, self._nodes
         if count <= 0:
             return []
@@ -152,7 +150,7 @@ class LoopSearch:
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
-        """Search a node in a submap; `window` is the half width [m] and half angle [rad]."""
+        """Search a node in a submap; `window` is half width [m] and half angle [rad]."""
         params, loops = self._params, self._params.loops
         points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
         if len(points) == 0:
@@ -172,7 +170,6 @@ class LoopSearch:
         return Loop(node, submap, pose, covariance, before, frame.compose(pose))
 
     def _rendered(self, submap: int) -> tuple[Field, Pyramid]:
-        """Return field and pyramid of a finished submap, cached for the most recently used submaps."""
         kept = self._kept.pop(submap, None)
         if kept is None:
             map = LogOddsMap(self._field_params, self._lidar)
@@ -186,10 +183,7 @@ class LoopSearch:
 
 
 def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: int) -> Pose2D:
-    """Refine a pose in a field by at most `iterations` Gauss-Newton steps, without prior.
-
-    `points` are hits, shape (n, 2), float32, base frame [m].
-    """
+    """Refine a pose in a field by Gauss-Newton without prior; `points` has shape (n, 2), float32, base frame [m]."""
     x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta
     cells = np.ascontiguousarray(points.T / np.float32(resolution))
@@ -199,18 +193,18 @@ def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: 
 
 
 class Confirmation:
-    """Filter that holds large corrections until a second loop closure agrees."""
+    """Filter that delays large corrections until confirmed."""
 
     def __init__(self) -> None:
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Add a loop closure; return the accepted loop closures: none, this, or this and an earlier one."""
+        """Return the loop closures accepted now: none, `loop`, or `loop` and an earlier one."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]
         for each in self._pending:
-            # Both closures imply the same correction at the second node.
+            # Both closures agree on the pose of the second node.
             expected = each.after.compose(each.before.between(loop.before))
             limits = (CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE)
             if each.node != loop.node and not has_moved(*expected, *loop.after, *limits):

@@ -1,4 +1,4 @@
-"""Nodes of graph SLAM with their scans and submaps, and map rendering from nodes."""
+"""Scans and submaps of nodes, and map rendering."""
 
 import numpy as np
 
@@ -21,11 +21,10 @@ FINAL_STDS = np.array([0.05, 0.05, 0.01])
 
 
 class NodeStore(KeyScans):
-    """Scans of all nodes, and the range of nodes in each submap.
+    """Scans of all nodes, and node ranges of submaps.
 
-    The local frame is the uncorrected frame of the scan matcher. A submap frame has its origin at the submap's first
-    node and
-    the axes of the local frame.
+    The local frame is the uncorrected frame of scan matching. A submap frame has its origin at the submap's first node,
+    and axes of the local frame.
     """
 
     def __init__(self, lidar: LidarParams) -> None:
@@ -37,7 +36,6 @@ class NodeStore(KeyScans):
 
     @property
     def num_submaps(self) -> int:
-        """Number of submaps."""
         return len(self._submaps)
 
     @property
@@ -47,16 +45,16 @@ class NodeStore(KeyScans):
 
     @property
     def spans(self) -> np.ndarray:
-        """First node of each submap and the end of its node range, shape (num_submaps, 2), int64."""
+        """First node and end of each submap's node range, shape (num_submaps, 2), int64."""
         return self._submaps.rows
 
     @property
     def travelled(self) -> np.ndarray:
-        """Distance travelled by the robot at the start of each submap, shape (num_submaps,), float64 [m]."""
+        """Travelled distance at the start of each submap, shape (num_submaps,), float64 [m]."""
         return self._travelled.rows
 
     def break_off(self) -> None:
-        """Mark that odometry does not connect later nodes with earlier nodes."""
+        """Mark that odometry does not connect earlier nodes with later nodes."""
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
@@ -65,7 +63,7 @@ class NodeStore(KeyScans):
         return self._submaps.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
-        """Add a node at a pose, local frame, to `submaps`, newest last; return its index."""
+        """Add a node at a local-frame pose to `submaps`, newest last; return its index."""
         node = self.add(ranges, pose)
         self._home.append(submaps[-1])
         self.spans[submaps, 1] = node + 1
@@ -77,27 +75,26 @@ class NodeStore(KeyScans):
         return Pose2D(x, y, 0.0)
 
     def submap_scans(self, submap: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the scans of a submap, shape (n, num_beams), float32, and their poses, shape (n, 3), submap frame."""
+        """Return scans, shape (n, num_beams), float32, and poses, shape (n, 3), submap frame, of a submap."""
         first, last = self.spans[submap].tolist()
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the joined points of up to `count` nodes that odometry connects with `node`; see `joined_points`."""
+        """Return joined points of up to `count` nodes connected with `node` by odometry; see `joined_points`."""
         return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
 
 
 class MapRendering:
-    """Map rendered from nodes in order of time, a few at a time."""
+    """Incremental map rendering from nodes."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
         self.map = LogOddsMap(params, lidar)
         self.count = 0
-        """Number of integrated nodes."""
 
     def add(self, nodes: NodeStore, poses: np.ndarray, num_cells: float) -> bool:
         """Integrate the next nodes at `poses`, shape (num_nodes, 3), map frame; return True when complete.
 
-        Integrates nodes with up to `num_cells` cells along their beams, at least one node.
+        At least one node is integrated; the beams of all have up to `num_cells` cells.
         """
         geometry = self.map.geometry
         ranges = nodes.ranges[self.count : self.count + MAX_BATCH]
@@ -115,7 +112,7 @@ class MapRendering:
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the cells of a map by those of another map; return the map update."""
+    """Replace the cells of a map by another map's; return the map update."""
     live.take_cells(other)
     height, width = live.grid.data.shape
     window = Window(0, 0, width - 1, height - 1)
@@ -123,7 +120,7 @@ def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -
 
 
 def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
-    """Return True if any pose, shape (n, 3), moved by more than a distance [m] or angle [rad]."""
+    """Return True if any pose, shape (n, 3), moved more than a distance [m] or angle [rad]."""
     if len(before) == 0:
         return False
     moved = after - before

@@ -1,9 +1,8 @@
-"""Branch-and-bound scan matching of points to an occupancy field.
+"""Branch-and-bound scan matching to an occupancy field.
 
 Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. The score of a pose is the mean field value at
-the
-points. A search node is a heading and a square of 2^l x 2^l offsets; level l of a pyramid of maxima bounds its score
-from above. The result equals exhaustive search over the pose grid.
+the points. A search node is a heading with a square of 2^l x 2^l offsets; level l of a pyramid of maxima gives its
+upper bound.
 """
 
 import math
@@ -20,40 +19,38 @@ from .fields import FULL_PERCENT, Pyramid
 NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
 """Empty exclusion region: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
-"""Rank before any leaf is found."""
 
 
 class SearchWindow(NamedTuple):
-    """Pose window of a branch-and-bound search around the predicted pose."""
+    """Pose window of a branch-and-bound search."""
 
     half_width: float
     """Maximum offset along x and y [m]."""
     half_angle: float
     """Maximum change of heading [rad]."""
     angle_step: float
-    """Step between headings [rad]; see `angle_step`."""
+    """Step between headings [rad]."""
 
 
 class SearchResult(NamedTuple):
     """Result of a branch-and-bound search."""
 
     pose: Pose2D | None
-    """Best pose, frame of the field; None if no pose reaches the minimum score."""
+    """Best pose, frame of the field; None if below the minimum score."""
     score: float
-    """Mean field value at the points, from 0 to 1; 0 if no pose was found."""
+    """Mean field value at the points, from 0 to 1."""
     evaluations: int
-    """Number of search nodes scored."""
     is_complete: bool
     """False if the evaluation limit ended the search."""
 
 
 class Grid(NamedTuple):
-    """Cells of the points at each heading of a search window."""
+    """Point cells at each heading of a search window."""
 
     cells: np.ndarray
     """Cell index of each point that may hit the field, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Number of valid columns in `cells`, shape (num_headings,), int64."""
+    """Valid columns of `cells`, shape (num_headings,), int64."""
     reach: int
     """Maximum offset [cells]."""
     num_turns: int
@@ -61,10 +58,8 @@ class Grid(NamedTuple):
 
 
 class _Best(NamedTuple):
-
     total: int
     rank: int
-    """Tie-breaker among equal totals; the lowest rank wins."""
     turn: int
     row: int
     col: int
@@ -83,7 +78,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the `Grid` of points around a pose, shifted by `-shift` cells along x and y."""
+    """Return the cells of points around a pose, shifted by `-shift` cells."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -109,7 +104,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of the cells of a level, shape (n,), uint8, at points moved by `offset` cells."""
+    """Return the sum of the level cells, shape (n,), uint8, at points moved by `offset` cells."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -119,7 +114,6 @@ def total_at(level, grid, turn, offset):
 
 @njit(cache=True, error_model="numpy")
 def _rank(grid, turn, row, col):
-    """Return the unique rank of a pose, lowest for the pose nearest to the predicted pose."""
     side, turned = 2 * grid.reach + 1, turn - grid.num_turns
     order = 2 * abs(turned) - (1 if turned < 0 else 0)
     nearness = (row * row + col * col) * (2 * grid.num_turns + 1) + order
@@ -128,10 +122,7 @@ def _rank(grid, turn, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _score_top(levels, width, grid, least, limit):
-    """Score the top level; return promising nodes, the number of nodes scored, and whether all were scored.
-
-    The nodes have shape (n, 4), int64: total (at least `least`), turn, row and column of the offset.
-    """
+    """Return top-level nodes (total, turn, row, column), number of scored nodes, and completeness."""
     top = levels.shape[0] - 1
     side = 1 << top
     per_axis = 2 * grid.reach // side + 1
@@ -153,10 +144,7 @@ def _score_top(levels, width, grid, least, limit):
 
 @njit(cache=True, error_model="numpy")
 def _descend(levels, width, grid, node, best, budget, excluded):
-    """Search below a top node, depth first, without leaves in the `excluded` disc and heading range.
-
-    Returns the best leaf, the number of nodes scored, and whether `budget` sufficed.
-    """
+    """Search below a top node, depth first; return best leaf, nodes scored, and completeness."""
     far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
@@ -221,15 +209,13 @@ def search(
 ) -> SearchResult:
     """Search a window for the pose at which points fit a field best.
 
-    The pose grid has steps of one cell and `window.angle_step`. Ties go to the pose nearest to the predicted pose.
+    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the prediction.
 
     Args:
-        pyramid: maxima of the field.
         points: shape (n, 2), float32, base frame [m].
         pose: predicted pose, frame of the field.
-        window: poses to search.
         min_score: minimum mean field value at the points, from 0 to 1.
-        max_evaluations: maximum number of search nodes scored.
+        max_evaluations: maximum number of scored nodes.
         excluded: region to skip; see `NO_EXCLUSION`.
 
     Raises:

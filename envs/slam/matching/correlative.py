@@ -9,7 +9,7 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
-"""Maximum number of hits scored per pose, evenly chosen."""
+"""Maximum hits scored per pose, evenly chosen."""
 TURN_STEP = 0.03
 """Step between headings [rad]."""
 PENALTY = 0.01
@@ -42,7 +42,6 @@ def _total_inside(flat, indices, shift, unknown):
 
 @njit(cache=True, error_model="numpy")
 def _total(occupancy, cells, up, right, unknown):
-    """Return the summed occupancy of shifted cells, shape (2, n): rows, columns."""
     height, width = occupancy.shape
     total = 0
     for k in range(cells.shape[1]):
@@ -56,15 +55,13 @@ def _total(occupancy, cells, up, right, unknown):
 
 @njit(cache=True, error_model="numpy")
 def search_window(occupancy, scale, points, num_points, pose, window):
-    """Return the best pose of a window: mean occupancy under the hits minus the prior penalty.
+    """Return the pose in a window with the highest mean occupancy under the hits, minus a prior penalty.
 
     Args:
         occupancy: shape (height, width), int8 [percent], -1 unknown.
-        scale: ratio of finest-level cell side to cell side of `occupancy`.
-        points: hits, shape (2, >= num_points), float32, base frame [finest cells].
-        num_points: number of hits, at least 1.
-        pose: predicted x, y from the map's corner [finest cells] and heading [rad], like the result.
-        window: `CorrelativeWindow`.
+        scale: cells of `occupancy` per cell of the finest map, the unit of other arguments.
+        points: hits, shape (2, >= num_points), float32, base frame [cells].
+        pose: predicted x, y from the map's corner [cells] and heading [rad], like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

@@ -1,4 +1,4 @@
-"""Covariance propagation by odometry and correction by scan matches."""
+"""Pose covariance: prediction by odometry, correction by scan matching."""
 
 import math
 from typing import NamedTuple, Self
@@ -9,7 +9,7 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""Contribution of map noise per hit to each eigenvalue of the translational Hessian [1/cells^2]."""
+"""Share of map noise in the eigenvalues of the translational Hessian, per hit [1/cells^2]."""
 
 
 class NoiseRecord(NamedTuple):
@@ -28,20 +28,17 @@ class NoiseRecord(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def motion_stds(noise, travelled, turn):
-    """Return the standard deviations of position [m] and heading [rad] after a motion.
-
-    `noise` is a `NoiseRecord`, `travelled` the distance [m], and `turn` the change of heading [rad].
-    """
+    """Return standard deviations of position [m] and heading [rad] after a distance [m] and a turn [rad]."""
     heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
     return noise.position_std + noise.position_per_metre * travelled, heading_std
 
 
 @njit(cache=True, error_model="numpy")
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
-    """Return the Hessian entries xx, xy, xt, yy, yt without the information from map noise.
+    """Return Hessian entries xx, xy, xt, yy, yt without the information from map noise.
 
-    Noise gradients would claim a position along a corridor that no wall supports. `noise` is subtracted from both
-    eigenvalues of the position block, and other entries are scaled to keep the matrix positive semidefinite.
+    Noise gradients would constrain positions along corridors. `noise` is subtracted from both position eigenvalues;
+    other entries are scaled to keep the matrix positive semidefinite.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)
@@ -85,9 +82,7 @@ def invert(p, out):
 def predict_covariance(p, dx, dy, position_std, heading_std):
     """Propagate a pose covariance by a motion (dx, dy) [m], map frame, in place.
 
-    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), with the motion Jacobian F; `p` has shape (3,
-    3),
-    float64 [m, rad].
+    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), with motion Jacobian F.
     """
     variance = p[2, 2]
     x, y = p[0, 2], p[1, 2]
@@ -101,11 +96,10 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 
 @njit(cache=True, error_model="numpy")
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
-    """Correct the covariance of a predicted pose by a match, in place: P <- (P^-1 + H / k)^-1.
+    """Correct a predicted pose covariance by a match, in place: P <- (P^-1 + H / k)^-1.
 
-    `p` has shape (3, 3), float64 [m, rad]; H is the Hessian of `fit`, k the residual variance, and `resolution` the
-    side of
-    a finest-level cell [m]. Returns the ratio of determinants, after to before.
+    H is the Hessian of `fit`, k the residual variance, and `resolution` the cell side [m]. Returns the ratio of
+    determinants, after to before.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
     information = p.copy()
@@ -121,6 +115,6 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
 
 
 def position_std(covariance: np.ndarray) -> float:
-    """Return the standard deviation of the position in its least certain direction [m]."""
+    """Return the largest position standard deviation over all directions [m]."""
     (xx, xy, _), (_, yy, _), _ = covariance.tolist()
     return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

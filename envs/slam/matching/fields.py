@@ -1,4 +1,4 @@
-"""Occupancy fields for point matching, and consistency checks between scans and maps."""
+"""Occupancy fields, and consistency checks between scans and maps."""
 
 import math
 from typing import NamedTuple, Self
@@ -13,16 +13,15 @@ from ..params import LoopClosureParams
 FULL_PERCENT = 100
 """Field value with score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy thresholds [percent]: known cells above 50 are occupied, others free; above 65 certainly occupied, as in
-ROS."""
+"""Occupancy thresholds [percent]: occupied above 50, certainly occupied above 65 as in ROS; other known cells are free."""
 LEAST_HITS = 40
 """Minimum number of hits on known cells for `fits_map`."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Minimum fraction of hits near occupied cells, of a whole map (which may bend) and of a submap."""
+"""Minimum fraction of hits near occupied cells, for a map, which may bend, and for a submap."""
 
 
 GRAZING_LENGTH = 0.3
-"""Last part of a beam that `count_crossings` skips [m]: a grazing beam touches wall cells before its hit."""
+"""Length of the beam end that `count_crossings` skips [m]; grazing beams touch wall cells before their hit."""
 
 
 class Field(NamedTuple):
@@ -34,11 +33,10 @@ class Field(NamedTuple):
     """Corner of cell (0, 0) along x [m]."""
     y: float
     resolution: float
-    """Side of a cell [m]."""
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Return the known part of a grid; one unknown cell if nothing is known."""
+        """Return the known part of a grid, or one unknown cell."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -50,7 +48,7 @@ class Field(NamedTuple):
 
 
 class HitShares(NamedTuple):
-    """Fractions of a scan's hits by the occupancy of the cells around them."""
+    """Fractions of hits by the occupancy around them."""
 
     score: float
     """Mean occupancy under the hits, from 0 to 1; free and unknown cells count as 0."""
@@ -62,12 +60,10 @@ class HitShares(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count the hits on or next to occupied cells, and the hits in free cells without an occupied neighbour.
+    """Count hits near occupied cells, and hits in free cells without an occupied neighbour.
 
-    Unlike the mean occupancy, the counts tolerate an error of one cell. `points` are hits, shape (n, 2), float32, base
-    frame [m]; `pose` is x, y, heading in the frame of the field [m, m, rad]. The third result is the summed occupancy
-    of
-    occupied cells under the hits [percent].
+    Counts tolerate errors of one cell. `points` has shape (n, 2), float32, base frame [m]; `pose` is in the frame of
+    the field [m, m, rad]. The third result is the sum of occupied values under the hits [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -100,11 +96,9 @@ def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float
 def fits_map(
     grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
 ) -> bool | None:
-    """Return True if at least `least_share` of the hits on known cells lie near occupied cells.
+    """Return True if at least `least_share` of the known hits lie near occupied cells; None below `LEAST_HITS`.
 
-    `points` are hits, shape (2, n), float32, base frame [cells]; `pose` is x, y, heading, map frame [m, m, rad].
-    Returns None
-    if fewer than `LEAST_HITS` hits lie on known cells.
+    `points` has shape (2, n), float32, base frame [cells]; `pose` is in the map frame [m, m, rad].
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
@@ -114,11 +108,10 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count the beams through certainly occupied cells, and the beams with mostly known cells.
+    """Count beams through certainly occupied cells, and beams with mostly known cells.
 
-    At a wrong pose, hits often fall on walls by chance, but beams cross walls. Args: `ranges`, shape (num_beams,),
-    float32
-    [m]; `geometry`, a `ScanGeometry`; `pose`, x, y, heading of the base in the frame of the field [m, m, rad].
+    At a wrong pose, beams cross walls even if hits fall on walls. `ranges` has shape (num_beams,), float32 [m]; `pose`
+    is the base pose in the frame of the field [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -155,19 +148,15 @@ def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
 
 
 class Pyramid(NamedTuple):
-    """Maxima of a field over squares of growing size: upper bounds for branch and bound.
-
-    Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V.B.
-    """
+    """Maxima of a field over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
 
     levels: np.ndarray
-    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l is the maximum of the 2^l x 2^l
-    cells of level 0 from (i, j) on. Level 0 is the field with a border of zeros."""
+    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l cells of the
+    field from (i, j) on. The field has a border of zeros."""
     x: float
     """Corner of cell (0, 0) along x, frame of the field [m]."""
     y: float
     resolution: float
-    """Side of a cell [m]."""
     reach: int
     """Maximum half width of a search window [cells]."""
 
@@ -182,15 +171,12 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return the `Pyramid` of a `Field`; free and unknown cells count as 0.
-
-    The top level has maxima over 2^(num_levels - 1) cells; `reach` is the maximum half width of a search window [m].
-    """
+    """Return the `Pyramid` of a `Field` for windows up to a half width `reach` [m]; free and unknown cells are 0."""
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # Points up to one reach outside can be moved inside. The border is twice as wide above and below, because an offset
-    # along x beyond a row's end continues in the next row.
+    # Points up to one reach outside may move one reach farther. Above and below, this needs twice the reach; along a
+    # row, the index continues in the next row's empty border.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

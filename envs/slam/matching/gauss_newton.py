@@ -1,11 +1,11 @@
-"""Gauss-Newton scan matching to an occupancy map with a pose prior (Kohlbrecher et al., 2011, section IV.B).
+"""Gauss-Newton scan matching with a pose prior (Kohlbrecher et al., 2011, section IV.B).
 
 Minimises over the pose
 
     sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-where q is a hit in the map and M the interpolated occupancy, from 0 to 1. The original has no prior. Lengths are in
-cells of the finest map.
+with hits q in the map and interpolated occupancy M, from 0 to 1. The original has no prior. Lengths are in cells of the
+finest map.
 """
 
 import math
@@ -19,15 +19,15 @@ from numba.extending import overload
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2
-"""Maximum change of heading per step [rad]."""
+"""Maximum turn per step [rad]."""
 SMALL_STEP = 1e-2
-"""Convergence threshold on the finest map: displacement of the position and of the farthest hit [cells]."""
+"""Convergence threshold on the finest map, for the shift of position and farthest hit [cells]."""
 COARSE_STEP = 0.05
 """Convergence threshold on coarser maps [cells of that map]."""
 
 
 class PosePrior(NamedTuple):
-    """Prior pose, x, y [cells] and heading [rad], with the entries of its weight matrix W."""
+    """Prior pose, x, y [cells] and heading [rad], with weight matrix W."""
 
     x: float
     y: float
@@ -41,27 +41,27 @@ class PosePrior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Gauss-Newton sums over the hits of a scan at a pose."""
+    """Gauss-Newton sums over the hits at a pose."""
 
     h_xx: float
-    """Entry of the Hessian, the sum of g g^T with the gradient g of M by the pose."""
+    """Hessian entry: sum over hits of g g^T, with the gradient g of the occupancy by the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
     h_yt: float
     h_tt: float
     b_x: float
-    """Entry of the right-hand side, the sum of g (1 - M)."""
+    """Right-hand side entry: sum over hits of gradient times residual."""
     b_y: float
     b_t: float
     total: float
-    """Sum of the occupancies M."""
+    """Sum of occupancies under the hits."""
     squares: float
-    """Sum of the squared residuals (1 - M)^2."""
+    """Sum of squared residuals, (1 - occupancy)^2."""
 
 
 class Level(NamedTuple):
-    """One resolution level of a map, flattened."""
+    """Flattened map at one resolution."""
 
     occupancy: np.ndarray
     """Occupancies, shape (height * width,), int8 [percent], -1 unknown."""
@@ -71,18 +71,17 @@ class Level(NamedTuple):
 
 @singledispatch
 def at_level(map, level):
-    """Return a level of a map with flattened `occupancy`, `height` and `width`.
+    """Return a map level with flattened `occupancy`, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that registers and overloads
-    `at_level`
-    and `neighbours`, as in `gmapping.tiles`.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads `at_level` and
+    `neighbours`, as in `gmapping.tiles`.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return the flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
+    """Return flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
@@ -100,11 +99,10 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the `Fit` of a scan at x, y from the map's corner [finest cells] and heading theta [rad].
+    """Return the `Fit` of a scan at x, y from the map's corner [cells] and heading theta [rad].
 
-    `map` is as in `at_level`; unknown cells count as 0.5. The cell side doubles with each `level`. `points` are hits,
-    shape
-    (2, >= num_points), float32, base frame [finest cells].
+    Cell sides double per `level`; unknown cells count as 0.5. `points` are hits, shape (2, >= num_points), float32,
+    base frame [cells].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width
@@ -142,7 +140,7 @@ def evaluate(map, level, points, num_points, x, y, theta):
         b_t += g_t * residual
         total += m
         squares += residual * residual
-    # From percent and this map's cells to probabilities and the finest map's cells.
+    # Convert percent and cells of the level to probabilities and finest cells.
     h, b = (0.01 * scale) ** 2, 1e-4 * scale
     hessian = (h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt)
     return Fit(*hessian, b * b_x, b * b_y, b * b_t, 0.01 * total, 1e-4 * squares)
@@ -150,10 +148,7 @@ def evaluate(map, level, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def known_score_at(map, points, num_points, x, y, theta):
-    """Return how many hits fall in known cells of the finest map, and the mean occupancy of these from 0 to 1.
-
-    Arguments are those of `evaluate`.
-    """
+    """Return the number of hits in known finest-level cells, and their mean occupancy from 0 to 1; see `evaluate`."""
     view = at_level(map, 0)
     c, s = math.cos(theta), math.sin(theta)
     count = total = 0
@@ -170,7 +165,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn); zeros if scan and prior do not determine the pose."""
+    """Return the Gauss-Newton step (dx, dy, turn); zeros if undetermined."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
@@ -192,20 +187,14 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Refine a pose by Gauss-Newton steps from the coarsest to the finest level.
+    """Refine a pose by Gauss-Newton steps from the coarsest to the finest level; return x, y, heading and `Fit`.
 
     Args:
-        map: see `at_level`.
-        num_levels: number of levels.
-        points: see `evaluate`.
-        num_points: number of hits.
+        points: hits; see `evaluate`.
         pose: initial x, y from the map's corner [cells] and heading [rad].
-        prior: `PosePrior` with a heading within pi of the initial heading, not wrapped.
-        iterations: maximum number of steps on the finest level.
-        coarse_iterations: maximum number of steps on each coarser level.
-
-    Returns:
-        x, y, heading and the `Fit` on the finest level.
+        prior: `PosePrior` with an unwrapped heading, within pi of the initial heading.
+        iterations: maximum steps on the finest level.
+        coarse_iterations: maximum steps on each coarser level.
     """
     x, y, theta = pose
     reach = 1.0

@@ -16,7 +16,7 @@ from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, pr
 from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
-"""Half width of the search window, in standard deviations of the predicted pose."""
+"""Half width of search windows, in standard deviations of the prediction."""
 UNKNOWN_POSE_STD = 1e6
 """Standard deviation of a pose without odometry [m] or [rad]."""
 
@@ -49,24 +49,23 @@ class Match(NamedTuple):
     """Result of matching a scan to a map."""
 
     x: float
-    """Matched position along x, map frame [m]."""
+    """Matched x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool
-    """Whether enough hits fall in known cells to judge the match; see `MatchingParams.min_known_hits`."""
+    """Whether enough hits fall in known cells to judge the match."""
     fits: bool
-    """Whether the score is high enough, or too few cells are known; see `MatchingParams.min_known_score`."""
+    """Whether the score is high enough, or cannot be judged."""
     num_hits: int
-    """Number of hits in the scan."""
     fit: Fit
     """Gauss-Newton sums at the matched pose."""
     is_far: bool
-    """Whether the second, wider search found the pose; see `MatchingParams.retry_below`."""
+    """Whether the wider search found the pose."""
 
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the prior of a predicted pose, x, y [cells] and heading, from its covariance [m, rad]: W = k P^-1."""
+    """Return the prior of a predicted pose [cells, cells, rad] from its covariance [m, rad]: W = k P^-1."""
     w = np.empty((3, 3))
     invert(covariance, w)
     k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
@@ -76,22 +75,17 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Match a scan to a map.
+    """Return the `Match` of a scan with a map.
 
     Args:
-        ranges: shape (num_beams,), float32 [m]; see `project_hits`.
-        geometry: `ScanGeometry`.
+        ranges: shape (num_beams,), float32 [m].
         levels: occupancies, finest first; see `at_level`.
-        corner: column and row of the finest map's first cell, counted from the map frame's origin.
+        corner: column and row of the map's first cell from the map frame's origin.
         last: pose of the last matched scan, map frame [m, m, rad].
-        predicted: pose by odometry, map frame [m, m, rad]; unused without odometry.
-        params: `MatcherParams`.
-        covariance: pose covariance, shape (3, 3), float64 [m, rad]; updated from the last pose to the match, or to
-            the predicted pose if the scan does not match.
+        predicted: odometry pose, map frame [m, m, rad].
+        covariance: pose covariance, shape (3, 3), float64 [m, rad]; updated to the match, or to the prediction after a
+            mismatch.
         points: scratch space, shape (2, num_beams), float32.
-
-    Returns:
-        `Match`.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
@@ -115,8 +109,8 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
     if num_known >= params.min_known_hits and known_score < params.retry_below:
-        # The prediction has failed, and its covariance is too small. Unknown cells count as 0, because they would
-        # attract such a wide search.
+        # The prediction failed, and its covariance is too small. Unknown cells count as 0, because they would attract a
+        # wide search.
         half_width, half_angle = params.retry_distance / resolution, params.retry_angle
         pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
         wide = np.zeros((3, 3))

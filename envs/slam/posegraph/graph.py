@@ -1,8 +1,7 @@
-"""Pose graph with constraints between nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
+"""Pose graph of nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-A node is the base pose at a scan. A submap is the frame of a map built from some tens of scans. A node is constrained
-to
-submaps that contain it, and to submaps of loop closures.
+A node is the base pose at a scan; a submap is the frame of a map from some tens of scans. A constraint connects a node
+with its own submap or with a loop-closure submap.
 """
 
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 
 class Constraints(NamedTuple):
-    """Measured poses of nodes in submap frames; n constraints."""
+    """Measured node poses in submap frames."""
 
     node: np.ndarray
     """Node indices, shape (n,), int32."""
@@ -24,13 +23,13 @@ class Constraints(NamedTuple):
     information: np.ndarray
     """Inverse covariances of `relative`, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
     is_loop: np.ndarray
-    """Loop-closure flags, shape (n,), bool; loop closures can be outliers and have robust weights."""
+    """Loop-closure flags, shape (n,), bool; loop closures can be outliers, with robust weights."""
     is_active: np.ndarray
     """False for dropped constraints, shape (n,), bool."""
 
 
 class Graph(NamedTuple):
-    """Pose graph arrays for kernels; the optimiser updates the poses, map frame [m, m, rad]."""
+    """Arrays of a pose graph, map frame [m, m, rad]; the optimiser updates poses."""
 
     submaps: np.ndarray
     """Submap poses, shape (num_submaps, 3), float64; the first is fixed."""
@@ -50,7 +49,6 @@ class GrowingArray:
         return self._count
 
     def append(self, row: ArrayLike) -> int:
-        """Append a row; return its index."""
         if self._count == len(self._rows):
             self._rows = np.concatenate([self._rows, np.zeros_like(self._rows)])
         self._rows[self._count] = row
@@ -59,12 +57,12 @@ class GrowingArray:
 
     @property
     def rows(self) -> np.ndarray:
-        """View of the rows, valid until the next `append`."""
+        """View of the rows, valid until the next append."""
         return self._rows[: self._count]
 
 
 class PoseGraph:
-    """Growing pose graph."""
+    """Pose graph that grows."""
 
     def __init__(self, capacity: int = 64) -> None:
         self._submaps = GrowingArray((3,), np.float64, capacity)
@@ -121,7 +119,7 @@ class PoseGraph:
 
 @dataclass(frozen=True, slots=True)
 class PoseGraphView:
-    """Submaps and nodes as one graph for files and plots, without dropped constraints."""
+    """Pose graph without dropped constraints, for files and plots."""
 
     graph: Graph
 

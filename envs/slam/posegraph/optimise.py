@@ -1,7 +1,6 @@
 """Gauss-Newton optimisation of a pose graph.
 
-Nodes are constrained only to submaps, and are eliminated by the Schur complement, like points in bundle adjustment
-(Triggs et al., 2000, section 6.1). Three unknowns per submap remain.
+Nodes, which are constrained only to submaps, are eliminated by the Schur complement (Triggs et al., 2000, section 6.1).
 """
 
 import math
@@ -18,25 +17,25 @@ from .skyline import factorise, row_starts, solve
 
 
 class Linearised(NamedTuple):
-    """Active constraints sorted by node and linearised at the current poses, map frame axes."""
+    """Active constraints sorted by node, linearised at the current poses, map frame."""
 
     starts: np.ndarray
     """First constraint of each node, shape (num_nodes + 1,), int64."""
     submap: np.ndarray
-    """Unknown submap of each constraint, shape (n,), int64; -1 for the fixed submap."""
+    """Unknown submap of each constraint, shape (n,), int64; -1 if fixed."""
     information: np.ndarray
     """Weighted information of each constraint, shape (n, 3, 3), float64."""
     product: np.ndarray
-    """Information times the Jacobian of the predicted node pose by the submap pose, shape (n, 3, 3), float64."""
+    """Information times Jacobian of the predicted node pose by the submap pose, shape (n, 3, 3), float64."""
     gradient: np.ndarray
     """Gradient of half the weighted chi-square by the node pose, shape (n, 3), float64."""
     lever: np.ndarray
-    """Position of the node relative to the submap, shape (n, 2), float64 [m]."""
+    """Node position relative to the submap, shape (n, 2), float64 [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def residual(submap, node, relative):
-    """Return the residual of a constraint as (x, y, theta), submap frame [m, m, rad].
+    """Return the residual of a constraint, submap frame [m, m, rad].
 
     `submap` and `node` are poses, map frame; `relative` is the measured node pose, submap frame.
     """
@@ -59,10 +58,7 @@ def chi_square(information, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def robust_weight(chi2, phi):
-    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15).
-
-    The weight is 1 for chi2 <= phi, otherwise (2 phi / (phi + chi2))^2.
-    """
+    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15)."""
     if chi2 <= phi:
         return 1.0
     scale = 2.0 * phi / (phi + chi2)
@@ -71,7 +67,7 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write weight B^T information B to `out`, shape (3, 3), with the rotation B from map to submap axes."""
+    """Write weight B^T information B to `out`, with rotation B from map to submap axes."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
@@ -84,11 +80,10 @@ def _rotate_information(information, c, s, weight, out):
 
 @njit(cache=True, error_model="numpy")
 def _linearise(graph, phi, order, starts):
-    """Linearise the constraints of a `Graph` in a given order.
+    """Linearise the constraints of a `Graph`.
 
-    The Jacobian by the submap pose is -B T, with the node's Jacobian B, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]], and
-    the
-    lever (dx, dy).
+    The Jacobian by the submap pose is -B T, with node Jacobian B, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]], and lever
+    (dx, dy).
     """
     constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
@@ -113,9 +108,9 @@ def _linearise(graph, phi, order, starts):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return inverse information, shape (num_nodes, 3, 3), and shift, shape (num_nodes, 3), of each node.
+    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, per node.
 
-    The shift is the inverse times the summed gradient. Nodes without constraints have zeros and do not move.
+    Nodes without constraints have zeros and do not move.
     """
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
@@ -135,7 +130,7 @@ def _eliminate_nodes(linearised, num_nodes):
 
 @njit(cache=True, error_model="numpy")
 def _reduce(linearised, inverses, shifts, first, starts):
-    """Return matrix (skyline, see `skyline.py`) and right-hand side of the submaps' normal equations."""
+    """Return skyline matrix and right-hand side of the submaps' normal equations."""
     values, rhs, half = np.zeros(starts[-1]), np.zeros(3 * first.shape[0]), np.empty((3, 3))
     for j in range(linearised.starts.shape[0] - 1):
         inverse, shift = inverses[j], shifts[j]
@@ -173,7 +168,6 @@ def _reduce(linearised, inverses, shifts, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def _move(poses, j, x, y, theta):
-    """Add a change to a pose; return its largest absolute component."""
     poses[j, 0] += x
     poses[j, 1] += y
     poses[j, 2] = wrap_angle(poses[j, 2] + theta)
@@ -182,7 +176,7 @@ def _move(poses, j, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _move_nodes(graph, linearised, inverses, shifts, change):
-    """Move the nodes by back substitution from the submaps' changes; return the largest change."""
+    """Move nodes by back substitution of submap changes; return the largest change."""
     largest, pull = 0.0, np.empty(3)
     for j in range(graph.nodes.shape[0]):
         pull[:] = 0.0
@@ -214,11 +208,10 @@ def _step(graph, phi, order, starts, first, rows):
 
 
 def optimise_step(graph: Graph, phi: float) -> float:
-    """Run one Gauss-Newton iteration, and return the largest change of a pose coordinate [m or rad].
+    """Run one Gauss-Newton iteration; return the largest change of a pose coordinate [m or rad].
 
-    The first submap is fixed; unconstrained poses do not move. `phi` is the chi-square threshold of `robust_weight`,
-    inf
-    for plain least squares.
+    The first submap is fixed; unconstrained poses do not move. `phi` is the threshold of `robust_weight`; inf for plain
+    least squares.
     """
     constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
     active = np.flatnonzero(constraints.is_active)
@@ -235,7 +228,7 @@ def optimise_step(graph: Graph, phi: float) -> float:
 
 
 def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Iterate until all pose changes are below `tolerance` [m or rad]; return the number of iterations."""
+    """Iterate until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
@@ -244,7 +237,7 @@ def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) ->
 
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
-    """Return the chi-square of all constraints, including dropped ones: shape (n,), float64."""
+    """Return the chi-square of all constraints, including dropped ones, shape (n,), float64."""
     constraints = graph.constraints
     values = np.empty(constraints.node.shape[0])
     for k in range(values.shape[0]):
@@ -255,7 +248,7 @@ def chi_squares(graph):
 
 
 def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Drop loop constraints with a chi-square above `max_chi2` permanently; return their number."""
+    """Drop loop constraints with chi-square above `max_chi2`; return their number."""
     constraints = graph.constraints
     is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
     constraints.is_active[is_wrong] = False

@@ -1,9 +1,8 @@
-"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks in skyline storage.
+"""Cholesky factorisation of symmetric 3 x 3 block matrices in skyline storage.
 
-Each block row stores the lower triangle from its first nonzero block `first[i]` on (George and Liu, Computer Solution
-of Large Sparse Positive Definite Systems, 1981, chapter 4). Block row i is three scalar rows of `3 * (i + 1 -
-first[i])`
-numbers from `starts[i]` on. Sums have a fixed order, independent of the processor's vector width.
+Block row i stores its lower triangle from the first nonzero block `first[i]`, as three scalar rows of `3 * (i + 1 -
+first[i])` numbers from index `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems,
+1981, chapter 4). Sums have a fixed order on all processors.
 """
 
 import math
@@ -12,14 +11,11 @@ import numpy as np
 from numba import njit
 
 LEAST_PIVOT = 1e-11
-"""Pivot threshold, relative to the diagonal entry, below which an unknown is undetermined."""
+"""Pivot threshold for undetermined unknowns, relative to the diagonal entry."""
 
 
 def row_starts(first: np.ndarray) -> np.ndarray:
-    """Return start indices of block rows and the total length, shape (n + 1,), int64.
-
-    `first` is the first block of each row, shape (n,), int64.
-    """
+    """Return start indices of block rows and total length, shape (n + 1,), int64."""
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
@@ -47,10 +43,7 @@ def _subtract_products(values, a, width_a, b, width_b, count, block):
 
 @njit(cache=True, error_model="numpy")
 def _factorise_diagonal(block, diagonal):
-    """Factorise a diagonal block, shape (3, 3), in place; return the number of undetermined unknowns.
-
-    `diagonal` is the original diagonal, shape (3,). An infinite pivot sets an unknown to 0.
-    """
+    """Factorise a diagonal block in place; an infinite pivot marks an undetermined unknown."""
     undetermined = 0
     for r in range(3):
         for q in range(r):
@@ -68,10 +61,9 @@ def _factorise_diagonal(block, diagonal):
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Factorise a symmetric positive semidefinite matrix in place; return the number of undetermined unknowns.
+    """Factorise a positive semidefinite matrix in place; return the number of undetermined unknowns.
 
-    `values` is the matrix, shape (starts[n],), float64; `first` and `starts` are as in `row_starts`. `solve` sets
-    undetermined unknowns to 0.
+    `values` is the skyline, shape (starts[n],), float64; see `row_starts`.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
@@ -105,7 +97,7 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Solve for the right-hand side `x`, shape (3 n,), float64, in place, with the factor from `factorise`."""
+    """Solve for the right-hand side `x`, shape (3 n,), float64, in place; undetermined unknowns are 0."""
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
