@@ -64,16 +64,11 @@ def _weighted(prob, quality):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Integrate a scan; return the number of new known cells.
+    """Integrate a scan into `words` and `occupancy`; return the number of new known cells.
 
     A hit occupies the last cell of a beam, after a ramp of rising occupancy unless the beam is shorter than the ramp.
-    Scan arguments are as in `beam_ends`.
-
-    Args:
-        words: updated cells, shape (height, width), int32.
-        occupancy: updated occupancies, shape (height, width), int8 [percent].
-        quality: weight of the scan.
-        new_cells: output, row and column of new known cells, shape (n, 2), int32.
+    `words` and `occupancy` have shape (height, width), int32 and int8 [percent]. `new_cells` receives row and column of
+    new known cells, shape (n, 2), int32. For scan arguments see `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]

@@ -17,7 +17,7 @@ MAX_CELLS = 1 << 27
 class GrowingMap:
     """Occupancy grid that starts around the map frame's origin and grows by powers of two.
 
-    Growth replaces the array and origin of `grid`; subclasses pad their own cells in `_pad`.
+    Growth replaces array and origin of `grid`; subclasses pad their cells in `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
@@ -77,7 +77,7 @@ class GrowingMap:
         return True
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
-        """Add unknown rows (before, after) and columns (before, after)."""
+        """Add unknown rows and columns, (before, after)."""
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
 
 

@@ -20,11 +20,11 @@ MIN_SCORE_WITH_PEOPLE = 0.5
 class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. There is no loop closure or
-    randomness.
+    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. Loops are not closed.
 
-    `belief.covariance` is relative to the map. `belief.is_lost` is set after consecutive mismatches or at high position
-    uncertainty. Mismatched scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
+    `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. Mismatched scans are not
+    integrated; a lost robot is searched on the whole map (`relocalization`). `belief.covariance` is relative to the
+    map.
     """
 
     params: HectorParams

@@ -91,8 +91,8 @@ class KeyScanSlam(ABC):
     """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
 
     A scan is a key scan at `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
-    `params.match_every_scan`, all scans are matched, but only key scans are integrated. A simulation may call
-    `process_key_scan` directly, and compose the motions between key scans itself.
+    `params.match_every_scan`, all scans are matched, but only key scans are integrated. Simulations may call
+    `process_key_scan` directly with the composed motion.
     """
 
     meets_people = False

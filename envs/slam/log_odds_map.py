@@ -99,15 +99,10 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
     """Integrate scans into all levels; return the number of cells that the last scan made known.
 
-    Args:
-        words: cells by level, finest first, shape (height, width), int32, updated.
-        levels: occupancies by level, int8 [percent], updated.
-        ranges: shape (n, num_beams), float32 [m].
-        poses: base poses, shape (n, 3), float64, map frame [m, m, rad].
-        geometry: `ScanGeometry` of the finest level, like `corner`; see `beam_ends`.
-        stamp: number of the first scan; new numbers must be unused and at most `MAX_STAMP`.
-        ends: scratch space, shape (num_beams, 3), float64.
-        new_cells: output, row and column of new known cells, shape (n, 2), int32.
+    `words` and `levels` (occupancies [percent]) are tuples of arrays, finest first. `ranges` has shape (n, num_beams),
+    float32 [m]; `poses` are base poses, shape (n, 3), map frame [m, m, rad]. `stamp` is the number of the first scan;
+    numbers must be unused. `new_cells` receives row and column of new known cells, shape (n, 2), int32. See
+    `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):

@@ -24,7 +24,7 @@ class SearchParams(NamedTuple):
     max_failed: int
     max_tries: int
     unvisited: int
-    """Map word of an unobserved cell."""
+    """Cell word of an unobserved cell."""
     position_penalty: float = 0.0
     """Score penalty per squared distance from the prediction, fixed-point [1/cells^2]."""
     heading_penalty: float = 0.0
@@ -46,7 +46,7 @@ class Search(NamedTuple):
 
 
 class MatcherObserver(Protocol):
-    """Observer of tested poses, notified after each search.
+    """Observer of the poses tested by the matcher.
 
     Cost is the number of hits minus the sum of their occupancies, plus the prior penalty.
     """
@@ -88,7 +88,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
         col = c * points[0, k] - s * points[1, k] + x32
         row = s * points[0, k] + c * points[1, k] + y32
         inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-        # Points outside and at the corner have index 0; outside points are corrected below.
+        # Index 0 means outside or the map's corner; outside points are corrected below.
         index = np.uint32(np.int32(row) * width + np.int32(col) if inside else 0)
         indices[k] = index
         lowest = min(lowest, index)
@@ -115,17 +115,12 @@ def penalty(params, pose, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Search the best pose of a scan in a map.
+    """Search the best pose of a scan in a map by sampling around the best pose.
 
-    Candidates are sampled around the best pose. An improvement after a third of the allowed failures halves the spread
-    and resets the failures.
-
-    Args:
-        words: map, shape (height, width), int32.
-        points: hits, shape (2, >= num_points), float32, base frame [cells].
-        pose: predicted x, y from the map's corner [cells] and heading [rad].
-        noise: standard normal, shape (max_tries, 3), float64.
-        trace: output, shape (max_tries + 1, 5), float64: predicted pose and candidates, their scores, whether improved.
+    An improvement after a third of the allowed failures halves the spread and resets the failures. `words` is the map;
+    `points` are hits, shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner
+    [cells] and heading [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and
+    improvement flags, shape (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -154,11 +149,10 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Match a scan to a map as `match` does, at a predicted pose in the map frame [m, m, rad].
+    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match` and `project_hits`.
 
-    `ranges` and `geometry` are as in `project_hits`, and `corner` as in `beam_ends`; `points` is scratch space, shape
-    (2, num_beams), float32. Returns the pose, map frame; the number of candidates tried; whether the pose was improved;
-    and the number of hits.
+    `points` is scratch space, shape (2, num_beams), float32. Returns pose, number of candidates, improvement flag, and
+    number of hits.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)

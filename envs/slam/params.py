@@ -59,9 +59,9 @@ class TinySlamParams(SlamParams):
     empty_prob: Share = 0.01
     """Observed occupancy of cells that a beam passes."""
     quality: Share = 0.9
-    """Map weight of a scan with a matched pose."""
+    """Weight in the map of a scan at a matched pose."""
     raw_quality: Share = 0.6
-    """Map weight of a scan at the predicted pose."""
+    """Weight in the map of a scan at a predicted pose."""
     unvisited: Annotated[float, Field(ge=-1, le=1)] = -1.0
     """Occupancy of unobserved cells in scan matching."""
     hole_width: NotNegative = 1.5
@@ -69,8 +69,8 @@ class TinySlamParams(SlamParams):
     blur: Literal["add", "assign"] = "add"
     """Add the ramp to a passed cell's occupancy ("add", original) or replace that occupancy ("assign")."""
     prior_weight: NotNegative = 0.0
-    """Cost of the squared Mahalanobis distance from the predicted pose, in units of one hit's occupancy; 0 for no
-    odometry prior (original)."""
+    """Cost of the squared Mahalanobis distance from the predicted pose; one hit costs up to 1. 0 ignores odometry
+    (original)."""
     match_every_scan: bool = True
     """Match every scan instead of only key scans."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
@@ -85,7 +85,7 @@ class MatchingParams(SlamParams):
     """Parameters of Gauss-Newton scan matching to log-odds maps."""
 
     residual_variance: Positive = 0.5
-    """Variance of a hit's residual, 1 - occupancy, which weighs scan against odometry; increased for correlated errors."""
+    """Variance of a hit's residual, 1 - occupancy: weighs scan against odometry; increased for correlated errors."""
     num_levels: Annotated[int, Field(ge=1, le=6)] = 2
     """Number of map resolutions; the cell side doubles per level."""
     iterations: Count = 6
@@ -93,12 +93,12 @@ class MatchingParams(SlamParams):
     coarse_iterations: Count = 4
     """Maximum Gauss-Newton steps on each coarser level."""
     search_distance: NotNegative | None = None
-    """Motion between matched scans that triggers a correlative search [m]; None for never."""
+    """Distance between matched scans above which a correlative search runs [m]; None for never."""
     search_angle: NotNegative | None = None
-    """Turn between matched scans that triggers a correlative search [rad]; None for never."""
+    """Turn between matched scans above which a correlative search runs [rad]; None for never."""
     retry_below: Share = 0.5
-    """Mean occupancy of known cells under the hits that triggers a wider correlative search; 0 for never. GMapping: of
-    particles with half the weight."""
+    """Mean occupancy of known cells under the hits, below which a wider correlative search runs; 0 for never. GMapping
+    searches if particles with half of the weight are below."""
     retry_distance: Positive = 0.8
     """Half width of the wider search [m]. GMapping: also maximum distance of a match from odometry."""
     retry_angle: Positive = 0.35
@@ -106,14 +106,14 @@ class MatchingParams(SlamParams):
     retry_gain: NotNegative = 0.05
     """Minimum known-cell occupancy gain per hit to accept the wider search."""
     min_known_score: Share = 0.7
-    """Minimum mean occupancy of known cells under the hits; below, the scan is not integrated, and the pose follows
+    """Minimum mean occupancy of known cells under the hits; otherwise the scan mismatches, and the pose follows
     odometry."""
     min_known_hits: Count = 20
     """Minimum hits in known cells to judge a match."""
     lost_scans: Count = 3
     """Consecutive mismatched scans after which the robot is lost."""
     max_position_std: Positive = 1.0
-    """Largest position standard deviation, over all directions, before the robot is lost [m]."""
+    """Position standard deviation in the worst direction above which the robot is lost [m]."""
     occupied_prob: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
     """Observed occupancy probability of a beam's end cell."""
     empty_prob: Annotated[float, Field(gt=0, lt=0.5)] = 0.4
@@ -159,7 +159,7 @@ class GraphSlamParams(HectorParams):
     submap_spacing: Count = 20
     """Nodes between submap starts; a submap holds twice as many."""
     correlation: Positive = 5.0
-    """Covariance factor of nodes in submaps, for correlated errors of neighbours."""
+    """Factor on the covariance of a node in its submap, for correlated errors of neighbouring nodes."""
     node_sigma_xy: Positive = 0.03
     """Minimum position standard deviation of a node in its submap [m]."""
     node_sigma_theta: Positive = 0.008
@@ -183,21 +183,21 @@ class GraphSlamParams(HectorParams):
     max_chi2: Positive = 54.0
     """Chi-square above which loop constraints are dropped."""
     optimise_every: Count = 10
-    """Nodes with new loop closures that trigger an optimisation."""
+    """Number of nodes with new loop closures before an optimisation."""
     urgent_correction: NotNegative = 0.1
-    """Loop-closure correction that triggers an immediate optimisation [m]."""
+    """Loop-closure correction above which the graph is optimised at once [m]."""
     max_iterations: Count = 5
     """Maximum iterations per optimisation, one per key scan."""
     tolerance: Positive = 1e-4
     """Pose change that ends the optimisation [m or rad]."""
     redraw_distance: NotNegative = 0.1
-    """Node displacement that triggers map rendering [m]."""
+    """Node displacement by optimisation above which the map is rendered again [m]."""
     redraw_angle: NotNegative = 0.02
-    """Node rotation that triggers map rendering [rad]."""
+    """Node rotation by optimisation above which the map is rendered again [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Maximum beam cells rendered per key scan; at least one node."""
+    """Maximum beam cells of the nodes rendered per key scan; at least one node is rendered."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """Passes of `finish` that match all nodes to the rendered map."""
+    """Number of passes in which `finish` matches all nodes to the rendered map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -218,9 +218,9 @@ class GMappingParams(MatchingParams):
     likelihood_gain: Annotated[float, Field(gt=0, le=1)] = 0.2
     """Exponent of the scan likelihood in importance weights; below 1 for correlated errors of successive scans."""
     resample_below: Share = 0.5
-    """Effective sample size, as fraction of the particles, that triggers resampling."""
+    """Effective sample size, as a fraction of the particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Log-likelihood margin, times `likelihood_gain`, to replace the best particle."""
+    """Log-likelihood margin (with `likelihood_gain`) by which another particle must exceed the best particle."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams

@@ -53,7 +53,7 @@ consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures
 RECOVERY_SCANS = 4
 """Consecutive key scans that match at the odometry pose to end a loss, as after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of four map searches [rad]."""
+"""Central headings of four map searches [rad]; opposite sides of a room look alike on coarse cells."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviation of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
@@ -104,15 +104,8 @@ class LocalizationMonitor:
     ) -> Pose2D | None:
         """Process a key scan; return a pose to use instead of the match, or None to accept the match.
 
-        Args:
-            ranges: shape (num_beams,), float32 [m].
-            predicted: odometry pose, map frame.
-            pose: matched pose, map frame.
-            fits: whether the scan matches; None if too few cells are known.
-            grid: map for relocalization.
-
-        Returns:
-            Pose, map frame, if the scan must not be integrated; otherwise None.
+        `ranges` has shape (num_beams,), float32 [m]; `predicted` is the odometry pose and `pose` the matched pose, map
+        frame. `fits` is None if too few cells are known.
         """
         self.is_found = False
         if self.meets_people:
@@ -228,18 +221,13 @@ class Relocalizer:
 
 class _Fit(NamedTuple):
     merit: float
-    """Fraction of known hits near occupied cells, minus fractions of free hits and crossing beams."""
     crossing: float
-    """Fraction of beams through occupied cells."""
     shares: HitShares
     pose: Pose2D
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad].
-
-    Opposite sides of a room look alike on coarse cells, hence one search per quarter.
-    """
+    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad]."""
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape
     padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)

@@ -69,12 +69,9 @@ def project_hits(ranges, geometry, points):
 def beam_ends(ranges, pose, geometry, corner, ends):
     """Return lidar position (x, y) [cells] and extent (col_min, row_min, col_max, row_max) of a scan in a map.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; NaN ignores a beam.
-        pose: base pose, map frame [m, m, rad].
-        geometry: `ScanGeometry`.
-        corner: column and row of the map's first cell from the map frame's origin.
-        ends: output, beam ends x, y [cells] and hit flag, shape (num_beams, 3), float64; NaN for ignored beams.
+    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams; `pose` is the base pose, map frame [m, m, rad];
+    `corner` is column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and hit
+    flag, shape (num_beams, 3), float64.
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -113,7 +110,7 @@ def scans_extent(ranges, poses, geometry, corner, ends):
 def walk(d_row, d_col, width):
     """Return number of steps, sideways motion per step, and forward and sideways index increments of a line.
 
-    The line runs through a flattened map; sideways motion has 32 fractional bits.
+    Sideways motion has 32 fractional bits; indices are those of a flattened map.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

@@ -41,8 +41,8 @@ class KnownPoses(KeyScanSlam):
 class TinySlam(KnownPoses):
     """TinySLAM of OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025); Steux and El Hamzaoui (2010).
 
-    If only key scans are matched (unlike the original), `belief.is_lost` is set after consecutive mismatches.
-    Mismatched scans are not integrated; a lost robot is searched on the whole map (`relocalization`).
+    If only key scans are matched, `belief.is_lost` is set after consecutive mismatches. Mismatched scans are not
+    integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
@@ -80,7 +80,6 @@ class TinySlam(KnownPoses):
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:
-        """Return True if hits fall on occupied cells; None if too few cells are known."""
         count = project_hits(ranges, self.map.geometry, self._points)
         x, y = self.map.to_cells(pose.x, pose.y)
         num_known, score = known_score_at((self.map.grid.data,), self._points, count, x, y, pose.theta)

@@ -53,15 +53,13 @@ class GMapping(KeyScanSlam):
     """SLAM by a Rao-Blackwellised particle filter.
 
     Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
-    A particle is a trajectory with its map. At a key scan, particle poses are sampled around their scan matches and
-    weighted by the scan likelihood; a low effective sample size triggers resampling.
+    A particle is a trajectory with its map. At key scans, particle poses are sampled around scan matches and weighted
+    by the scan likelihood; a low effective sample size triggers resampling.
 
-    The belief has pose and map of the best particle, with the most likely trajectory. The best particle takes the mode
-    of its proposal instead of a sample. When another particle becomes best, the map is redrawn, and `belief.path` is
-    the new trajectory.
-
-    `belief.covariance` is the particles' covariance. `belief.is_lost` is set after consecutive mismatches or at high
-    position spread. A lost robot is searched on the best map (`relocalization`); meanwhile particles follow odometry.
+    Pose and map of the belief are those of the best particle, which has the most likely trajectory and takes proposal
+    modes instead of samples. When another particle becomes best, the map is redrawn, and `belief.path` is its
+    trajectory. `belief.is_lost` is set after consecutive mismatches or at high position spread. A lost robot is
+    searched on the best map (`relocalization`); meanwhile particles follow odometry.
     """
 
     params: GMappingParams

@@ -36,10 +36,7 @@ _COLUMN = (1 << ROW_BITS) - 1
 
 @njit(cache=True, error_model="numpy")
 def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp, level):
-    """Integrate a scan into one level; return False if the pool is full.
-
-    An incomplete scan can be integrated again, because stamps prevent double observations.
-    """
+    """Integrate a scan into one level; return False if the pool is full, and the scan can be integrated again."""
     bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
     mask = (1 << bits) - 1
     # Passing arrays to a function costs more than the work for a cell or an owned tile.
@@ -98,7 +95,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     """Update an occupancy grid by the tiles that differ from a particle's map.
 
     `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes new known cells to
-    `new_cells`, shape (n, 2), int32; returns their number, and (col_min, row_min, col_max, row_max) of updated tiles.
+    `new_cells`; returns their number, and (col_min, row_min, col_max, row_max) of updated tiles.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0

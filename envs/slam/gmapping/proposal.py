@@ -1,8 +1,8 @@
 """Proposal distribution and importance weight of each particle.
 
 The pose posterior is a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mode and
-Hessian come from Gauss-Newton matching, not from samples, which saves dozens of evaluations per particle. With motion
-covariance P, hit residuals r_i of variance k, and distance d of the mode from odometry,
+Hessian come from Gauss-Newton matching instead of samples, for speed. With motion covariance P, hit residuals r_i of
+variance k, and distance d of the mode from odometry,
 
     S = (P^-1 + H / k)^-1,    log w = -sum r_i^2 / 2k  -  d^T P^-1 d / 2  +  log(det S / det P) / 2,
 
@@ -29,7 +29,7 @@ class Maps(NamedTuple):
 
     pool: TilePool
     slots: np.ndarray
-    """Pool slot of each tile, shape (num_particles, num_tiles), int32."""
+    """Pool slots of tiles by particle, shape (num_particles, num_tiles), int32."""
     tiles_wide: int
     num_levels: int
     corner: tuple[int, int]
@@ -84,16 +84,11 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 
 @njit(cache=True, error_model="numpy")
 def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
-    """Compute proposal and importance weight of every particle.
+    """Compute proposal and importance weight of every particle, and write them to `out`.
 
-    Args:
-        poses: at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad].
-        motion: odometry motion since the last key scan.
-        start_motion: motion to the start of matching.
-        stds: odometry standard deviations of position [m] and heading [rad].
-        points: hits, shape (2, >= num_points), float32, base frame [cells].
-        params: `MatcherParams`; modes beyond `retry_distance` from odometry are rejected.
-        out: updated `Proposals`.
+    `poses` are at the last key scan, shape (num_particles, 3), map frame [m, m, rad]. `motion` is the odometry motion
+    since then, `start_motion` the motion to the start of matching. `stds` are odometry standard deviations of position
+    [m] and heading [rad]. `points` are hits, shape (2, >= num_points), float32, base frame [cells].
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]

@@ -67,9 +67,9 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return a writable slot for a tile, copying it if shared; -1 if the pool is full.
+    """Return a writable slot for a tile of a map, copying a shared tile; -1 if the pool is full.
 
-    `index` are the map's slots, shape (num_tiles,), int32, updated; `number` is the scan to integrate.
+    `index` are the map's slots, shape (num_tiles,), int32; `number` is the scan to integrate.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:

@@ -27,13 +27,13 @@ FINAL_ITERATIONS = 10
 class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
 
-    Work per key scan is bounded: one loop-closure search, and either one optimisation iteration or some map rendering.
-    Pose and map change together, after the corrected map is complete.
+    Work per key scan is bounded: one loop-closure search, and one optimisation iteration or some map rendering. Pose
+    and map change together, after the corrected map is complete.
 
-    The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for the
-    graph's constraints. `belief.covariance` is relative to the live map. `belief.is_lost` is set after consecutive
-    mismatches or at high position uncertainty. A lost robot adds no nodes; after relocalization, a loop closure
-    constrains the next node to the nearest earlier node.
+    The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for
+    graph constraints. `belief.covariance` is relative to the live map. `belief.is_lost` is set after consecutive
+    mismatches or at high position uncertainty. A lost robot adds no nodes; after relocalization, the next node is
+    constrained to the nearest node.
     """
 
     shares_maps = False

@@ -1,8 +1,4 @@
-"""Loop-closure search between nodes and finished submaps.
-
-Search windows grow with path length in the graph, like pose errors. Large corrections need confirmation by a second
-loop closure.
-"""
+"""Loop-closure search between nodes and finished submaps."""
 
 import dataclasses
 from collections import deque

@@ -92,9 +92,9 @@ class MapRendering:
         self.count = 0
 
     def add(self, nodes: NodeStore, poses: np.ndarray, num_cells: float) -> bool:
-        """Integrate the next nodes at `poses`, shape (num_nodes, 3), map frame; return True when complete.
+        """Integrate the next nodes, with up to `num_cells` beam cells but at least one node; return True when complete.
 
-        At least one node is integrated; the beams of all have up to `num_cells` cells.
+        `poses` has shape (num_nodes, 3), map frame.
         """
         geometry = self.map.geometry
         ranges = nodes.ranges[self.count : self.count + MAX_BATCH]

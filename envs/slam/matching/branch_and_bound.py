@@ -144,7 +144,7 @@ def _score_top(levels, width, grid, least, limit):
 
 @njit(cache=True, error_model="numpy")
 def _descend(levels, width, grid, node, best, budget, excluded):
-    """Search below a top node, depth first; return best leaf, nodes scored, and completeness."""
+    """Search below a top node, depth first; return best leaf, number of scored nodes, and completeness."""
     far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
@@ -209,14 +209,9 @@ def search(
 ) -> SearchResult:
     """Search a window for the pose at which points fit a field best.
 
-    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the prediction.
-
-    Args:
-        points: shape (n, 2), float32, base frame [m].
-        pose: predicted pose, frame of the field.
-        min_score: minimum mean field value at the points, from 0 to 1.
-        max_evaluations: maximum number of scored nodes.
-        excluded: region to skip; see `NO_EXCLUSION`.
+    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
+    the field. `points` has shape (n, 2), float32, base frame [m]. `min_score` is the minimum mean field value at the
+    points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region to skip, see `NO_EXCLUSION`.
 
     Raises:
         ValueError: if the window exceeds the reach of the pyramid.

@@ -57,11 +57,9 @@ def _total(occupancy, cells, up, right, unknown):
 def search_window(occupancy, scale, points, num_points, pose, window):
     """Return the pose in a window with the highest mean occupancy under the hits, minus a prior penalty.
 
-    Args:
-        occupancy: shape (height, width), int8 [percent], -1 unknown.
-        scale: cells of `occupancy` per cell of the finest map, the unit of other arguments.
-        points: hits, shape (2, >= num_points), float32, base frame [cells].
-        pose: predicted x, y from the map's corner [cells] and heading [rad], like the result.
+    `occupancy` has shape (height, width), int8 [percent], with `scale` cells per cell of the finest map, the unit of
+    other arguments. `points` are hits, base frame. `pose` is the predicted x, y from the map's corner and heading
+    [rad], like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

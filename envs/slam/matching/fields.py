@@ -13,7 +13,7 @@ from ..params import LoopClosureParams
 FULL_PERCENT = 100
 """Field value with score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy thresholds [percent]: occupied above 50, certainly occupied above 65 as in ROS; other known cells are free."""
+"""Occupancy thresholds [percent]: occupied above 50, certainly occupied above 65 as in ROS, otherwise free."""
 LEAST_HITS = 40
 """Minimum number of hits on known cells for `fits_map`."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
@@ -62,8 +62,8 @@ class HitShares(NamedTuple):
 def count_hits(field, points, pose):
     """Count hits near occupied cells, and hits in free cells without an occupied neighbour.
 
-    Counts tolerate errors of one cell. `points` has shape (n, 2), float32, base frame [m]; `pose` is in the frame of
-    the field [m, m, rad]. The third result is the sum of occupied values under the hits [percent].
+    `points` has shape (n, 2), float32, base frame [m]; `pose` is in the frame of the field [m, m, rad]. The third
+    result is the sum of occupied values under the hits [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -111,7 +111,7 @@ def count_crossings(field, ranges, geometry, pose):
     """Count beams through certainly occupied cells, and beams with mostly known cells.
 
     At a wrong pose, beams cross walls even if hits fall on walls. `ranges` has shape (num_beams,), float32 [m]; `pose`
-    is the base pose in the frame of the field [m, m, rad].
+    is in the frame of the field [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -175,8 +175,8 @@ def build_pyramid(field, num_levels, reach):
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # Points up to one reach outside may move one reach farther. Above and below, this needs twice the reach; along a
-    # row, the index continues in the next row's empty border.
+    # Points outside may move farther by one reach: above and below, the border is twice as wide. Along a row, the index
+    # continues in the next row's border.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

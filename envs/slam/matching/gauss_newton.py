@@ -189,12 +189,8 @@ def solve(fit, prior, x, y, theta):
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
     """Refine a pose by Gauss-Newton steps from the coarsest to the finest level; return x, y, heading and `Fit`.
 
-    Args:
-        points: hits; see `evaluate`.
-        pose: initial x, y from the map's corner [cells] and heading [rad].
-        prior: `PosePrior` with an unwrapped heading, within pi of the initial heading.
-        iterations: maximum steps on the finest level.
-        coarse_iterations: maximum steps on each coarser level.
+    `pose` is the initial x, y from the map's corner [cells] and heading [rad]; the heading of `prior` lies within pi of
+    it, unwrapped. `iterations` applies to the finest level, `coarse_iterations` to each other level. See `evaluate`.
     """
     x, y, theta = pose
     reach = 1.0

@@ -75,17 +75,11 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Return the `Match` of a scan with a map.
+    """Return the `Match` of a scan, shape (num_beams,), float32 [m], with a map.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m].
-        levels: occupancies, finest first; see `at_level`.
-        corner: column and row of the map's first cell from the map frame's origin.
-        last: pose of the last matched scan, map frame [m, m, rad].
-        predicted: odometry pose, map frame [m, m, rad].
-        covariance: pose covariance, shape (3, 3), float64 [m, rad]; updated to the match, or to the prediction after a
-            mismatch.
-        points: scratch space, shape (2, num_beams), float32.
+    `levels` are occupancies, finest first; `corner` is that of `beam_ends`. `last` is the pose of the last matched
+    scan, `predicted` the odometry pose, map frame [m, m, rad]. `covariance`, shape (3, 3), float64 [m, rad], is updated
+    to the match, or to the prediction after a mismatch.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])

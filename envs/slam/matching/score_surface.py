@@ -44,13 +44,8 @@ def _totals(pyramid, grid, reach, stride):
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
 
-    Level 1 of the pyramid is used, because positions could skip walls one cell thick.
-
-    Args:
-        pyramid: maxima of the field.
-        points: shape (n, 2), float32, base frame [m].
-        pose: matched pose, frame of the field.
-        half_width: maximum offset [m].
+    Level 1 of the pyramid is used, because positions could skip walls one cell thick. `points` has shape (n, 2),
+    float32, base frame [m]; `pose` is in the frame of the field; `half_width` is the maximum offset [m].
 
     Raises:
         ValueError: if offsets exceed the reach of the pyramid.

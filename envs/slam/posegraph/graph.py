@@ -1,7 +1,7 @@
 """Pose graph of nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-A node is the base pose at a scan; a submap is the frame of a map from some tens of scans. A constraint connects a node
-with its own submap or with a loop-closure submap.
+A node is the base pose at a scan; a submap is the frame of a map from some tens of scans. Constraints connect nodes
+with their own and with loop-closure submaps.
 """
 
 from dataclasses import dataclass

@@ -108,10 +108,7 @@ def _linearise(graph, phi, order, starts):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, per node.
-
-    Nodes without constraints have zeros and do not move.
-    """
+    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, per node."""
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
         first, last = linearised.starts[j], linearised.starts[j + 1]
