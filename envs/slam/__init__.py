@@ -32,7 +32,6 @@ class Kind(NamedTuple):
     """Builder of a SLAM and loader of its parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
-    """Function that builds the SLAM from lidar and parameters."""
     load: Callable[..., Any]
     """Function that returns parameters of a preset; see `load_params`."""
 

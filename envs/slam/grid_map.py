@@ -36,7 +36,6 @@ class InverseSensorModel(NamedTuple):
     hole: float
     """Length of the occupancy ramp in front of a hit [cells]; 0 for no ramp."""
     add_blur: bool
-    """Add the ramp to a passed cell's occupancy instead of replacing it."""
 
 
 def unvisited_word(value: float) -> int:

@@ -32,11 +32,11 @@ class GrowingMap:
         self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
-        """Column and row of the first cell from the map frame's origin."""
+        """Column and row of the map's first cell, relative to the map frame's origin."""
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
         """Current occupancy grid."""
-        # Buffer for the cells that a scan makes known; untouched pages use no memory.
+        # Untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 3))
@@ -45,11 +45,11 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position from the map frame [m] to cells from the map's corner."""
+        """Convert a position in the map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position from cells from the map's corner to the map frame [m]."""
+        """Convert a position in cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[int, int, int, int]:
@@ -77,7 +77,6 @@ class GrowingMap:
         return True
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
-        """Add unknown rows and columns, (before, after)."""
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
 
 

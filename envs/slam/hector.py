@@ -21,10 +21,8 @@ class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
     Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. Loops are not closed.
-
     `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. Mismatched scans are not
-    integrated; a lost robot is searched on the whole map (`relocalization`). `belief.covariance` is relative to the
-    map.
+    integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     params: HectorParams

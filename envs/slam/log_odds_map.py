@@ -29,14 +29,14 @@ _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_O
 
 
 class LogOddsModel(NamedTuple):
-    """Log-odds increments of a scan, fixed-point."""
+    """Log-odds increments of a scan."""
 
     hit: int
-    """Increment of a cell with a hit."""
+    """Log-odds increment of a cell with a hit, fixed-point."""
     passed: int
-    """Increment of a cell that beams pass, negative."""
+    """Log-odds increment of a cell passed by a beam, fixed-point; negative."""
     bound: int
-    """Maximum absolute log-odds of a cell."""
+    """Maximum absolute log-odds of a cell, fixed-point."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -60,7 +60,7 @@ def observe(word, change, bound, stamp):
 
 @njit(cache=True, error_model="numpy")
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Integrate a scan into one level; return the number of new known cells, with indices in `new_cells`.
+    """Integrate a scan into one level; return the number of new known cells.
 
     Hits come first, and passing beams do not change them. (Kohlbrecher et al., 2011, undo free observations instead.)
     """

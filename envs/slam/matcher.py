@@ -40,9 +40,7 @@ class Search(NamedTuple):
     total: int
     """Best score minus its penalty, fixed-point."""
     tried: int
-    """Number of candidates tried."""
     accepted: int
-    """Number of candidates that improved the score."""
 
 
 class MatcherObserver(Protocol):
@@ -76,9 +74,9 @@ def search_params(params: TinySlamParams) -> SearchParams:
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the summed occupancy under the hits, fixed-point.
+    """Return the summed occupancy under the hits, fixed-point; see `match`.
 
-    Cells outside are unobserved. See `match`; `indices` is scratch space, shape (>= num_points,), uint32.
+    Cells outside are unobserved. `indices` is scratch space.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -117,10 +115,10 @@ def penalty(params, pose, x, y, theta):
 def match(words, points, num_points, pose, params, noise, trace):
     """Search the best pose of a scan in a map by sampling around the best pose.
 
-    An improvement after a third of the allowed failures halves the spread and resets the failures. `words` is the map;
-    `points` are hits, shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner
-    [cells] and heading [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and
-    improvement flags, shape (max_tries + 1, 5).
+    An improvement after a third of the allowed failures halves the spread and resets the failures. `points` are hits,
+    shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner [cells] and heading
+    [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags, shape
+    (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -149,10 +147,9 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match` and `project_hits`.
+    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match`.
 
-    `points` is scratch space, shape (2, num_beams), float32. Returns pose, number of candidates, improvement flag, and
-    number of hits.
+    Returns pose, number of candidates, improvement flag, and number of hits.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)

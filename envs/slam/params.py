@@ -173,9 +173,9 @@ class GraphSlamParams(HectorParams):
     max_candidates: Count = 2
     """Maximum submaps searched per node."""
     loop_scans: Count = 5
-    """Number of recent scans matched together."""
+    """Number of recent scans matched together in a loop-closure search."""
     max_evaluations: Count = 20_000
-    """Maximum branch-and-bound nodes scored per search."""
+    """Maximum branch-and-bound nodes scored per loop-closure search."""
     max_rendered: Count = 8
     """Number of finished submaps with cached search fields."""
     phi: Positive = 9.0
@@ -183,7 +183,7 @@ class GraphSlamParams(HectorParams):
     max_chi2: Positive = 54.0
     """Chi-square above which loop constraints are dropped."""
     optimise_every: Count = 10
-    """Number of nodes with new loop closures before an optimisation."""
+    """Number of nodes with new loop closures that trigger an optimisation."""
     urgent_correction: NotNegative = 0.1
     """Loop-closure correction above which the graph is optimised at once [m]."""
     max_iterations: Count = 5
@@ -195,9 +195,9 @@ class GraphSlamParams(HectorParams):
     redraw_angle: NotNegative = 0.02
     """Node rotation by optimisation above which the map is rendered again [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Maximum beam cells of the nodes rendered per key scan; at least one node is rendered."""
+    """Maximum number of cells along beams rendered per key scan; at least one node is rendered."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """Number of passes in which `finish` matches all nodes to the rendered map."""
+    """Number of times that `finish` matches all nodes to the rendered map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -220,7 +220,7 @@ class GMappingParams(MatchingParams):
     resample_below: Share = 0.5
     """Effective sample size, as a fraction of the particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Log-likelihood margin (with `likelihood_gain`) by which another particle must exceed the best particle."""
+    """Log-likelihood margin over the best particle (with `likelihood_gain`) for another particle to become best."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams
@@ -239,7 +239,7 @@ PRESETS: dict[str, dict[str, Path]] = {
 
 
 def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = None, slam: str = "tinyslam") -> Any:
-    """Return parameters with changes.
+    """Return the parameters of a SLAM, with changes.
 
     Args:
         preset: preset name, YAML file, `module:attribute`, or parameters.

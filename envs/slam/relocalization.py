@@ -23,7 +23,7 @@ from .params import LoopClosureParams
 from .scans import ScanGeometry
 
 NUM_SCANS = 20
-"""Number of key scans matched together."""
+"""Number of recent key scans matched together."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
 """Key scans before the first search, interval of searches, and limit of the interval, which doubles after failures: a
 search costs a hundred matches."""
@@ -40,18 +40,18 @@ FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 NEAR_DISTANCE = 2.0
 """Distance from the odometry pose with lower required evidence [m]; maps bend more often than robots are kidnapped."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Accumulated lead over rivals to accept a nearby and a distant pose, and maximum lead per search."""
+"""Accumulated score margin over rivals to accept a nearby and a distant pose, and maximum margin counted per search."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Maximum difference of two poses that agree [m], [rad]."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
 """Minimum distance [m] and angle [rad] of rivals from a coarse pose, and their maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum merit difference between best pose and best rival."""
+"""Minimum margin in fit quality of the best pose over its best rival."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
 """Fraction of at least `LEAST_JUDGED` beams that may pass through occupied cells; above it in `CROSSING_SCANS`
 consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures."""
 RECOVERY_SCANS = 4
-"""Consecutive key scans that match at the odometry pose to end a loss, as after people leave."""
+"""Consecutive key scans matching at the odometry pose that end a loss, for example after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
 """Central headings of four map searches [rad]; opposite sides of a room look alike on coarse cells."""
 FOUND_STD = (0.1, 0.1, 0.03)
@@ -144,7 +144,7 @@ class LocalizationMonitor:
 
 
 class Relocalizer:
-    """Map search by the scans since a loss."""
+    """Search for the pose of a lost robot on its map, by the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
@@ -177,7 +177,7 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose at the last key scan, map frame, and its lead over rivals.
+        """Return the pose at the last key scan, map frame, and its margin over rivals.
 
         The pose is None if unacceptable or ambiguous.
         """

@@ -23,7 +23,7 @@ class ScanGeometry(NamedTuple):
     """Lidar position along x in the base frame [m]."""
     mount_y: float
     range_max: float
-    """Maximum range [m]; readings beyond have no return."""
+    """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
     """Side of a map cell [m]."""
     skip_exceeding: bool = False
@@ -96,7 +96,10 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_extent(ranges, poses, geometry, corner, ends):
-    """Return the extent of scans, shape (n, num_beams) or (1, num_beams), at `poses`, shape (n, 3); see `beam_ends`."""
+    """Return (col_min, row_min, col_max, row_max) of the cells that scans at `poses`, shape (n, 3), touch.
+
+    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
+    """
     col_min = row_min = np.int64(1) << 40
     col_max = row_max = -(np.int64(1) << 40)
     for i in range(poses.shape[0]):

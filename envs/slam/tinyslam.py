@@ -21,9 +21,10 @@ from .scans import project_hits
 LOST_SCANS = 3
 """Consecutive mismatched key scans after which the robot is lost."""
 WIDE_SPREAD = (0.3, 0.2)
-"""Candidate spread [m], [rad] of the second search, after a mismatch (wheel slip)."""
+"""Standard deviation of candidates [m], [rad] in the second search, after a mismatch (wheel slip)."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Minimum hits on known cells to judge a scan; minimum mean occupancy of these cells in the first and second search."""
+"""Minimum hits on known cells to judge a scan, and minimum mean occupancy of these cells in the first and second
+search."""
 
 
 class KnownPoses(KeyScanSlam):

@@ -56,10 +56,10 @@ class GMapping(KeyScanSlam):
     A particle is a trajectory with its map. At key scans, particle poses are sampled around scan matches and weighted
     by the scan likelihood; a low effective sample size triggers resampling.
 
-    Pose and map of the belief are those of the best particle, which has the most likely trajectory and takes proposal
-    modes instead of samples. When another particle becomes best, the map is redrawn, and `belief.path` is its
-    trajectory. `belief.is_lost` is set after consecutive mismatches or at high position spread. A lost robot is
-    searched on the best map (`relocalization`); meanwhile particles follow odometry.
+    The belief has pose and map of the best particle, which has the most likely trajectory and takes proposal modes
+    instead of samples. When another particle becomes best, the map is redrawn, and `belief.path` is its trajectory.
+    `belief.is_lost` is set after consecutive mismatches or at high position spread. A lost robot is searched on the
+    best map (`relocalization`).
     """
 
     params: GMappingParams
@@ -85,7 +85,7 @@ class GMapping(KeyScanSlam):
         self.log_weights = np.zeros(count)
         """Log importance weights since the last resampling, shape (num_particles,), float64."""
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of trajectories since the reset, shape (num_particles,), float64."""
+        """Log likelihoods of the particles' trajectories since the reset, shape (num_particles,), float64."""
         self.best = 0
         """Index of the best particle."""
         self.num_switches = self.num_resamplings = 0
@@ -140,7 +140,7 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Update the proposals; return whether the scan fits the best map, None if too few cells are known."""
+        """Update the proposals; return whether the scan fits the best map."""
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
         stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)
@@ -157,7 +157,7 @@ class GMapping(KeyScanSlam):
         is_poor = (found.num_known >= params.min_known_hits) & (found.known_scores < params.retry_below)
         weights = normalized_weights(self.log_weights)
         if weights[is_poor].sum() >= 0.5:
-            # The motion model has failed, and its covariance is too small.
+            # The motion model failed, and its covariance is too small.
             half_width, half_angle = params.retry_distance / resolution, params.retry_angle
             start = self._search(
                 num_points, motion, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0)
@@ -182,7 +182,6 @@ class GMapping(KeyScanSlam):
             self.poses[:] = [Pose2D(*each).compose(motion) for each in self.poses.tolist()]
 
     def _search(self, num_points: int, motion: Pose2D, window: CorrelativeWindow) -> Pose2D:
-        """Return the motion that best fits the best particle's map, for all particles."""
         level, before = min(1, self.params.num_levels - 1), Pose2D(*self.poses[self.best].tolist())
         predicted = before.compose(motion)
         pose = (*self.map.to_cells(predicted.x, predicted.y), predicted.theta)

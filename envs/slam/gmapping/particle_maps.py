@@ -76,9 +76,9 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Integrate a scan into selected `Maps` from map `first` on; return the next map if the pool is full.
+    """Integrate a scan into selected `Maps` from `first` on; return the first incomplete map, or the number of maps.
 
-    `number` counts scans since the reset; see `log_odds_map.integrate_scans`. Returns the number of maps when complete.
+    The result is an incomplete map if the pool is full. See `log_odds_map.integrate_scans`.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -94,8 +94,8 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
     """Update an occupancy grid by the tiles that differ from a particle's map.
 
-    `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes new known cells to
-    `new_cells`; returns their number, and (col_min, row_min, col_max, row_max) of updated tiles.
+    `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes `new_cells`; returns
+    their number, and (col_min, row_min, col_max, row_max) of updated tiles.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -147,7 +147,7 @@ class ParticleMaps(GrowingMap):
         return out
 
     def resample(self, parents: np.ndarray) -> None:
-        """Replace maps by copies of their parents', shape (num_particles,), int64."""
+        """Replace particle maps by copies of their parents, shape (num_particles,), int64."""
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:

@@ -33,7 +33,7 @@ class Maps(NamedTuple):
     tiles_wide: int
     num_levels: int
     corner: tuple[int, int]
-    """Column and row of the first cell from the map frame's origin."""
+    """Column and row of the first cell, relative to the map frame's origin."""
     resolution: float
 
 
@@ -70,7 +70,6 @@ def prior_cost(prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _propose(map, num_levels, points, num_points, start, prior, params, max_correction):
-    """Match a scan to a particle's map; return mode, `Fit`, log likelihood, known hits, their score, and validity."""
     over = (map, num_levels, points, num_points)
     x, y, theta, fit = refine(*over, start, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = known_score_at(map, points, num_points, x, y, theta)

@@ -1,7 +1,7 @@
 """Tiled maps with copy-on-write.
 
-A pool with reference counts stores all tiles; a map is an index of pool slots. Shared tiles are copied before writing.
-A tile holds `TILE` x `TILE` finest-level cells, then the coarser levels of the same square.
+A pool with reference counts stores all tiles; a map is an index of pool slots. A tile holds `TILE` x `TILE`
+finest-level cells, then the coarser levels of the same square.
 """
 
 from typing import NamedTuple
@@ -18,11 +18,11 @@ TILE_BITS = 5
 TILE = 1 << TILE_BITS
 """Side of a tile [cells of the finest level]."""
 EMPTY = 0
-"""Read-only slot of the unknown tile."""
+"""Pool slot of the unknown tile, shared and read-only."""
 
 
 class TilePool(NamedTuple):
-    """Pool of map tiles in slots."""
+    """Pool that stores map tiles in numbered slots."""
 
     words: np.ndarray
     """Cell words, shape (capacity, cells), int32."""
@@ -56,7 +56,7 @@ def make_pool(capacity: int, num_levels: int) -> TilePool:
 
 
 def enlarge_pool(pool: TilePool) -> TilePool:
-    """Return a pool of twice the capacity."""
+    """Return a copy of the pool with twice the capacity."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
     words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
@@ -87,7 +87,10 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace maps in `index`, shape (num_maps, num_tiles), int32, by copies of `parents`, shape (num_maps,), int64."""
+    """Replace maps by copies of the maps with indices `parents`, shape (num_maps,), int64.
+
+    `index` holds the slots of all maps, shape (num_maps, num_tiles), int32.
+    """
     index[:] = index[parents]
     used = pool.references > 0
     pool.references[:] = np.bincount(index.ravel(), minlength=len(used))
@@ -103,11 +106,10 @@ class TileMap(NamedTuple):
     occupancy: np.ndarray
     """Flattened occupancies of the pool, shape (capacity * cells,), int8."""
     cells: int
-    """Cells per tile, all levels."""
+    """Number of cells per tile, over all levels."""
     slots: np.ndarray
     """Pool slot of each tile, shape (num_tiles,), int32."""
     tiles_wide: int
-    """Number of tiles per map row."""
 
 
 class _TileLevel(NamedTuple):

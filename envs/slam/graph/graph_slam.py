@@ -31,9 +31,9 @@ class GraphSlam(Hector):
     and map change together, after the corrected map is complete.
 
     The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for
-    graph constraints. `belief.covariance` is relative to the live map. `belief.is_lost` is set after consecutive
-    mismatches or at high position uncertainty. A lost robot adds no nodes; after relocalization, the next node is
-    constrained to the nearest node.
+    graph constraints. `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. A lost
+    robot adds no nodes; after relocalization, the next node is constrained to the nearest node. `belief.covariance` is
+    relative to the live map.
     """
 
     shares_maps = False
@@ -48,7 +48,7 @@ class GraphSlam(Hector):
         """Start at a known pose, map frame, with a new map.
 
         Raises:
-            ValueError: if a map is given, because its scans are unknown.
+            ValueError: if a map is given.
         """
         if map is not None:
             raise ValueError("graph SLAM cannot go on with a map: it renders its own from the scans of a pose graph")
@@ -185,7 +185,6 @@ class GraphSlam(Hector):
             self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False
 
     def _optimise_once(self) -> None:
-        """Run one iteration; after the last iteration, correct pose and map."""
         params, arrays = self.params, self.graph.arrays
         change = optimise_step(arrays, params.phi)
         self._iterations -= 1

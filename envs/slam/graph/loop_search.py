@@ -51,7 +51,7 @@ class Loop(NamedTuple):
     node: int
     submap: int
     relative: Pose2D
-    """Measured pose of the node, submap frame."""
+    """Measured pose of the node in the submap frame."""
     covariance: np.ndarray
     """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
@@ -61,7 +61,7 @@ class Loop(NamedTuple):
 
 
 def window_size(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of a search window by path length [m]."""
+    """Return half width [m] and half angle [rad] of a search window by path length in the graph [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),

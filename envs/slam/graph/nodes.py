@@ -23,8 +23,7 @@ FINAL_STDS = np.array([0.05, 0.05, 0.01])
 class NodeStore(KeyScans):
     """Scans of all nodes, and node ranges of submaps.
 
-    The local frame is the uncorrected frame of scan matching. A submap frame has its origin at the submap's first node,
-    and axes of the local frame.
+    The local frame is the uncorrected frame of scan matching. A submap frame has its origin at the first node.
     """
 
     def __init__(self, lidar: LidarParams) -> None:
@@ -80,7 +79,7 @@ class NodeStore(KeyScans):
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return joined points of up to `count` nodes connected with `node` by odometry; see `joined_points`."""
+        """Return joined points of up to `count` nodes up to `node` that odometry connects; see `joined_points`."""
         return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
 
 

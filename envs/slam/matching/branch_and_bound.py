@@ -1,8 +1,7 @@
 """Branch-and-bound scan matching to an occupancy field.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. The score of a pose is the mean field value at
-the points. A search node is a heading with a square of 2^l x 2^l offsets; level l of a pyramid of maxima gives its
-upper bound.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of 2^l x
+2^l offsets; level l of a pyramid of maxima gives an upper bound of its scores.
 """
 
 import math
@@ -144,7 +143,6 @@ def _score_top(levels, width, grid, least, limit):
 
 @njit(cache=True, error_model="numpy")
 def _descend(levels, width, grid, node, best, budget, excluded):
-    """Search below a top node, depth first; return best leaf, number of scored nodes, and completeness."""
     far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
@@ -207,11 +205,11 @@ def search(
     max_evaluations: int,
     excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Search a window for the pose at which points fit a field best.
+    """Search a window for the pose where points fit a field best.
 
     Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
     the field. `points` has shape (n, 2), float32, base frame [m]. `min_score` is the minimum mean field value at the
-    points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region to skip, see `NO_EXCLUSION`.
+    points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region to skip.
 
     Raises:
         ValueError: if the window exceeds the reach of the pyramid.

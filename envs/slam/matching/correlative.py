@@ -9,7 +9,7 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
-"""Maximum hits scored per pose, evenly chosen."""
+"""Maximum number of hits scored per pose, evenly chosen."""
 TURN_STEP = 0.03
 """Step between headings [rad]."""
 PENALTY = 0.01

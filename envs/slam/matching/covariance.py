@@ -37,8 +37,7 @@ def motion_stds(noise, travelled, turn):
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
     """Return Hessian entries xx, xy, xt, yy, yt without the information from map noise.
 
-    Noise gradients would constrain positions along corridors. `noise` is subtracted from both position eigenvalues;
-    other entries are scaled to keep the matrix positive semidefinite.
+    Noise gradients would constrain positions along corridors. `noise` is subtracted from both position eigenvalues.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)
@@ -98,7 +97,7 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
     """Correct a predicted pose covariance by a match, in place: P <- (P^-1 + H / k)^-1.
 
-    H is the Hessian of `fit`, k the residual variance, and `resolution` the cell side [m]. Returns the ratio of
+    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns the ratio of
     determinants, after to before.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)

@@ -36,7 +36,7 @@ class Field(NamedTuple):
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Return the known part of a grid, or one unknown cell."""
+        """Return the known part of a grid; one unknown cell if nothing is known."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -87,7 +87,7 @@ def count_hits(field, points, pose):
 
 
 def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
-    """Return the `HitShares` of points at a pose; see `count_hits`."""
+    """Return the `HitShares` of points; see `count_hits`."""
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
     return HitShares(total / (FULL_PERCENT * n), occupied / n, free / n)
@@ -108,7 +108,7 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count beams through certainly occupied cells, and beams with mostly known cells.
+    """Count beams through certainly occupied cells, and all beams that cross mostly known cells.
 
     At a wrong pose, beams cross walls even if hits fall on walls. `ranges` has shape (num_beams,), float32 [m]; `pose`
     is in the frame of the field [m, m, rad].
@@ -175,8 +175,7 @@ def build_pyramid(field, num_levels, reach):
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # Points outside may move farther by one reach: above and below, the border is twice as wide. Along a row, the index
-    # continues in the next row's border.
+    # Above and below, points may move by twice the reach; along a row, indices continue in the next row's border.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

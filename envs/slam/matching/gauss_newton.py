@@ -165,7 +165,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn); zeros if undetermined."""
+    """Return the Gauss-Newton step (dx, dy, turn); zeros if the pose is undetermined."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta

@@ -1,7 +1,6 @@
 """Pose graph of nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-A node is the base pose at a scan; a submap is the frame of a map from some tens of scans. Constraints connect nodes
-with their own and with loop-closure submaps.
+A node is the base pose at a scan; a submap is the frame of a map from some tens of scans.
 """
 
 from dataclasses import dataclass
@@ -62,7 +61,7 @@ class GrowingArray:
 
 
 class PoseGraph:
-    """Pose graph that grows."""
+    """Pose graph that grows; poses are in the map frame [m, m, rad]."""
 
     def __init__(self, capacity: int = 64) -> None:
         self._submaps = GrowingArray((3,), np.float64, capacity)
@@ -85,11 +84,9 @@ class PoseGraph:
         return len(self._submaps)
 
     def add_node(self, pose: ArrayLike) -> int:
-        """Add a node at a pose, map frame [m, m, rad]; return its index."""
         return self._nodes.append(pose)
 
     def add_submap(self, pose: ArrayLike) -> int:
-        """Add a submap at a pose, map frame [m, m, rad]; return its index."""
         return self._submaps.append(pose)
 
     def add_constraint(

@@ -47,7 +47,7 @@ def residual(submap, node, relative):
 
 @njit(cache=True, error_model="numpy")
 def chi_square(information, x, y, theta):
-    """Return the squared Mahalanobis distance of a residual; `information` has shape (3, 3)."""
+    """Return the squared Mahalanobis distance of a residual."""
     return (
         information[0, 0] * x * x
         + information[1, 1] * y * y
@@ -67,7 +67,7 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write weight B^T information B to `out`, with rotation B from map to submap axes."""
+    """Write weight B^T information B, with rotation B from map to submap axes."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
@@ -108,7 +108,7 @@ def _linearise(graph, phi, order, starts):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, per node."""
+    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, for each node."""
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
         first, last = linearised.starts[j], linearised.starts[j + 1]
@@ -173,7 +173,6 @@ def _move(poses, j, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _move_nodes(graph, linearised, inverses, shifts, change):
-    """Move nodes by back substitution of submap changes; return the largest change."""
     largest, pull = 0.0, np.empty(3)
     for j in range(graph.nodes.shape[0]):
         pull[:] = 0.0
@@ -207,8 +206,8 @@ def _step(graph, phi, order, starts, first, rows):
 def optimise_step(graph: Graph, phi: float) -> float:
     """Run one Gauss-Newton iteration; return the largest change of a pose coordinate [m or rad].
 
-    The first submap is fixed; unconstrained poses do not move. `phi` is the threshold of `robust_weight`; inf for plain
-    least squares.
+    The first submap is fixed; unconstrained poses do not move. `phi` is that of `robust_weight`; inf for plain least
+    squares.
     """
     constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
     active = np.flatnonzero(constraints.is_active)

@@ -43,7 +43,6 @@ def _subtract_products(values, a, width_a, b, width_b, count, block):
 
 @njit(cache=True, error_model="numpy")
 def _factorise_diagonal(block, diagonal):
-    """Factorise a diagonal block in place; an infinite pivot marks an undetermined unknown."""
     undetermined = 0
     for r in range(3):
         for q in range(r):
