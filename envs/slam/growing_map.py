@@ -28,7 +28,7 @@ class GrowingMap:
         """
         resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
-            raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m in cells of {resolution:g} m has too many of them")
+            raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m has too many cells of {resolution:g} m")
         self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)

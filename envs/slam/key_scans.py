@@ -74,7 +74,7 @@ class KeyScans:
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
         """Return the joined hits of scans `first` to `last`, base frame of scan `last`, shape (n, 2), float32 [m].
 
-        Points are thinned to one per `POINT_CELL` within `max_range` [m], and to `max_points`.
+        Points within `max_range` [m] are thinned to one per `POINT_CELL`, and to `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]

@@ -166,17 +166,17 @@ def notify(
 ) -> None:
     """Notify observers from a search `trace`; `predicted` is in metres."""
 
-    def tell(event: str, *said: Pose2D | float) -> None:
+    def send(event: str, *arguments: Pose2D | float) -> None:
         for observer in observers:
-            getattr(observer, event)(*said)
+            getattr(observer, event)(*arguments)
 
-    tell("on_matching_start", predicted)
+    send("on_matching_start", predicted)
     best = predicted, num_hits - trace[0, 3] / FULL_OCCUPANCY
-    tell("on_scan_test", *best)
+    send("on_scan_test", *best)
     for x, y, theta, total, is_better in trace[1:].tolist():
         pose, cost = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta)), num_hits - total / FULL_OCCUPANCY
-        tell("on_scan_test", pose, cost)
+        send("on_scan_test", pose, cost)
         if is_better:
             best = pose, cost
-            tell("on_pose_update", *best)
-    tell("on_matching_end", *best)
+            send("on_pose_update", *best)
+    send("on_matching_end", *best)

@@ -1,7 +1,7 @@
 """Relocalization of a lost or kidnapped robot on its own map.
 
 Scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al., Real-time
-loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous; twenty scans seldom are.
+loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
 """
 
 import math

@@ -78,7 +78,7 @@ class GMapping(KeyScanSlam):
             ValueError: if a map is given.
         """
         if map is not None:
-            raise ValueError("gmapping has a map for each particle, and cannot go on with a given one")
+            raise ValueError("gmapping has a map for each particle, and cannot continue a given map")
         count = self.params.num_particles
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
         """Particle poses at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad]."""

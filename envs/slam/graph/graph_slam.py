@@ -51,7 +51,9 @@ class GraphSlam(Hector):
             ValueError: if a map is given.
         """
         if map is not None:
-            raise ValueError("graph SLAM cannot go on with a map: it renders its own from the scans of a pose graph")
+            raise ValueError(
+                "graph SLAM cannot continue a given map: it renders its map from the scans of a pose graph"
+            )
         self.graph = PoseGraph()
         """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
@@ -132,7 +134,7 @@ class GraphSlam(Hector):
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
         pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
-        fallback_pose = self._track_loss(ranges, predicted, pose, fits)
+        fallback_pose = self._update_lost_state(ranges, predicted, pose, fits)
         if fallback_pose is not None:
             in_local_frame = self._correction.inverse().compose(fallback_pose)
             if self._monitor.is_found:
@@ -164,7 +166,7 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Constrain the first node after relocalization to the nearest node's submap."""
+        """Constrain the first node after relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])

@@ -81,7 +81,7 @@ def discretise(pyramid, points, pose, window, shift):
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
-        raise ValueError("the window is larger than the pyramid was built for")
+        raise ValueError("the window is larger than the reach of the pyramid")
     height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
     n = points.shape[0]
     cells, counts = np.empty((2 * num_turns + 1, n), dtype=np.int32), np.zeros(2 * num_turns + 1, dtype=np.int64)

@@ -175,7 +175,7 @@ def build_pyramid(field, num_levels, reach):
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # Above and below, points may move by twice the reach; along a row, indices continue in the next row's border.
+    # Points may move by twice the reach up and down; along a row, indices continue in the next row's border.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

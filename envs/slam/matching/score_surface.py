@@ -54,7 +54,7 @@ def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_widt
     reach = round(half_width / (stride * pyramid.resolution))
     window = SearchWindow(reach * stride * pyramid.resolution, NUM_TURNS * TURN_STEP, TURN_STEP)
     chosen = np.ascontiguousarray(points[::POINT_STEP])
-    # The shift by half a cell centres the 2 x 2 cells of a maximum on the point.
+    # Half a cell of shift centres the 2 x 2 cells of a maximum on the point.
     grid = discretise(pyramid, chosen, tuple(pose), window, 0.5)
     scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL_PERCENT * max(len(chosen), 1))
     return scores

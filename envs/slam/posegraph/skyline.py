@@ -1,8 +1,8 @@
 """Cholesky factorisation of symmetric 3 x 3 block matrices in skyline storage.
 
 Block row i stores its lower triangle from the first nonzero block `first[i]`, as three scalar rows of `3 * (i + 1 -
-first[i])` numbers from index `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems,
-1981, chapter 4). Sums have a fixed order on all processors.
+first[i])` numbers from `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981,
+chapter 4). The fixed order of sums gives equal results on all processors.
 """
 
 import math
