@@ -35,7 +35,6 @@ class GrowingMap:
         """Column and row of the map's first cell, relative to the map frame's origin."""
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
-        """Current occupancy grid."""
         # Untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)

@@ -52,7 +52,7 @@ class Hector(KeyScanSlam):
             return predicted, 1.0
         match = self._match_map(ranges, predicted)
         pose = Pose2D(match.x, match.y, match.theta)
-        fallback_pose = self._update_lost_state(ranges, predicted, pose, match.fits if match.is_judged else None)
+        fallback_pose = self._update_lost(ranges, predicted, pose, match.fits if match.is_judged else None)
         return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
@@ -64,9 +64,7 @@ class Hector(KeyScanSlam):
         match: Match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
         return match
 
-    def _update_lost_state(
-        self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None
-    ) -> Pose2D | None:
+    def _update_lost(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
         belief = self.belief
         fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
         if self._monitor.is_found:

@@ -166,7 +166,7 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _make_map(self) -> Any:
-        """Return a new map with `grid` and `integrate`."""
+        """Return a new map."""
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:

@@ -43,9 +43,7 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (lidar.num_beams,):
-        raise ValueError(
-            f"ranges must have shape ({lidar.num_beams},), one value per beam of the lidar, got {ranges.shape}"
-        )
+        raise ValueError(f"ranges must have shape ({lidar.num_beams},), one per beam of the lidar, got {ranges.shape}")
     if not math.isfinite(motion[0] + motion[1] + motion[2]):
         raise ValueError(f"motion must be finite, got {tuple(motion)}")
     return ranges

@@ -89,7 +89,6 @@ class GMapping(KeyScanSlam):
         self.best = 0
         """Index of the best particle."""
         self.num_switches = self.num_resamplings = 0
-        """Number of best-particle changes, and of resamplings."""
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
         # Tree of poses at key scans, with parent particles.
         self._poses, self._parents = GrowingArray((count, 3), np.float64, 256), GrowingArray((count,), np.int64, 256)

@@ -35,7 +35,6 @@ class TilePool(NamedTuple):
     free: np.ndarray
     """Stack of unused slots, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
-    """Number of unused slots, shape (1,), int64."""
 
 
 @njit(cache=True, error_model="numpy")

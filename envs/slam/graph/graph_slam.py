@@ -51,9 +51,7 @@ class GraphSlam(Hector):
             ValueError: if a map is given.
         """
         if map is not None:
-            raise ValueError(
-                "graph SLAM cannot continue a given map: it renders its map from the scans of a pose graph"
-            )
+            raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
         """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
@@ -134,7 +132,7 @@ class GraphSlam(Hector):
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
         pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
-        fallback_pose = self._update_lost_state(ranges, predicted, pose, fits)
+        fallback_pose = self._update_lost(ranges, predicted, pose, fits)
         if fallback_pose is not None:
             in_local_frame = self._correction.inverse().compose(fallback_pose)
             if self._monitor.is_found:

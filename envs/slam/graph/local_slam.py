@@ -37,7 +37,7 @@ class LocalSlam:
         """Base pose at the last matched scan, local frame."""
         self.travelled = 0.0
         self.active: list[int] = []
-        """Indices of unfinished submaps, oldest first; scans match the oldest."""
+        """Indices of unfinished submaps, oldest first; scans are matched to the oldest."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 

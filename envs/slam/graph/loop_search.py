@@ -29,7 +29,7 @@ HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 MAX_DISTANCE = 4.0
 """Maximum distance between a node and a submap for a search, apart from pose uncertainty [m]."""
 MAX_UNCONFIRMED = 0.25
-"""Maximum correction without confirmation [m]."""
+"""Maximum loop-closure correction accepted without confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
 """Maximum difference between confirming loop closures: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5

@@ -67,7 +67,7 @@ class _Best(NamedTuple):
 def angle_step(points: np.ndarray, resolution: float) -> float:
     """Return the heading step that moves three quarters of the points by at most 1.5 cells [rad].
 
-    `points` has shape (n, 2), float32, base frame [m]; `resolution` is the cell side [m].
+    `points` has shape (n, 2), float32, base frame [m].
     """
     if len(points) == 0:
         return 0.03

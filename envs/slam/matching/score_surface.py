@@ -1,7 +1,7 @@
 """Covariance of a scan match from scores of nearby poses (Olson, 2009, section III.C).
 
 Scores are log-likelihoods, and their second moments the covariance. A match that can slide, as along a corridor, gets a
-long ellipse, unlike from the curvature at the optimum.
+long ellipse, which the curvature at the optimum would not show.
 """
 
 from functools import cache

@@ -22,7 +22,7 @@ class Constraints(NamedTuple):
     information: np.ndarray
     """Inverse covariances of `relative`, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
     is_loop: np.ndarray
-    """Loop-closure flags, shape (n,), bool; loop closures can be outliers, with robust weights."""
+    """Loop-closure flags, shape (n,), bool; loop closures have robust weights, because of outliers."""
     is_active: np.ndarray
     """False for dropped constraints, shape (n,), bool."""
 
