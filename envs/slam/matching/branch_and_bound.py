@@ -49,7 +49,7 @@ class Grid(NamedTuple):
     cells: np.ndarray
     """Cell index of each point that may hit the field, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Valid columns of `cells`, shape (num_headings,), int64."""
+    """Number of valid columns of `cells` per heading, shape (num_headings,), int64."""
     reach: int
     """Maximum offset [cells]."""
     num_turns: int
