@@ -1,4 +1,4 @@
-"""Parameters of all SLAMs, and the presets that come with them."""
+"""Parameters and presets of all SLAM algorithms."""
 
 from collections.abc import Mapping
 from dataclasses import asdict, field
@@ -20,65 +20,61 @@ CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class SlamParams:
-    """What all SLAMs share: odometry, key scans and the extent of the map."""
+    """Common parameters of all SLAMs."""
 
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
-    """Standard deviations of odometry's motion from one matched scan to the next."""
+    """Odometry standard deviations between two matched scans."""
     min_travel_distance: NotNegative = 0.2
-    """A scan is integrated once the robot is this far from where the last one was [m]; 0 for every scan. Integrated
-    more often, a scan is matched to the noise of the one before rather than to the environment."""
+    """Minimum distance between integrated scans [m]; 0 for every scan. At short distances, scans match each other's
+    noise."""
     min_travel_angle: NotNegative = 0.6
-    """... or once it has turned by this much since [rad]."""
+    """Minimum turn between integrated scans, as alternative to the distance [rad]."""
     skip_exceeding: bool = False
-    """Whether beams without a return are left out of the map; else they clear it up to the lidar's range."""
+    """Ignore beams without a return in mapping instead of clearing cells up to the maximum range."""
     map_width: Positive = 20.0
-    """Extent of a new map along x [m]; it grows when needed."""
+    """Initial map size along x [m]; grows when needed."""
     map_height: Positive = 20.0
-    """Extent of a new map along y [m]; it grows when needed."""
+    """Initial map size along y [m]; grows when needed."""
     resolution: Positive = 0.05
-    """Side of a cell, of the finest map where there are several [m]."""
+    """Side of a finest-level map cell [m]."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class TinySlamParams(SlamParams):
-    """All params of TinySLAM, and of mapping with known poses, which uses those of the map.
+    """Parameters of TinySLAM; mapping with known poses uses the map parameters.
 
-    Defaults are those of the original's program code (OSLL/tiny-slam-ros-cpp); `docs/notes/slam.md` compares them with
-    the original's launch file, with Nguyen et al. (TinySLAM for a robot vacuum, 2025), and with what the environments
-    use.
+    Defaults follow the program OSLL/tiny-slam-ros-cpp; see `docs/notes/slam.md`.
     """
 
     sigma_xy: NotNegative = 0.2
-    """Spread of candidates around the best pose so far, per axis, at the start of a scan [m]."""
+    """Initial standard deviation of candidate positions per axis [m]."""
     sigma_theta: NotNegative = 0.1
-    """Spread of candidates' headings around the best so far, at the start of a scan [rad]."""
+    """Initial standard deviation of candidate headings [rad]."""
     max_failed: Count = 20
-    """Candidates that may fail to improve before the search ends."""
+    """Failed candidates after which the search ends."""
     max_tries: Count = 100
-    """Candidates that may be tried for one scan."""
+    """Maximum number of candidates per scan."""
     occupied_prob: Share = 0.95
-    """Occupancy that a beam reports of the cell it ends in. A cell holds the mean of all reports."""
+    """Observed occupancy of a beam's end cell; a cell stores the mean of its observations."""
     empty_prob: Share = 0.01
-    """Occupancy that a beam reports of the cells it passes."""
+    """Observed occupancy of cells that a beam passes."""
     quality: Share = 0.9
-    """Weight of a scan whose pose the matcher has corrected."""
+    """Weight in the map of a scan at a matched pose."""
     raw_quality: Share = 0.6
-    """Weight of a scan mapped at the predicted pose."""
+    """Weight in the map of a scan at a predicted pose."""
     unvisited: Annotated[float, Field(ge=-1, le=1)] = -1.0
-    """Occupancy that the matcher assumes of cells never observed."""
+    """Occupancy of unobserved cells in scan matching."""
     hole_width: NotNegative = 1.5
-    """Depth of the ramp in front of a hit over which occupancy rises [m]. 0 for none."""
+    """Length of the occupancy ramp in front of a hit [m]; 0 for no ramp."""
     blur: Literal["add", "assign"] = "add"
-    """Whether the ramp is added to the occupancy of a passed cell (the original) or replaces it (its successor)."""
+    """Add the ramp to a passed cell's occupancy ("add", original) or replace that occupancy ("assign")."""
     prior_weight: NotNegative = 0.0
-    """What a squared standard deviation from the predicted pose adds to the cost of a candidate, which is the number of
-    hits less the sum of their cells' occupancies; 0 for a search that odometry does not hold (the original)."""
+    """Cost of the squared Mahalanobis distance from the predicted pose; one hit costs up to 1. 0 ignores odometry
+    (original)."""
     match_every_scan: bool = True
-    """Whether every scan is matched; else only those that are integrated are, and between them the pose follows
-    odometry."""
+    """Match every scan instead of only key scans."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Whether motion is applied along the estimated heading, or added as odometry's own frame sees it, as the originals
-    do, which is wrong as soon as the two frames are turned against each other."""
+    """Frame of odometry motion. The original's "odometry_frame" is wrong if odometry and map frame are rotated."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -86,151 +82,145 @@ class TinySlamParams(SlamParams):
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class MatchingParams(SlamParams):
-    """What the SLAMs that match scans by Gauss-Newton steps to maps of log odds share."""
+    """Parameters of Gauss-Newton scan matching to log-odds maps."""
 
     residual_variance: Positive = 0.5
-    """Variance of a hit's residual, 1 minus the occupancy where it falls: weighs the scan against odometry, and
-    particles against each other. The hits of a scan err together, and so this exceeds what a single one shows."""
+    """Variance of a hit's residual, 1 - occupancy: weighs scan against odometry; increased for correlated errors."""
     num_levels: Annotated[int, Field(ge=1, le=6)] = 2
-    """Maps that the matcher works on, from the coarsest to the finest; each has cells twice as wide as the next."""
+    """Number of map resolutions; the cell side doubles per level."""
     iterations: Count = 6
-    """Greatest number of Gauss-Newton steps on the finest map."""
+    """Maximum Gauss-Newton steps on the finest level."""
     coarse_iterations: Count = 4
-    """Greatest number of Gauss-Newton steps on each of the others."""
+    """Maximum Gauss-Newton steps on each coarser level."""
     search_distance: NotNegative | None = None
-    """Motion since the last matched scan from which on a correlative search precedes Gauss-Newton [m]; None for
-    never."""
+    """Distance between matched scans above which a correlative search runs [m]; None for never."""
     search_angle: NotNegative | None = None
-    """... or turn since then [rad]; None for never."""
+    """Turn between matched scans above which a correlative search runs [rad]; None for never."""
     retry_below: Share = 0.5
-    """Mean occupancy of the known cells under the hits below which a second correlative search looks farther around; of
-    particles, those with half of the weight must stay below; 0 for never."""
+    """Mean occupancy of known cells under the hits, below which a wider correlative search runs; 0 for never. GMapping
+    searches if particles with half of the weight are below."""
     retry_distance: Positive = 0.8
-    """Half width of the second search; of particles, also how far any match may be off the pose by odometry [m]."""
+    """Half width of the wider search [m]. GMapping: also maximum distance of a match from odometry."""
     retry_angle: Positive = 0.35
-    """Half width of the second search in heading [rad]."""
+    """Half angle of the wider search [rad]."""
     retry_gain: NotNegative = 0.05
-    """What the second search must add to the occupancies of the known cells under the hits, for each hit."""
+    """Minimum known-cell occupancy gain per hit to accept the wider search."""
     min_known_score: Share = 0.7
-    """A scan whose hits on known cells fall on less occupied ones in the mean does not match: it is not integrated, and
-    the pose follows odometry."""
+    """Minimum mean occupancy of known cells under the hits; otherwise the scan mismatches, and the pose follows
+    odometry."""
     min_known_hits: Count = 20
-    """Hits on known cells without which a scan is not judged."""
+    """Minimum hits in known cells to judge a match."""
     lost_scans: Count = 3
-    """Scans in succession that do not match, from which on the robot is lost."""
+    """Consecutive mismatched scans after which the robot is lost."""
     max_position_std: Positive = 1.0
-    """Standard deviation of the position along its worst direction from which on the robot is lost [m]."""
+    """Position standard deviation in the worst direction above which the robot is lost [m]."""
     occupied_prob: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
-    """Occupancy that a beam reports of the cell it ends in."""
+    """Observed occupancy probability of a beam's end cell."""
     empty_prob: Annotated[float, Field(gt=0, lt=0.5)] = 0.4
-    """Occupancy that a beam reports of the cells it passes."""
+    """Observed occupancy probability of cells that a beam passes."""
     max_log_odds: Annotated[float, Field(gt=0, le=63)] = 50.0
-    """Largest log odds of a cell, and with the opposite sign the least."""
+    """Maximum absolute log-odds of a cell."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class HectorParams(MatchingParams):
-    """All params of `Hector`. The defaults are those of the environments."""
+    """Parameters of `Hector`."""
 
     uses_odometry: bool = True
-    """Whether odometry predicts the pose, and is the prior of the match; else the search starts at the pose of the scan
-    before (Kohlbrecher et al., 2011)."""
+    """Use odometry as prediction and prior; False starts at the last pose (Kohlbrecher et al., 2011)."""
     match_every_scan: bool = False
-    """See `TinySlamParams`."""
+    """Match every scan instead of only key scans."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class LoopClosureParams:
-    """When a loop closure is accepted."""
+    """Acceptance criteria for a loop closure."""
 
     min_score: Share = 0.4
-    """Least mean occupancy of the cells in which hits fall."""
+    """Minimum mean occupancy under the hits."""
     min_occupied: Share = 0.5
-    """Least share of hits on or next to occupied cells."""
+    """Minimum fraction of hits on or next to occupied cells."""
     max_free: Share = 0.15
-    """Largest share of hits in free cells away from occupied ones."""
+    """Maximum fraction of hits in free cells without an occupied neighbour."""
     min_agreement: Share = 0.75
-    """Least share of hits on or next to occupied cells among those that do not fall into unknown ones."""
+    """Minimum fraction of known hits on or next to occupied cells."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class GraphSlamParams(HectorParams):
-    """All params of `GraphSlam`: those of Hector, which match scans with submaps, and those of the graph.
+    """Parameters of `GraphSlam`: scan-to-submap matching, pose graph.
 
-    A scan that is integrated is a node; `min_travel_distance` and `min_travel_angle` lie between two of them. Submaps
-    are smaller than maps, and less of a scan falls in known cells, hence other defaults.
+    Every integrated scan is a node. Submaps have fewer known cells than maps, hence different defaults.
     """
 
     min_travel_angle: NotNegative = 0.3
     retry_below: Share = 0.4
     min_known_score: Share = 0.25
     submap_spacing: Count = 20
-    """A submap starts every so many nodes, and takes twice as many."""
+    """Nodes between submap starts; a submap holds twice as many."""
     correlation: Positive = 5.0
-    """Factor of the covariance of a node in its submap: errors of neighbours are correlated."""
+    """Factor on the covariance of a node in its submap, for correlated errors of neighbouring nodes."""
     node_sigma_xy: Positive = 0.03
-    """Least standard deviation of a node in its submap [m]."""
+    """Minimum position standard deviation of a node in its submap [m]."""
     node_sigma_theta: Positive = 0.008
-    """The same of the heading [rad]."""
+    """Minimum heading standard deviation of a node in its submap [rad]."""
     loops: LoopClosureParams = field(default_factory=LoopClosureParams)
-    """When loop closures are accepted."""
+    """Acceptance criteria for loop closures."""
     loop_every: Count = 2
-    """Loop closures are searched at every so many nodes."""
+    """Number of nodes between loop-closure searches."""
     submap_every: Count = 6
-    """Nodes between two searches of the same submap."""
+    """Minimum nodes between searches of the same submap."""
     max_candidates: Count = 2
-    """Most submaps that are searched at one node."""
+    """Maximum submaps searched per node."""
     loop_scans: Count = 5
-    """Scans that are matched together."""
+    """Number of recent scans matched together in a loop-closure search."""
     max_evaluations: Count = 20_000
-    """Most poses and groups of poses that a search scores."""
+    """Maximum branch-and-bound nodes scored per loop-closure search."""
     max_rendered: Count = 8
-    """Finished submaps whose fields are kept; others are rendered when they are searched."""
+    """Number of finished submaps with cached search fields."""
     phi: Positive = 9.0
-    """Chi^2 above which loop constraints weigh less."""
+    """Chi-square above which loop constraints are down-weighted."""
     max_chi2: Positive = 54.0
-    """Chi^2 above which loop constraints are dropped."""
+    """Chi-square above which loop constraints are dropped."""
     optimise_every: Count = 10
-    """Nodes with loop closures before the graph is optimised."""
+    """Number of nodes with new loop closures that trigger an optimisation."""
     urgent_correction: NotNegative = 0.1
-    """Correction that starts the optimisation at once [m]."""
+    """Loop-closure correction above which the graph is optimised at once [m]."""
     max_iterations: Count = 5
-    """Most iterations of one optimisation; one is done per key scan."""
+    """Maximum iterations per optimisation, one per key scan."""
     tolerance: Positive = 1e-4
-    """Largest change that ends an optimisation [m or rad]."""
+    """Pose change that ends the optimisation [m or rad]."""
     redraw_distance: NotNegative = 0.1
-    """The map is rendered anew once an optimisation has moved a node by more than this in it [m]"""
+    """Node displacement by optimisation above which the map is rendered again [m]."""
     redraw_angle: NotNegative = 0.02
-    """... or turned one by more than this [rad]."""
+    """Node rotation by optimisation above which the map is rendered again [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Cells along the beams of nodes that are rendered into a corrected map at each key scan, and those of one node."""
+    """Maximum number of cells along beams rendered per key scan; at least one node is rendered."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """How often `finish` matches all nodes with the map that is rendered from them."""
+    """Number of times that `finish` matches all nodes to the rendered map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class GMappingParams(MatchingParams):
-    """All params of `GMapping`. The defaults are those of the environments."""
+    """Parameters of `GMapping`."""
 
     match_every_scan: ClassVar[bool] = False
-    """Key scans alone are matched; see `KeyScanSlam`."""
+    """Constant: only key scans are matched."""
     uses_odometry: ClassVar[bool] = True
-    """The motion model of the particles; see `HectorParams`."""
+    """Constant: odometry is the motion model."""
     num_levels: Annotated[int, Field(ge=1, le=4)] = 2
     retry_below: Share = 0.4
     min_known_score: Share = 0.25
     min_travel_distance: NotNegative = 0.3
     min_travel_angle: NotNegative = 0.3
     num_particles: Count = 20
-    """Number of particles, each with a map of its own."""
+    """Number of particles."""
     likelihood_gain: Annotated[float, Field(gt=0, le=1)] = 0.2
-    """Exponent of the likelihood in the importance weights: successive scans err together as well, and without it few
-    particles would take all weight."""
+    """Exponent of the scan likelihood in importance weights; below 1 for correlated errors of successive scans."""
     resample_below: Share = 0.5
-    """Effective sample size, as a fraction of the particles, below which they are resampled."""
+    """Effective sample size, as a fraction of the particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Another particle becomes the best one if the log likelihood of all scans along its trajectory, times
-    `likelihood_gain`, exceeds that of the best one by more than this."""
+    """Log-likelihood margin over the best particle (with `likelihood_gain`) for another particle to become best."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams
@@ -240,20 +230,25 @@ KINDS: dict[str, type[Any]] = {
     "graph": GraphSlamParams,
     "gmapping": GMappingParams,
 }
-"""Classes of the params by SLAM."""
+"""Parameter classes by SLAM name."""
 PRESETS: dict[str, dict[str, Path]] = {
     slam: {path.stem: path for path in sorted((Path(__file__).parent / "presets" / slam).glob("*.yaml"))}
     for slam in KINDS
 }
-"""Files of the presets by SLAM and name."""
+"""Preset files by SLAM name and preset name."""
 
 
 def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = None, slam: str = "tinyslam") -> Any:
-    """Return params by the name of a preset, by the path of a YAML file, by `module:attribute`, or as they are.
+    """Return the parameters of a SLAM, with changes.
 
-    `changes`: values to replace, text that reads as a number is taken for it; `slam`: whose they are, a key of
-    `PRESETS`; mapping with known poses takes those of "tinyslam". ValueError, naming file and key, for an unknown name
-    or key, or a value that makes no sense; FileNotFoundError if there is no file at the path.
+    Args:
+        preset: preset name, YAML file, `module:attribute`, or parameters.
+        changes: values to replace; numeric text is converted.
+        slam: key of `PRESETS`; "tinyslam" for known poses.
+
+    Raises:
+        ValueError: for an unknown name or key, or an invalid value.
+        FileNotFoundError: if the file does not exist.
     """
     found = resolve(preset, dict(PRESETS[slam]), f"preset of {slam}", files=True)
     values = read_mapping(found) if isinstance(found, Path) else asdict(found)
