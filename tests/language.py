@@ -12,7 +12,8 @@ from collections.abc import Iterator
 from pathlib import Path
 
 IDIOMS = {
-    "free relative": r"\b(?:what|whatever|whoever|whomever)\b(?!.*\?)|\bwhom\b|(?:^|[,;:(]|\b(?:of|by|to|for|from|with|and|or))\s+who\b",
+    "free relative": r"\b(?:what|whatever|whoever|whomever)\b(?!.*\?)|\bwhom\b",
+    "who without a noun": r"(?:^|[,;:(]|\b(?:of|by|to|for|from|with|and|or))\s+who\b",
     "preposition + which": r"\b(?:of|by|from|to|among|beyond|under|beside) which\b",
     "but for": r"\bbut for\b",
     "tell": r"\b(?:tell|tells|told)\b",
