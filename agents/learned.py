@@ -1,4 +1,4 @@
-"""Learned policies by their folders: of a run, of a checkpoint, or one that comes with the package."""
+"""Loading of learned policies by folder."""
 
 import hashlib
 from collections.abc import Iterable
@@ -16,16 +16,15 @@ from lidarnaut.baselines.explorer import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
-"""Folder of the policies that come with the package."""
+"""Folder of the package's policies."""
 POLICY = "policy"
-"""Folder of the policy in a run of evolution."""
+"""Policy folder in an evolution run."""
 
 
 def find_policy(path: str | Path) -> Path:
-    """Return the folder that holds the weights of a policy: of a run, a checkpoint, a policy, or `pretrained/NAME`.
+    """Return the folder with the weights of a policy; raise CheckpointError if missing.
 
-    Raises:
-        CheckpointError: if there is none.
+    `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`.
     """
     path = Path(path)
     if path.parts[:1] == ("pretrained",) and not path.exists():
@@ -42,15 +41,17 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(
     folder: Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
 ) -> Explorer | ObservationPolicy:
-    """Load the policy of a folder that `find_policy` returned; a score of frontiers as an explorer.
+    """Load the policy of a folder from `find_policy`; a frontier score becomes an explorer.
 
-    That explorer drives by `pursuit` if asked (`lidarnaut.baselines.frontier.pursuit`); others take their most likely
-    actions, or draw them as in training if they are not to be `deterministic`. `trust`: modules and names of your own
-    code that the policy may name; see `lidarnaut.agents.trust`.
+    Args:
+        folder: folder with the weights.
+        pursuit: drive by pursuit (frontier scores only).
+        deterministic: take the most likely actions instead of sampling (networks only).
+        trust: code names to accept; see `lidarnaut.agents.trust`.
 
     Raises:
-        CheckpointError: if it is damaged, drives by `pursuit` and is no score of frontiers, or draws and is one.
-        ValueError: if it names code that is not trusted.
+        CheckpointError: if the policy is damaged or rejects an option.
+        ValueError: if the policy names code that is not trusted.
     """
     if (folder / RECORD_FILE).exists():
         if not deterministic:
@@ -60,13 +61,13 @@ def load_policy(
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
         raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
-    from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
+    from lidarnaut.agents.explorer import LearnedPolicy  # slow import of torch
 
     return LearnedPolicy.load(folder, deterministic=deterministic, trust=trust)
 
 
 def fingerprint(folder: Path) -> str:
-    """Return the SHA-256 of the weights in a folder that `find_policy` returned."""
+    """Return the SHA-256 of a policy's weights."""
     from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)
