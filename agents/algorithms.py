@@ -54,9 +54,9 @@ DEFAULTS: dict[str, dict[str, Any]] = {
 bonus."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
 """Limits of the default replay buffer: memory [bytes] and transitions."""
-OURS = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
-OURS |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
-"""Constructor arguments of algorithms that are not hyperparameters."""
+FIXED = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
+FIXED |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
+"""Constructor arguments that this package sets, hence no hyperparameters."""
 
 
 def find_algorithm(name: str) -> type[BaseAlgorithm]:
@@ -90,16 +90,16 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
         ValueError: if a hyperparameter is invalid, or a rollout is longer than `checkpoints.every`.
     """
     algorithm = find_algorithm(config.algorithm)
-    allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
+    allowed = {name: one for name, one in _parameters(algorithm).items() if name not in FIXED}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
     rollout_steps(config)  # validated first
-    for name, given in config.hyperparameters.items():
+    for name, value in config.hyperparameters.items():
         try:
-            check_hyperparameter(name, given, _read(name, given, config, env.action_space), allowed[name].annotation)
+            check_hyperparameter(name, value, _read(name, value, config, env.action_space), allowed[name].annotation)
         except ValueError as error:
             said = "; ".join(one["msg"] for one in error.errors()) if isinstance(error, ValidationError) else error
-            raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(given)}") from error
+            raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(value)}") from error
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
@@ -115,7 +115,7 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     if config.checkpoints.every < (steps := rollout_steps(config)):
         raise ValueError(
             f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
-            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints can only lie between updates"
+            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints are only saved between updates"
         )
     return config
 
@@ -124,11 +124,11 @@ def rollout_steps(config: TrainingConfig) -> int:
     """Return the environment steps between two updates; raise ValueError if the setting is invalid."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
-    given = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
-    steps, unit = given if isinstance(given, list | tuple) and len(given) == 2 else (given, "step")
+    value = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
+    steps, unit = value if isinstance(value, list | tuple) and len(value) == 2 else (value, "step")
     if type(steps) is not int or steps < 1 or (unit != "step" and config.num_envs > 1):
         further = ", or [number, step], or with num_envs 1 [number, episode]" if name == "train_freq" else ""
-        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(given)}")
+        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(value)}")
     return config.num_envs * (steps if unit == "step" else 1)
 
 
@@ -145,12 +145,12 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
         CheckpointError: if `network.prior_policy` is not a frontier score.
     """
     if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
-        raise ValueError("device is 'cuda', but torch sees no GPU; allowed here are 'cpu' and 'auto'")
+        raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")
     torch.set_num_threads(config.torch_threads)
     config = complete(config, env)
     try:
         model = _construct(config, env)
-    except Exception as error:  # libraries raise many types
+    except Exception as error:
         said = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"{_find_culprit(config, env)}: {said}") from error
     network = _read_network(config, env.parts, env.action_space)
@@ -163,7 +163,6 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
 
 
 def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Any:
-    """Build a model and test an optimizer step."""
     arguments = _arguments(config, env.parts, env.action_space)
     model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
     weight = nn.Parameter(torch.zeros(1))
@@ -180,7 +179,7 @@ def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -
         with contextlib.suppress(Exception):
             _construct(config.model_copy(update={"hyperparameters": others}), env)
             return f"hyperparameters.{name}"
-    return f"{config.algorithm} cannot be made"
+    return f"{config.algorithm} cannot be built"
 
 
 class NoOptimizer:
@@ -207,9 +206,9 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
         model._setup_model()
     except ImportError:
         raise
-    except Exception as error:  # torch raises many types
+    except Exception as error:
         said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise damaged(folder, f"there is no network for its spaces and its configuration ({said})") from error
+        raise damaged(folder, f"no network can be built for its spaces and configuration ({said})") from error
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     model.policy.load_state_dict(checkpoint.policy)
     model.policy.set_training_mode(False)
@@ -237,7 +236,6 @@ class Actor:
 
 
 def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
-    """Return constructor parameters by name, including those of base classes."""
     found: dict[str, inspect.Parameter] = {}
     for kind in algorithm.__mro__:
         parameters = inspect.signature(kind).parameters
@@ -248,10 +246,9 @@ def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
 
 
 def _alias(algorithm: type[BaseAlgorithm]) -> str:
-    """Return the policy alias for dictionary observations, else for vectors."""
     found = [name for name in algorithm.policy_aliases if name.startswith(("MultiInput", "Mlp"))]
     if not found:
-        raise ValueError(f"algorithm {algorithm.__name__} has no policy for observations of several parts or vectors")
+        raise ValueError(f"algorithm {algorithm.__name__} has no policy for dictionary or vector observations")
     return sorted(found, reverse=True)[0]
 
 
@@ -282,7 +279,7 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
             "features_extractor_kwargs": features | ({"parts": parts} if takes_vectors(algorithm) else {}),
             "net_arch": [network.hidden],
             "activation_fn": nn.ReLU,
-            "normalize_images": False,  # weights are scaled instead
+            "normalize_images": False,
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
@@ -294,7 +291,6 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
 
 
 def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Space) -> Any:
-    """Convert a configured hyperparameter to a library argument."""
     if isinstance(value, dict):
         return {key: _read(key, one, config, action_space) for key, one in value.items()}
     if name == "action_noise" and isinstance(value, int | float) and isinstance(action_space, spaces.Box):

@@ -58,7 +58,7 @@ class RunCallback(BaseCallback):
             self._saved_steps = latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
-        return f"at step {self._saved_steps}, which is saved; {resuming(self._run, self._config.model_dump())} goes on"
+        return f"at step {self._saved_steps} (saved); resume with {resuming(self._run, self._config.model_dump())}"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
         """Return the error for non-finite values, with a remedy."""
@@ -66,7 +66,7 @@ class RunCallback(BaseCallback):
         what = f"the training diverged at step {self.num_timesteps}: {what}"
         remedy = f"lower hyperparameters.learning_rate ({rate}) or the weights of large rewards"
         record = self._config.model_dump()
-        good = [f"{path} is good, {resuming(path, record)} goes on" for path in list_checkpoints(self._run)[-1:]]
+        good = [f"resume from {path} with {resuming(path, record)}" for path in list_checkpoints(self._run)[-1:]]
         return ValueError("; ".join([what, remedy, *good]))
 
     def _on_training_start(self) -> None:
@@ -132,7 +132,6 @@ class RunCallback(BaseCallback):
         return row
 
     def _capture(self) -> Checkpoint:
-        """Return the training state; raise ValueError if not finite."""
         latest = capture(self.model, self._config, self._evaluations, self._evaluator.control_hz)
         if not all(torch.isfinite(tensor).all() for tensor in (*latest.policy.values(), *latest.training.values())):
             raise self.diverged()

@@ -101,9 +101,7 @@ class Record(BaseModel):
     ]
     """State of NumPy's global generator: name, position, flag and value of a cached Gaussian."""
     action_random: dict[str, Any] = {}
-    """State of the action space's random generator."""
     counters: dict[str, int | float] = {}
-    """Further counters of the algorithm."""
     control_hz: FiniteFloat
     """Control frequency of the environment [Hz]."""
     replay: dict[Annotated[str, Field(pattern=r"^\d{12}-\d{12}\.safetensors$")], str] = {}
@@ -118,9 +116,7 @@ class Checkpoint:
     """Training state between two updates."""
 
     record: Record
-    """Values other than tensors."""
     policy: dict[str, Tensor]
-    """Network weights by name."""
     training: dict[str, Tensor]
     """Tensors by name: `optimizer.<weight>.<moment>`, `variable.<name>`, `random.numpy`, `random.torch`."""
 
@@ -141,7 +137,7 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
         message = f"checkpoint {folder} could not be written: {why}."
         if older := list_checkpoints(run):
             again = resuming(run, record.config.model_dump())
-            message += f" The newest complete one is {older[-1]}; go on from it with {again}"
+            message += f" The newest complete checkpoint is {older[-1]}; resume with {again}"
         raise CheckpointError(message) from error
     for old in list_checkpoints(run)[:-keep]:
         shutil.rmtree(old)
@@ -166,7 +162,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[
         for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
             content = read_bytes(folder / name)
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
-                raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
+                raise SafetensorError(f"{name} was altered or truncated ({len(content)} bytes): its checksum differs")
             tensors.append(load_tensors(name, content))
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
@@ -186,14 +182,14 @@ def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
         raise SafetensorError(f"{name}: {type(error).__name__}: {error}") from error
     for key, tensor in tensors.items():
         if tensor.is_floating_point() and not torch.isfinite(tensor.float()).all():
-            raise SafetensorError(f"{name}: {key!r} holds numbers that are not finite")
+            raise SafetensorError(f"{name}: {key!r} contains non-finite numbers")
     return tensors
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:
     """Return the error for an unusable checkpoint, with a remedy."""
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
-    remedy = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
+    remedy = f"use the previous checkpoint, {older[-1]}" if older else "the run has no earlier checkpoint"
     return CheckpointError(f"checkpoint {folder} is damaged: {printable(why)}; {remedy}")
 
 

@@ -24,7 +24,6 @@ class Section(BaseModel):
     @model_validator(mode="before")
     @classmethod
     def _take_one_for_several(cls, data: Any) -> Any:
-        """Accept a single string for tuple fields."""
         if not isinstance(data, dict):
             return data
         several = {name for name, one in cls.model_fields.items() if get_origin(one.annotation) is tuple}
@@ -127,7 +126,7 @@ class EvaluationConfig(Section):
     references: tuple[str, ...] = ("random",)
     """Classic policies to measure once on the same episodes, by name or `module:attribute`."""
     environment: dict[str, Any] = {}
-    """Environment arguments that differ from training, such as `world`. Later uses of the policy keep `observations`."""
+    """Environment arguments other than in training, such as `world`. Later uses of the policy keep `observations`."""
 
     @property
     def arguments(self) -> dict[str, Any]:
@@ -212,7 +211,7 @@ class TrainingConfig(Section):
     def _know_algorithm(cls, algorithm: str) -> str:
         if ":" not in algorithm and algorithm not in ALGORITHMS:
             known = [*ALGORITHMS, "evolution"]
-            raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, and module:attribute of your own")
+            raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, or module:attribute of your own")
         return algorithm
 
 
@@ -232,7 +231,7 @@ def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
             section[parent] = {} if section.get(parent) is None else section[parent]
             section = section[parent]
             if not isinstance(section, dict):
-                raise ValueError(f"--{key}: {parent} is {section!r}, and holds no keys")
+                raise ValueError(f"--{key}: {parent} is {section!r}, not a mapping")
         section[name] = value
     return changed
 

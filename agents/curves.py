@@ -34,7 +34,7 @@ def read_evaluations(run: Path) -> list[Row]:
         found = [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in rows]
         check_rows(found)
     except (ValueError, TypeError, csv.Error) as error:
-        raise ValueError(f"{path}: no table of evaluations: {error}") from error
+        raise ValueError(f"{path}: not a table of evaluations: {error}") from error
     if not found:
         raise ValueError(f"{path}: holds no evaluations")
     return found
@@ -84,7 +84,7 @@ def draw_learning_curve(
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
         axes.set_xlabel(axis)
-        names = {"progress": "share of the task that is done", "success": "share of goals reached"}
+        names = {"progress": "completed share of the task", "success": "share of goals reached"}
         names |= {"time_spl": "success times ideal time over time"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
@@ -104,7 +104,6 @@ def _save(figure: Any, path: Path) -> None:
 
 
 def _error_of_mean(row: Row, measure: str) -> float:
-    """Return the standard error of a measure over episodes."""
     scores = np.array(str(row[SCORES]).split(), dtype=np.float64)
     share = float(row["success"])
     spread = np.sqrt(share * (1.0 - share)) if measure == "success" else scores.std()

@@ -33,7 +33,6 @@ class Evaluator:
     """Evaluates policies in the same episodes on test worlds."""
 
     def __init__(self, config: TrainingConfig) -> None:
-        """Make the environments; raise ValueError if an argument is invalid."""
         self._episodes = config.evaluation.episodes
         environment = evaluation_environment(config)
         self._env = make_env(environment, "test")
@@ -66,7 +65,7 @@ class Evaluator:
     def make_reference(self, name: str) -> Policy:
         """Return a classic policy by name or `module:attribute`; raise ValueError if unknown."""
         from lidarnaut.baselines import (
-            policies_for,  # imports scikit-learn
+            policies_for,
         )
 
         self._env.reset(seed=0)  # required by `policies_for`
@@ -100,7 +99,7 @@ def run_episodes(
 
     `act` maps observations and episode starts, shape (num_envs,), bool, to actions. `max_speed` is the robot's [m/s].
     """
-    observations, info = vector.reset(seed=0)  # environment i gets seed 0 + i
+    observations, info = vector.reset(seed=0)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all environments have it
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
     rows, courses = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, Course]()

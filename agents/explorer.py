@@ -27,7 +27,6 @@ class LearnedPolicy:
         self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
         """Kind of action, `twist` or `decision`; see `lidarnaut.agents.policies.Level`."""
         self.id = record.config.environment.id
-        """Id of the training environment."""
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
         """Arguments of the environment in evaluations."""
         self.observations = self.arguments.get("observations")
@@ -78,10 +77,10 @@ class LearnedPolicy:
             scan = observation["scan"][nearest]
             scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
             observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
-        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
-        if given != self._needed:
+        actual = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
+        if actual != self._needed:
             needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
-            raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
+            raise CheckpointError(f"{self._name} needs observations {needed}; got {actual}")
         batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
         self._is_first = False
         with torch.random.fork_rng(devices=[], enabled=not self._deterministic):
@@ -98,8 +97,8 @@ class LearnedPolicy:
         if trained is None:
             raise CheckpointError(
                 f"{self._name} needs scans of {scan.shape[0]} beams, but the lidar of robot {robot.name!r} has "
-                f"{robot.lidar.num_beams}; take a robot with the lidar of its training, or name the robot there "
-                "(environment.robot)"
+                f"{robot.lidar.num_beams}; use a robot with the training lidar, or train with "
+                "environment.robot"
             )
         lidar = load_robot(trained).lidar
         match = lidar.directions.T @ robot.lidar.directions

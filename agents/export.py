@@ -72,7 +72,7 @@ def main(
         raise ImportError(f"writing ONNX needs onnx and onnxruntime: {extra}") from error
     folder = find_policy(re.sub("^(ppo|learned):", "", policy))
     if (folder / RECORD_FILE).exists():
-        raise CheckpointError(f"{folder} holds a score of frontiers, which needs no torch; only networks become ONNX")
+        raise CheckpointError(f"{folder} is a frontier score, which needs no torch; only networks are exported")
     checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
     network, record = build_policy(checkpoint, folder), checkpoint.record
     shape = getattr(network, "lstm_hidden_state_shape", None)
@@ -88,7 +88,7 @@ def main(
             options = onnxruntime.SessionOptions()
             options.intra_op_num_threads = 1  # faster for small networks
             _compare(onnxruntime.InferenceSession(content, options), network, env, states)
-        except Exception as error:  # unrelated exception types
+        except Exception as error:
             raise ValueError(f"{folder} cannot be written as ONNX: {error}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, content)
@@ -103,15 +103,15 @@ class _Graph(nn.Module):
         self.policy, self.names = policy, names
         self.has_masks = "action_masks" in inspect.signature(policy.predict).parameters and "action_mask" in names
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
-        space, state = self.policy.action_space, given[len(self.names) :]
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        space, state = self.policy.action_space, inputs[len(self.names) :]
         # Few ONNX operators accept small integers.
-        values = (value.float() if value.dtype in (torch.int8, torch.uint8) else value for value in given)
+        values = (value.float() if value.dtype in (torch.int8, torch.uint8) else value for value in inputs)
         seen: Any = dict(zip(self.names, values))
         arguments = {"action_masks": seen["action_mask"]} if self.has_masks else {}
         if state:
             arguments |= {"lstm_states": state, "episode_starts": torch.zeros(state[0].shape[1])}
-        if isinstance(self.policy.observation_space, spaces.Box):  # as `lidarnaut.agents.networks.flatten`
+        if isinstance(self.policy.observation_space, spaces.Box):
             seen = torch.cat([seen[name].reshape(seen[name].shape[0], -1).float() for name in sorted(seen)], dim=1)
         found: Any = self.policy._predict(seen, deterministic=True, **arguments)
         action, state = found if state else (found, ())
@@ -144,7 +144,6 @@ def _trace(policy: BasePolicy, record: Record, states: dict[str, Any]) -> bytes:
 
 
 def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any]) -> None:
-    """Raise ValueError if actions of ONNX file and policy differ."""
     env.observation_space.seed(0)
     samples = [env.observation_space.sample() for _ in range(NUM_RANDOM)]
     random = {name: np.stack([one[name] for one in samples]) for name in samples[0]}
@@ -159,11 +158,10 @@ def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any])
             if found.shape != wanted.shape or wrong.any():
                 at = tuple(np.argwhere(wrong)[0].tolist()) if wrong.any() else ()
                 what = f"action{[*at[1:]] or ''} is {found[at]}, not {wanted[at]}" if at else f"shape {found.shape}"
-                raise ValueError(f"it acts otherwise than the policy: {what}, in step {step} of {where}")
+                raise ValueError(f"actions differ from the policy: {what}, in step {step} of {where}")
 
 
 def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
-    """Return the observations of an episode, each as a batch of one."""
     actor, (observation, _), batches, is_over = Actor(policy), env.reset(seed=0), list[Observations](), False
     while not is_over and len(batches) < NUM_STEPS:
         batches.append({name: np.asarray(value)[None] for name, value in observation.items()})
@@ -174,7 +172,6 @@ def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
 
 
 def _describe(record: Record, env: Any) -> dict[str, Any]:
-    """Return the metadata for running a policy, in SI units."""
     config, parts = record.config, getattr(env, "parts", {})
     inputs = {name: _describe_space(space) for name, space in record.observation.items()}
     for name in inputs.keys() & parts.keys():
@@ -193,7 +190,6 @@ def _describe(record: Record, env: Any) -> dict[str, Any]:
 
 
 def _describe_space(space: SpaceRecord) -> dict[str, Any]:
-    """Return kind, shape, dtype and bounds of a space."""
     single = {"shape": (), "high": space.shape[0] - 1} if space.kind == "Discrete" else {}
     return json.loads(space.model_copy(update=single).model_dump_json())
 

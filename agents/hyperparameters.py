@@ -8,8 +8,8 @@ from typing import Any, get_args
 
 from pydantic import ConfigDict, PydanticUserError, TypeAdapter
 
-LEAST = {"gradient_steps": -1, "learning_starts": 0, "sde_sample_freq": -1, "target_entropy": -math.inf}
-LEAST |= {"top_quantiles_to_drop_per_net": 0}
+LOWEST = {"gradient_steps": -1, "learning_starts": 0, "sde_sample_freq": -1, "target_entropy": -math.inf}
+LOWEST |= {"top_quantiles_to_drop_per_net": 0}
 """Lower bounds of hyperparameters; by default 1 for integers, else 0."""
 SHARES = ("gamma", "gae_lambda", "tau", "exploration_fraction", "exploration_initial_eps", "exploration_final_eps")
 """Hyperparameters with upper bound 1."""
@@ -23,8 +23,8 @@ def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> 
     """
     json.dumps(given, allow_nan=False, default=str)
     if not (isinstance(annotation, str) or annotation is inspect.Parameter.empty):
-        with contextlib.suppress(PydanticUserError):  # unknown to pydantic
+        with contextlib.suppress(PydanticUserError):
             TypeAdapter(annotation, config=_STRICT).validate_python(value)
-    least, most = LEAST.get(name, int(int in (annotation, *get_args(annotation)))), 1 if name in SHARES else math.inf
+    least, most = LOWEST.get(name, int(int in (annotation, *get_args(annotation)))), 1 if name in SHARES else math.inf
     if isinstance(given, int | float) and not least <= given <= most:
         raise ValueError(f"must be a number from {least}" + (f" to {most}" if most < math.inf else ""))

@@ -30,7 +30,7 @@ def find_policy(path: str | Path) -> Path:
     if path.parts[:1] == ("pretrained",) and not path.exists():
         names = sorted(folder.name for folder in PRETRAINED.glob("*/"))
         if path.name not in names:
-            raise CheckpointError(f"there is no policy {path}; there are pretrained/{', pretrained/'.join(names)}")
+            raise CheckpointError(f"unknown policy {path}; available are pretrained/{', pretrained/'.join(names)}")
         path = PRETRAINED / path.name
     for folder in (path, path / POLICY):
         if (folder / RECORD_FILE).exists():
@@ -56,12 +56,12 @@ def load_policy(
     if (folder / RECORD_FILE).exists():
         if not deterministic:
             raise CheckpointError(
-                f"{folder} holds a score of frontiers, which draws no actions; leave out deterministic"
+                f"{folder} is a frontier score, which is always deterministic; leave out deterministic"
             )
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
-        raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
-    from lidarnaut.agents.explorer import LearnedPolicy  # slow import of torch
+        raise CheckpointError(f"{folder} is not a frontier score, which pursuit requires; use learned:PATH")
+    from lidarnaut.agents.explorer import LearnedPolicy
 
     return LearnedPolicy.load(folder, deterministic=deterministic, trust=trust)
 

@@ -34,27 +34,25 @@ class ExplorerFeatures(BaseFeaturesExtractor):
         super().__init__(observation_space, features_dim)
         shapes = {key: tuple(space.shape or ()) for key, space in observation_space.spaces.items()}
         for key, space in observation_space.spaces.items():
-            if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):  # one-hot encoded
+            if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):
                 shapes[key] = (int(spaces.flatdim(space)),)
         boxes = {key: space for key, space in observation_space.items() if isinstance(space, spaces.Box)}
         crops = [key for key, box in boxes.items() if len(box.shape) >= 3 and (box.high == 255).all()]
-        crops.sort(reverse=True)  # nearer crop first
+        crops.sort(reverse=True)
         first = [key for key in ("scan", "motion") if key in shapes and key not in crops]
         total, self._encoders = 0, dict[str, str]()
         for key in (*crops, *first, *(key for key in sorted(shapes) if key not in (*crops, *first))):
             encoder, width = _make_encoder(key, shapes[key], channels, is_crop=key in crops)
-            name = key.replace(".", "_")  # dots are not allowed
+            name = key.replace(".", "_")
             self._encoders[key] = name = f"{name}_part" if hasattr(self, name) or name == "merge" else name
             self.add_module(name, encoder)
             total += width
         self.merge = nn.Sequential(nn.Linear(total, features_dim), nn.ReLU())
 
     def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Return the features, shape (batch, features_dim)."""
         return self.merge(self.encode(observations))
 
     def encode(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Return concatenated features of all parts, shape (batch, width)."""
         encoders = ((observations[key], getattr(self, name)) for key, name in self._encoders.items())
         return torch.cat([encode(part if part.ndim > 1 else part[:, None]) for part, encode in encoders], dim=1)
 
@@ -144,8 +142,6 @@ class MapPatches(nn.Conv2d):
 
 
 class _Rows(nn.Sequential):
-    """Encoder shared by table rows."""
-
     def __init__(self, encoder: nn.Module, num_axes: int) -> None:
         super().__init__(encoder)
         self._num_axes = num_axes

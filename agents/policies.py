@@ -40,7 +40,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     if hasattr(value, "act"):
         if not hasattr(value, "reset"):
             raise ValueError(f"explorer {value!r} lacks reset; see lidarnaut.baselines.explorer.Explorer")
-        for name in {"end_reason", "plan"} - {*dir(value)}:  # may need a reset
+        for name in {"end_reason", "plan"} - {*dir(value)}:
             setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1
         return OnePerRobot(value) if is_team and not getattr(value, "is_team", False) else value
@@ -48,7 +48,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
-    raise ValueError(f"{value!r} is no explorer, rule or callable of an observation, and has no predict(observation)")
+    raise ValueError(f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)")
 
 
 def level_of(value: Any) -> Level:
@@ -82,7 +82,6 @@ class CalledPolicy:
         self._state: Any = None
 
     def __getattr__(self, name: str) -> Any:
-        """Return an optional attribute of the policy, by default None."""
         if name not in ("end_reason", "plan", "control_hz", "uses_ground_truth"):
             raise AttributeError(name)
         return getattr(self._policy, name, None)
@@ -112,8 +111,7 @@ class CalledPolicy:
 
 
 def _takes(function: Callable[..., Any], count: int) -> bool:
-    """Return True if a function accepts `count` positional arguments."""
     try:
         return inspect.signature(function).bind(*range(count)) is not None
-    except (TypeError, ValueError):  # built-in functions
+    except (TypeError, ValueError):
         return False

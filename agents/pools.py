@@ -73,10 +73,9 @@ class RayExecutor(Executor):
         def take(inner: Future) -> None:
             if (error := inner.exception()) is None:
                 future.set_result(inner.result())
-            else:  # Ray's own error is a coloured traceback.
+            else:
                 future.set_exception(getattr(error, "cause", None) or error)
 
-        # Pickled: the worker enters the folder before importing.
         call = self._ray.cloudpickle.dumps((function, args, kwargs))
         self._ray.remote(num_cpus=1)(_call).remote(self._files, call).future().add_done_callback(take)
         return future
@@ -124,7 +123,7 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
     files_here = {path: Path(folder, path) for path in files}
     wrong = [path for path, file in files_here.items() if not file.is_file() or read_bytes(file) != files[path]]
     for path in filter(os.path.isabs, wrong):
-        raise ValueError(f"{platform.node()} has no or another {path}; relative paths work on every machine")
+        raise ValueError(f"on {platform.node()}, {path} is missing or different; relative paths work on every machine")
     copy = None
     if wrong or not os.path.isdir(folder):
         copy = tempfile.TemporaryDirectory(prefix="lidarnaut_", ignore_cleanup_errors=True)

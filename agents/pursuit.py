@@ -65,7 +65,7 @@ class PursuitPolicy(JointPolicy):
         """Build the network; raise ValueError without the observation `plan`."""
         if "plan" not in observation_space.spaces:
             raise ValueError(
-                "network.pursuit needs the observation `plan`; name it in environment.observations, or set it to 0"
+                "network.pursuit needs the observation `plan`; add it to environment.observations, or set 0"
             )
         self._weight = weight
         super().__init__(observation_space, action_space, lr_schedule, **arguments)

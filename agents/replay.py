@@ -16,7 +16,6 @@ from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_check
 from lidarnaut.envs.files import own_folder, read_bytes, read_json, write_file
 
 FOLDER = "replay"
-"""Folder of replay buffer files in a run."""
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
 """Arrays of a replay buffer, shape (buffer_size, num_envs, ...) each."""
 
@@ -40,7 +39,7 @@ class ReplayFiles:
             CheckpointError: if writing fails.
         """
         size = self._buffer.buffer_size
-        end -= (end - self._offset) % size != self._buffer.pos  # interrupted before storage
+        end -= (end - self._offset) % size != self._buffer.pos
         first = max(self._end, end - size)
         if first < end:
             slots = (np.arange(first, end) - self._offset) % size

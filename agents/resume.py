@@ -24,7 +24,6 @@ MAY_CHANGE = {
 }
 """Kinds of runs that may change a key on resume. The longest matching key applies."""
 DEFAULT = "the default"
-"""Text in messages for a missing value."""
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
 
@@ -42,12 +41,12 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
     wrong = []
     for key, before, value, kinds in _changes(old, new):
         if kind not in kinds:
-            wrong.append(f"another {key}: it needs {key}: {SHORT.repr(before)}, and not {SHORT.repr(value)}")
+            wrong.append(f"{key}: {SHORT.repr(before)}, not {SHORT.repr(value)}")
         elif key in ("total_steps", "generations") and value < (done := count_done(run)) and value < before:
-            wrong.append(f"{done} of {key}, and cannot end at {value}")
+            wrong.append(f"{done} of {key}, more than {value}")
     if wrong:
         allowed = ", ".join(key for key, kinds in MAY_CHANGE.items() if kind in kinds)
-        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume ({kind}), these may change: {allowed}")
+        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; keys that may change on resume ({kind}): {allowed}")
 
 
 def _changes(

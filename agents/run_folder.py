@@ -23,11 +23,8 @@ LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 GENERATIONS = "generations.csv"
 """File with results of all individuals of an evolution."""
 VERSIONS = "versions.json"
-"""File with library versions of a run."""
 SWEEP = "sweep.yaml"
-"""File with the configuration of a sweep."""
 RECORD_FILE = "checkpoint.json"
-"""File of a checkpoint without tensors."""
 
 
 class CheckpointError(RuntimeError):
@@ -54,8 +51,8 @@ def find_checkpoint(path: str | Path) -> Path:
         return path
     if found := list_checkpoints(path):
         return found[-1]
-    what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is no folder"
-    raise CheckpointError(f"{path} {what}; a run folder has checkpoints/step_<number>/ in it")
+    what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is not a folder"
+    raise CheckpointError(f"{path} {what}; a run folder contains checkpoints/step_<number>/")
 
 
 def find_config(path: str | Path) -> Path:
@@ -78,7 +75,7 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
     with Lock(own_folder(run)):
         if list_checkpoints(run) or (run / GENERATIONS).exists():
-            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+            raise ValueError(f"{run} already holds a run; resume it with --resume {run}, or choose another folder")
         prepare_folder(run, config)
         yield run
 

@@ -19,7 +19,7 @@ from lidarnaut.envs.files import write_file
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
-LEAVES_THEM = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
+SPLIT_MODULES = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
 """Configuration entries that imply training without held-out worlds or robots."""
 
 
@@ -41,7 +41,7 @@ def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyr
     files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
     files["curve.csv"] = (run / "evaluations.csv").read_bytes()
-    if is_score or any(name in files["config.yaml"] for name in LEAVES_THEM):
+    if is_score or any(name in files["config.yaml"] for name in SPLIT_MODULES):
         files["held_out.yaml"] = HELD_OUT.read_bytes()
     sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]
     folder.mkdir(parents=True, exist_ok=True)

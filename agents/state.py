@@ -33,7 +33,7 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
     """Return the training state between two updates, without replay buffer."""
     state: Any = np.random.get_state()  # noqa: NPY002
     algorithm, key, position, has_gauss, gauss = state
-    env: Any = model.env  # its parts are never flattened
+    env: Any = model.env
     record = Record(
         steps=model.num_timesteps,
         updates=model._n_updates,
@@ -57,29 +57,29 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
 
 def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
     """Restore a checkpoint into a new model and the global generators; raise CheckpointError if unfit."""
-    record, given = checkpoint.record, checkpoint.training
+    record, tensors = checkpoint.record, checkpoint.training
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     # Optimizer state of a weight begins at its first update.
-    _begin_moments(model, {name.rpartition(".")[0] for name in given})
+    _begin_moments(model, {name.rpartition(".")[0] for name in tensors})
     moments = _moments(model)
     needed = {name: torch.as_tensor(state[moment]) for name, (state, moment) in moments.items()}
     needed |= {f"variable.{name}": value for name, value in _variables(model).items()}
     needed |= {"random.numpy": torch.zeros(624, dtype=torch.int64), "random.torch": torch.get_rng_state()}
-    check_tensors(folder, TRAINING_FILE, given, needed)
+    check_tensors(folder, TRAINING_FILE, tensors, needed)
 
     model.policy.load_state_dict(checkpoint.policy)
     for name, (state, moment) in moments.items():
         is_tensor = isinstance(state[moment], Tensor)
-        state[moment] = given[name].clone().to(state[moment].device) if is_tensor else given[name].item()
+        state[moment] = tensors[name].clone().to(state[moment].device) if is_tensor else tensors[name].item()
     for name, value in _variables(model).items():
-        value.data.copy_(given[f"variable.{name}"])
+        value.data.copy_(tensors[f"variable.{name}"])
     model.num_timesteps, model._n_updates = record.steps, record.updates
     for name, count in record.counters.items():
         if name in COUNTERS:
             setattr(model, name, count)
     algorithm, position, has_gauss, gauss = record.numpy_random
-    np.random.set_state((algorithm, given["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
-    torch.set_rng_state(given["random.torch"])
+    np.random.set_state((algorithm, tensors["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
+    torch.set_rng_state(tensors["random.torch"])
     if record.action_random:
         try:
             model.action_space.np_random.bit_generator.state = record.action_random
@@ -109,7 +109,6 @@ def _optimizers(model: BaseAlgorithm) -> list[Optimizer]:
 
 
 def _variables(model: BaseAlgorithm) -> dict[str, Tensor]:
-    """Return tensors outside of networks, such as the entropy coefficient."""
     return {name: attrgetter(name)(model) for name in model._get_torch_save_params()[1]}
 
 

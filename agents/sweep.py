@@ -78,7 +78,7 @@ def run_sweep(
         KeyboardInterrupt: on Ctrl-C; completed work is kept.
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
-    folder = folder.absolute() if ray else folder  # workers have other folders
+    folder = folder.absolute() if ray else folder
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     if (folder / "config.yaml").exists():
@@ -88,7 +88,7 @@ def run_sweep(
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
         check_changes(found[0], "sweep", run)
-    if (folder / SWEEP).exists():  # checks replaced keys too
+    if (folder / SWEEP).exists():
         check_changes(yaml.safe_load(record), "sweep", folder, read_mapping(folder / SWEEP))
     held: Any = _processes(jobs) if jobs > 1 else contextlib.nullcontext()
     if ray is not None:
@@ -106,12 +106,12 @@ def run_sweep(
                 failures |= {member.run: failure} if failure else {}
                 bar.update()
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
+        raise KeyboardInterrupt(f"in a sweep; resume with {resuming(folder, data)}") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
     if failures:
         said = "\n".join(f"{run.name}: {failure}" for run, failure in failures.items())
         raise ValueError(
-            f"{len(failures)} of {len(members)} trainings failed, {resuming(folder, data)} tries again:\n{said}"
+            f"{len(failures)} of {len(members)} trainings failed; retry with {resuming(folder, data)}:\n{said}"
         )
     return folder
 
@@ -132,7 +132,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     excluded = _read_excluded(data, axes, source)
     base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
     members, measured = list[Member](), list[Any]()
-    left = {path.parent for path in folder.glob("*/config.yaml")}  # existing runs keep their numbers
+    left = {path.parent for path in folder.glob("*/config.yaml")}
     for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
         if any(all(chosen[key] in rule[key] for key in rule) for rule in excluded):
@@ -161,12 +161,10 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
 
 
 def _slug(name: str) -> str:
-    """Return a valid file name."""
     return re.sub(r"[^\w.+=-]+", "-", name)[:80]
 
 
 def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str) -> list[dict[str, list[Any]]]:
-    """Return the excluded combinations of values; raise ValueError for unknown values."""
     rules = list(data.get("exclude") or [])
     for key, values in itertools.chain.from_iterable(rule.items() for rule in rules):
         known = list(axes.get(key, ()))
@@ -199,7 +197,7 @@ def try_member(member: Member, *, progress: bool = False) -> str:
     """Train a run; return an empty text, or its failure in one line."""
     kept = member.run.with_name(f"{member.run.name}.traceback.txt")
     if not (member.run.parent / SWEEP).exists():
-        return f"{platform.node()} does not reach {member.run.parent}, which all machines must share"
+        return f"{platform.node()} cannot access {member.run.parent}, which all machines must share"
     kept.unlink(missing_ok=True)
     try:
         train_member(member, progress=progress)

@@ -53,14 +53,14 @@ def train(
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
             source = find_checkpoint(resume)  # again, after locking
             checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
-            check_changes(config, "training", source, checkpoint.record.config)  # before filling in defaults
+            check_changes(config, "training", source, checkpoint.record.config)
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         is_flat = takes_vectors(find_algorithm(config.algorithm))
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
         model = build_model(config, env)
         if checkpoint is None or source is None:
-            for name in config.evaluation.references:  # fail early
+            for name in config.evaluation.references:
                 evaluator.make_reference(name)
             run = held.enter_context(new_run(config, run))
         else:

@@ -24,7 +24,7 @@ LAST_ACTION = slice(2, 4)
 """Last action in the observation `motion`."""
 OWN_NUMBERS = 6
 """Number of twist features in addition to `trajectories`."""
-MIXED = 0.05
+INITIAL_GAIN = 0.05
 """Initial gain of the last layer, for nearly uniform probabilities."""
 
 
@@ -39,7 +39,6 @@ class TwistChoice(Distribution):
         raise TypeError("TwistChoice has no layer of its own: the network gives logits")
 
     def proba_distribution(self, logits: Tensor) -> "TwistChoice":
-        """Set the logits, shape (batch, n)."""
         self.logits = logits
         return self
 
@@ -86,7 +85,7 @@ class TrajectoryNetwork(nn.Module):
         names = set(observation_space.spaces)
         if not {*NEEDED} <= names or not names & {"goal", "carrot"}:
             raise ValueError(
-                f"the network that chooses among trajectories reads {list(NEEDED)} and `goal` or `carrot`, but the "
+                f"the trajectory network requires {list(NEEDED)} and `goal` or `carrot`, but the "
                 f"observation space has {sorted(names)}"
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
@@ -99,7 +98,7 @@ class TrajectoryNetwork(nn.Module):
         self.judge = nn.Sequential(
             nn.Linear(2 * width + others, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1)
         )
-        nn.init.orthogonal_(self.rate[-1].weight, MIXED)  # type: ignore[arg-type]
+        nn.init.orthogonal_(self.rate[-1].weight, INITIAL_GAIN)  # type: ignore[arg-type]
         nn.init.zeros_(self.add.weight)
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:

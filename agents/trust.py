@@ -51,8 +51,8 @@ def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
             module = name.partition(":")[0]
             remedy = name if any(_covers(one, module) for one in trusted) else module
             raise ValueError(
-                f"{source}: {SHORT.repr(key)} names the code {SHORT.repr(name)}, which is not part of the package. A "
-                f"record runs no code that you do not name. If you know this code, pass trust=[{SHORT.repr(remedy)}], "
+                f"{source}: {SHORT.repr(key)} names the code {SHORT.repr(name)}, which is not part of the package. "
+                f"Records run only trusted code. If you know this code, pass trust=[{SHORT.repr(remedy)}], "
                 f"or on the command line --trust {SHORT.repr(remedy)[1:-1]}"
             )
 
@@ -66,7 +66,7 @@ def _is_trusted(name: str, trust: set[str]) -> bool:
         return False
     try:
         found = load_object(name)
-    except ValueError:  # reported when loaded
+    except ValueError:
         return True
     home = getattr(found, "__module__", None) or type(found).__module__
     is_data = not callable(found) and not inspect.ismodule(found)

@@ -61,7 +61,7 @@ def make_vector(
             settings["context"] = "forkserver"
             multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once for all workers
     if mode != "native":
-        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)  # wrappers may end
+        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)
         return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
     settings["num_workers"] = config.num_workers
     if spec.vector_entry_point is not None:
@@ -82,10 +82,10 @@ def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "Gymnasium
         raise ValueError(f"num_envs is {config.num_envs}, fewer than the {len(each)} robots of environment.robots")
     with contextlib.ExitStack() as made:
         vectors: list[VectorEnv] = []
-        for one, count in zip(each, np.diff(bounds).tolist()):  # wrapping waits for the workers
+        for one, count in zip(each, np.diff(bounds).tolist()):
             vectors.append(made.enter_context(contextlib.closing(make_vector(one, "train", count))))
             if vectors[-1].single_observation_space != vectors[0].single_observation_space:
-                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has other observations than the first")
+                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has observations unlike the first")
         envs = [GymnasiumVecEnv(vector, is_flat=is_flat) for vector in vectors]
         made.pop_all()
     return JoinedVecEnv(envs) if len(envs) > 1 else envs[0]
@@ -93,11 +93,11 @@ def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "Gymnasium
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
     """Return environment arguments with split and kinematic physics; raise ValueError if unknown."""
-    taken, given = arguments_of(config.id), config.arguments
-    if unknown := [name for name in given if name not in taken]:
-        raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], taken)}")
+    accepted, arguments = arguments_of(config.id), config.arguments
+    if unknown := [name for name in arguments if name not in accepted]:
+        raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], accepted)}")
     usual = {"split": split, "physics": "kinematic"}
-    return {name: value for name, value in usual.items() if name in taken} | given
+    return {name: value for name, value in usual.items() if name in accepted} | arguments
 
 
 def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
@@ -161,7 +161,7 @@ class GymnasiumVecEnv(VecEnv):
         inner: Any = self.env.unwrapped
         chosen = self._get_indices(indices)
         if attr_name == "action_masks" and self._has_masks:
-            return [None for _ in chosen]  # checks existence only
+            return [None for _ in chosen]
         has_attributes = hasattr(inner, "get_attr")
         values = inner.get_attr(attr_name) if has_attributes else [getattr(inner, attr_name)] * self.num_envs
         return [values[i] for i in chosen]
@@ -218,7 +218,7 @@ class JoinedVecEnv(VecEnv):
             env.set_options(self._options[first])
         self._reset_seeds()
         self._reset_options()
-        return self._joined([env.reset() for env in self._envs])
+        return self._concatenate([env.reset() for env in self._envs])
 
     def step_async(self, actions: np.ndarray) -> None:
         for env, share in zip(self._envs, np.split(actions, self._firsts[1:-1])):
@@ -226,7 +226,7 @@ class JoinedVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         observations, rewards, dones, infos = zip(*(env.step_wait() for env in self._envs))
-        return self._joined(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
+        return self._concatenate(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
 
     def close(self) -> None:
         for env in self._envs:
@@ -251,14 +251,13 @@ class JoinedVecEnv(VecEnv):
         return [*chain(*(env.env_is_wrapped(wrapper_class, own) for env, own in self._shares(indices)))]
 
     def _shares(self, indices: Any) -> Iterator[tuple[GymnasiumVecEnv, list[int]]]:
-        """Yield each environment with indices of its chosen sub-environments."""
         chosen = np.sort(list(self._get_indices(indices)))
         for env, first in zip(self._envs, self._firsts):
             own = chosen[(chosen >= first) & (chosen < first + env.num_envs)] - first
             if len(own):
                 yield env, own.tolist()
 
-    def _joined(self, observations: Sequence[Any]) -> Any:
+    def _concatenate(self, observations: Sequence[Any]) -> Any:
         if not isinstance(observations[0], dict):
             return np.concatenate(observations)
         return {name: np.concatenate([one[name] for one in observations]) for name in observations[0]}

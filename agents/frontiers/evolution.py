@@ -28,7 +28,7 @@ from lidarnaut.envs.progress import Progress
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances
 from .score import FrontierScore
-from .tasks import TARGET, Task, draw_task
+from .tasks import TARGET, ExplorationTask, draw_task
 
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
 """Random streams for generations, validations and feature scaling."""
@@ -64,7 +64,7 @@ def evolve(
         if resume is None:
             run = held.enter_context(new_run(config, run))
         elif not (resume / "config.yaml").exists():
-            raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
+            raise CheckpointError(f"{resume} is not a run folder: it has no config.yaml")
         else:
             run = own_folder(resume)
             held.enter_context(Lock(run))
@@ -83,9 +83,9 @@ def evolve(
                 bar.set_postfix(time_over_rule=f"{reached:.3f}")
         except KeyboardInterrupt:
             done = f"after generation {len(evolution.values)}"
-            raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
+            raise KeyboardInterrupt(f"{done}; resume with --resume {run}") from None
         record = {"generation": config.generations, "time_over_rule": reached, "seed": config.seed}
-        shutil.rmtree(run / POLICY, ignore_errors=True)  # from a finished run
+        shutil.rmtree(run / POLICY, ignore_errors=True)
         FrontierScore(evolution.policy(config.generations)).save(run / POLICY, record)
     return run
 
@@ -105,7 +105,6 @@ class _Evolution:
         self.log = SummaryWriter(str(run / "tensorboard"), purge_step=len(self.values))
 
     def prepare(self) -> None:
-        """Measure the spread of each feature."""
         tasks = _tasks(self._config, SCALING_SEED, self._config.tasks)
         variances = list(self._pool.map(feature_variances, tasks))
         self._spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
@@ -141,7 +140,6 @@ class _Evolution:
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 
     def _measure(self, policy: str, weights: np.ndarray, generation: int) -> Row:
-        """Return the validation row of a policy, measured if missing."""
         for row in self._validated:
             if (row["policy"], row["steps"]) == (policy, generation):
                 return row
@@ -157,13 +155,12 @@ class _Evolution:
         self._validated.append({"policy": policy, "steps": generation, **values, SCORES: scores})
         return self._validated[-1]
 
-    def _compare(self, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
+    def _compare(self, tasks: list[ExplorationTask], weights: list[np.ndarray]) -> np.ndarray:
         jobs = [self._pool.submit(compare, task, weights) for task in tasks]
         return np.array([job.result() for job in jobs])
 
 
-def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[Task]:
-    """Draw tasks determined by seed, stream, step and index."""
+def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[ExplorationTask]:
     seeds = ([config.seed, stream, step, i] for i in range(count))
     return [draw_task(np.random.default_rng(seed), config.families) for seed in seeds]
 

@@ -16,18 +16,16 @@ from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .features import NUM_FEATURES
-from .score import FAILED, FrontierScore
+from .score import FAILURE_PENALTY, FrontierScore
 
 MASKED = -1e9
 """Logit of masked actions, with probability 0."""
 MAP_CHANNELS = 8
-"""Output channels of the map convolution."""
-STEEPEST = 6.0
+MAX_INITIAL_SLOPE = 6.0
 """Largest initial slope of attention over distance; slopes of the heads are evenly spaced from 0."""
 RULE = "rule"
 """Value of `prior_policy` that selects the rule `gain_over_cost`."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
-"""Required observation parts."""
 
 
 def _length(share: Tensor, half: float) -> Tensor:
@@ -58,7 +56,7 @@ class FrontierNetwork(nn.Module):
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
             raise ValueError(
-                f"the network that chooses frontiers reads the observations {list(NEEDED)}, but the observation space "
+                f"the frontier network requires the observations {list(NEEDED)}, but the observation space "
                 f"lacks {missing}; it has {sorted(observation_space.spaces)}"
             )
         shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
@@ -70,7 +68,7 @@ class FrontierNetwork(nn.Module):
         self.context = nn.Linear(MAP_CHANNELS * num_patches + shapes["robot"][0], width)
         self.embed = nn.Linear(shapes["candidates"][1] + shapes["sectors"][1] + 3, width)
         self.attention = nn.Linear(width, 3 * width)
-        self.slopes = nn.Parameter(torch.linspace(0.0, STEEPEST, heads))
+        self.slopes = nn.Parameter(torch.linspace(0.0, MAX_INITIAL_SLOPE, heads))
         self.norm = nn.LayerNorm(width)
         self.correct = nn.Sequential(
             nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False)
@@ -104,14 +102,14 @@ class FrontierNetwork(nn.Module):
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
         utility = gain - cost if self.score is None else self._weigh(observations, self.score)
         best = slots.table(utility, MASKED).amax(dim=1)
-        logits = self._prior * utility - FAILED * (candidates[:, FAILURES] > 0)
+        logits = self._prior * utility - FAILURE_PENALTY * (candidates[:, FAILURES] > 0)
         return logits, torch.stack([gain, cost, utility - best[slots.sample]], dim=1)
 
     @staticmethod
     def _weigh(observations: Tensors, score: Tensor) -> Tensor:
         """Return frontier scores of the candidates, shape (rows,), float32."""
         if torch.jit.is_tracing():
-            raise ValueError("its prior is a score of frontiers, which torch does not compute")
+            raise ValueError("its prior is a frontier score, which is not computed by torch")
         names = ("candidates", "sectors", "gaps", "robot", "action_mask")
         samples = zip(*(observations[name].cpu().numpy() for name in names), strict=True)
         scorer = FrontierScore(score.cpu().numpy())
@@ -119,7 +117,6 @@ class FrontierNetwork(nn.Module):
         return torch.from_numpy(np.concatenate(features) @ scorer.weights).float().to(score.device)
 
     def _attend(self, rows: Tensor, gaps: Tensor, slots: "_Slots") -> Tensor:
-        """Return the attention output of each candidate, shape (rows, width)."""
         table = slots.table(self.attention(rows), 0.0)
         batch, count, width = *table.shape[:2], rows.shape[1]
         # Scale query and bias instead of the attention scores, which are larger.

@@ -7,7 +7,7 @@ import numpy as np
 
 from .features import NUM_FEATURES
 from .score import FrontierScore
-from .tasks import TARGET, Task, make_environment, make_world
+from .tasks import TARGET, ExplorationTask, make_environment, make_world
 
 MAX_RATIO = 3.0
 """Time limit of an episode, relative to the rule `gain_over_cost`."""
@@ -18,7 +18,7 @@ NUM_BEST = 5
 
 
 def explore(
-    task: Task, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
+    task: ExplorationTask, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
 ) -> tuple[float, float]:
     """Explore a world by a policy that selects candidates, until the target or `max_time` [s].
 
@@ -37,7 +37,7 @@ def explore(
     return math.log(max(time, explore.control_period)) + MISSING_COST * max(TARGET - fraction, 0.0), fraction
 
 
-def compare(task: Task, weights: Sequence[np.ndarray]) -> np.ndarray:
+def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
     """Evaluate score weights, shape (NUM_FEATURES,) each, in a task.
 
     Returns log time relative to the rule `gain_over_cost`, and explored fraction: shape (n, 2), float64.
@@ -47,7 +47,7 @@ def compare(task: Task, weights: Sequence[np.ndarray]) -> np.ndarray:
     return np.array([explore(task, FrontierScore(row), limit) for row in weights]) - (base, 0.0)
 
 
-def feature_variances(task: Task) -> np.ndarray:
+def feature_variances(task: ExplorationTask) -> np.ndarray:
     """Return the variance of features among the best candidates, shape (NUM_FEATURES,), float64.
 
     Variances of decisions are averaged over an episode of the rule `gain_over_cost`.

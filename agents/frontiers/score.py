@@ -22,7 +22,7 @@ from .features import NAMES, NUM_FEATURES, PRIOR, score_features
 from .tasks import SPLIT
 
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
-FAILED = 1e3
+FAILURE_PENALTY = 1e3
 """Score penalty of candidates after a failed drive."""
 MAX_CANDIDATES = 48
 """Maximum number of scored candidates."""
@@ -55,7 +55,7 @@ class FrontierScore:
         features = score_features(
             observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
         )
-        return features, features @ self.weights - FAILED * (features[:, NAMES.index("failures")] > 0)
+        return features, features @ self.weights - FAILURE_PENALTY * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
         """Save the weights with a record of training and held-out worlds."""
@@ -70,10 +70,10 @@ class FrontierScore:
         try:
             record = read_json(folder / RECORD_FILE)
             if record["features"] != list(NAMES):
-                raise ValueError("it was trained on other features than this version computes")
+                raise ValueError("its features differ from those of this version")
             return cls(load(read_bytes(folder / WEIGHTS_FILE))["weights"])
         except (OSError, ValueError, KeyError, TypeError, RecursionError, SafetensorError) as error:
-            raise CheckpointError(f"{folder} holds no frontier policy that can be read: {printable(error)}") from error
+            raise CheckpointError(f"{folder} holds no readable frontier score: {printable(error)}") from error
 
 
 class ScoreExplorer(RuleExplorer):
@@ -83,7 +83,7 @@ class ScoreExplorer(RuleExplorer):
     """
 
     def __init__(self, score: FrontierScore) -> None:
-        super().__init__(nearest, max_candidates=MAX_CANDIDATES)  # unused rule
+        super().__init__(nearest, max_candidates=MAX_CANDIDATES)
         self.score = score
         size = MAX_CANDIDATES
         self._observation: dict[str, np.ndarray] = {

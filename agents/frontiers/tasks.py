@@ -43,9 +43,7 @@ class HeldOut:
 
 HELD_OUT = read_record(Path(__file__).with_name("held_out.yaml"), HeldOut)
 TRAINING_WORLDS = tuple(name for name in WORLD_NAMES if name not in HELD_OUT.worlds)
-"""Library worlds used in training."""
 TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.robots)
-"""Library robots used in training."""
 
 
 def is_held_out(world: str, robot: str) -> bool:
@@ -62,13 +60,13 @@ SPLIT = {
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class ExplorationTask:
     """Exploration episode without the policy."""
 
     world: str
     """Name of a library world or procedural family."""
     world_seed: int
-    """Seed of a procedural world, even in training."""
+    """Seed of a procedural world; training uses even seeds."""
     size: tuple[float, float]
     """Outer size of a procedural world [m]."""
     robot: RobotParams
@@ -80,13 +78,13 @@ class Task:
     """Seed of start pose and noise."""
 
 
-def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> Task:
+def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> ExplorationTask:
     """Draw a task with a robot that fits and sufficient explorable area."""
     while True:
         task = _draw(rng, families)
         try:
             area = explorable_area(make_world(task), task.robot, task.resolution).area
-        except ValueError:  # robot does not fit
+        except ValueError:
             continue
         if area >= LEAST_AREA * min(task.robot.lidar.range_max, 8.0):
             return task
@@ -116,7 +114,7 @@ def _draw_size(rng: np.random.Generator, family: str) -> tuple[float, float]:
     return width, height
 
 
-def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
+def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> ExplorationTask:
     if not families or rng.random() < LIBRARY_SHARE:
         world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
     else:
@@ -126,8 +124,8 @@ def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
     robot = draw_robot(rng, 0.24 if is_family else 0.16)
     area = size[0] * size[1] if is_family else 150.0
     resolution = float(rng.choice(RESOLUTIONS if area < 200.0 else RESOLUTIONS[1:]))
-    seeds = rng.integers(2**30, size=2)
-    return Task(world, 2 * int(seeds[0]), size, robot, resolution, float(rng.uniform(0.0, 0.05)), int(seeds[1]))
+    seeds, drift = rng.integers(2**30, size=2), float(rng.uniform(0.0, 0.05))
+    return ExplorationTask(world, 2 * int(seeds[0]), size, robot, resolution, drift, int(seeds[1]))
 
 
 def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
@@ -141,7 +139,7 @@ def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
     return replace(robot, name="drawn", lidar=lidar, radius=radius, max_v=speed)
 
 
-def make_world(task: Task) -> World:
+def make_world(task: ExplorationTask) -> World:
     """Return the world of a task."""
     if task.world in FAMILIES:
         # Wider passages compensate for coarse cells.
