@@ -56,7 +56,7 @@ BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
 """Limits of the default replay buffer: memory [bytes] and transitions."""
 FIXED = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
 FIXED |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
-"""Constructor arguments that this package sets, hence no hyperparameters."""
+"""Algorithm arguments that this package sets, and that hyperparameters cannot change."""
 
 
 def find_algorithm(name: str) -> type[BaseAlgorithm]:

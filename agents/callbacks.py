@@ -36,13 +36,12 @@ class RunCallback(BaseCallback):
         replay: ReplayFiles | None,
         bar: Progress,
     ) -> None:
-        """Resume from a checkpoint at `saved_steps`, or start at None. `evaluations` is extended by new rows."""
+        """Prepare a run resumed at `saved_steps`, None for a new run. New rows are appended to `evaluations`."""
         super().__init__()
         self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
         self._evaluations, self._saved_steps = evaluations, saved_steps
         self._rollout_steps = rollout_steps(config)
         self._has_news = False
-        """True if an episode ended in the current rollout."""
         self._latest: Checkpoint | None = None
         """Training state before the current rollout, for on-policy algorithms."""
 

@@ -13,7 +13,7 @@ ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
     **dict.fromkeys(("TQC", "CrossQ", "QRDQN", "TRPO", "RecurrentPPO", "MaskablePPO"), "sb3_contrib"),
 }
-"""Library of each algorithm, by name."""
+"""Library of each algorithm, by algorithm name."""
 
 
 class Section(BaseModel):
@@ -48,7 +48,7 @@ class EnvironmentConfig(Section):
     vectorization: Literal["native", "sync", "async"] = "native"
     """Execution of sub-environments: by the package's vector environment, sequential, or in one process each."""
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
-    """Worker processes for `native`; 0 uses the main process, null one worker per core."""
+    """Worker processes of `native` execution; 0 uses the main process, null one worker per core."""
 
     robots: tuple[str, ...] = ()
     """Training robots, instead of one `robot`, in equal shares of the sub-environments. Evaluations use the first."""
@@ -197,7 +197,8 @@ class TrainingConfig(Section):
     environment: EnvironmentConfig = EnvironmentConfig()
     """Training environment."""
     hyperparameters: dict[str, Any] = {}
-    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is Gaussian."""
+    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is the standard deviation of
+    Gaussian noise."""
     network: dict[str, Any] = {}
     """Network settings: keys of `NetworkConfig`, `GaussianNetworkConfig`, `TrajectoryNetworkConfig` or
     `DecisionNetworkConfig`."""

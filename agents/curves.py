@@ -18,9 +18,9 @@ from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_rec
 Row = dict[str, int | float | str]
 """Row of `evaluations.csv`, by column."""
 LEARNED = "learned"
-"""Policy name in evaluation rows of the trained policy."""
+"""Name of the trained policy in evaluation rows."""
 LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
-"""Policy names of the trained policy, without and with ground truth."""
+"""Names of the trained policy in evaluation rows, without and with ground truth."""
 SCORES = "scores"
 """Column with the headline measure of each episode, separated by spaces."""
 
@@ -41,7 +41,7 @@ def read_evaluations(run: Path) -> list[Row]:
 
 
 def check_rows(rows: Sequence[Row]) -> None:
-    """Raise ValueError if a row lacks a number that curves show."""
+    """Raise ValueError if an evaluation row lacks a plotted number."""
     try:
         for row in rows:
             int(row["steps"]), str(row["policy"])

@@ -20,7 +20,7 @@ from lidarnaut.envs.measures import Course, headline_of, measures_of
 
 
 def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
-    """Return the evaluation environment of a training."""
+    """Return the environment configuration for evaluations."""
     changes = config.evaluation.arguments
     changes |= {"world_size": None} if "world" in changes else {}
     changes |= {"robots": ()} if "robot" in changes else {}

@@ -1,4 +1,4 @@
-"""Loading of learned policies by folder."""
+"""Loading of learned policies from folders."""
 
 import hashlib
 from collections.abc import Iterable
@@ -44,7 +44,6 @@ def load_policy(
     """Load the policy of a folder from `find_policy`; a frontier score becomes an explorer.
 
     Args:
-        folder: folder with the weights.
         pursuit: drive by pursuit (frontier scores only).
         deterministic: take the most likely actions instead of sampling (networks only).
         trust: code names to accept; see `lidarnaut.agents.trust`.

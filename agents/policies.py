@@ -12,7 +12,7 @@ from lidarnaut.baselines.frontier.explorer import RuleExplorer
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
-"""Level of a policy's actions: twists, or frontiers in `ExploreFrontiers-v0`."""
+"""Kind of action: `twist`, or `decision` for frontiers in `ExploreFrontiers-v0`."""
 
 
 def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
@@ -48,7 +48,9 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         return RuleExplorer(value)
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
-    raise ValueError(f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)")
+    raise ValueError(
+        f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
+    )
 
 
 def level_of(value: Any) -> Level:

@@ -81,7 +81,6 @@ class RayExecutor(Executor):
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Disconnect, which ends running calls."""
         self._ray.shutdown()
 
 
@@ -115,7 +114,7 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Change to `folder` if it holds `files`, else to a temporary copy, which is returned.
+    """Change to `folder` if it holds `files`, else return and change to a temporary copy.
 
     Raises:
         ValueError: if a file with an absolute path is missing or differs.

@@ -30,10 +30,10 @@ class ReplayFiles:
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """End of the written rows, and row in slot 0 of the buffer."""
+        """Index after the last written row; index of the row in slot 0 of the ring buffer."""
 
     def write(self, end: int) -> dict[str, str]:
-        """Write rows up to `end`; return the checksum of each file of the buffer by name.
+        """Write buffer rows up to `end`; return checksums of the buffer's files by name.
 
         Raises:
             CheckpointError: if writing fails.

@@ -31,7 +31,6 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
     """Raise CheckpointError if the configuration of a resumed run changes a fixed key.
 
     Args:
-        now: new configuration.
         kind: kind of run, see `MAY_CHANGE`.
         run: folder of the run or checkpoint.
         was: previous configuration; None reads it from `run`.

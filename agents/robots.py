@@ -15,7 +15,7 @@ def _variant(name: str, fov: float, range_max: float = JACKAL.lidar.range_max, *
 
 
 SEES_AHEAD = _variant("sees_ahead", 4.71)
-"""Jackal with half its beams over 270 degrees."""
+"""Jackal with half its lidar beams, over 270 degrees."""
 SEES_AROUND = _variant("sees_around", 6.28)
 SLOW_SEES_AROUND = _variant("slow_sees_around", 6.28, max_v=1.0, max_w=3.0)
 SMALL_SEES_AROUND = _variant(

@@ -21,7 +21,6 @@ from lidarnaut.envs.files import Lock, dump_record, own_folder, read_bytes, writ
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
 """Libraries with recorded versions."""
 GENERATIONS = "generations.csv"
-"""File with results of all individuals of an evolution."""
 VERSIONS = "versions.json"
 SWEEP = "sweep.yaml"
 RECORD_FILE = "checkpoint.json"
@@ -66,7 +65,7 @@ def find_config(path: str | Path) -> Path:
 
 @contextlib.contextmanager
 def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Iterator[Path]:
-    """Create and lock a run folder; None makes `runs/<experiment>__<seed>__<time>`.
+    """Create and lock the folder `run`, by default `runs/<experiment>__<seed>__<time>`.
 
     Raises:
         ValueError: if the folder already holds a run.

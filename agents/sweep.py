@@ -176,7 +176,6 @@ def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str
 
 
 def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested settings updated by `more`."""
     merged = dict(settings)
     for key, value in more.items():
         are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
@@ -209,7 +208,6 @@ def try_member(member: Member, *, progress: bool = False) -> str:
 
 @contextlib.contextmanager
 def _processes(jobs: int) -> Iterator[Executor]:
-    """Yield threads for `_try_apart`; exceptions terminate their processes."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
             yield pool
@@ -255,7 +253,6 @@ def processor_time(run: Path) -> float:
 
 
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
-    """Write the table, and a picture of learning curves over seeds for each group."""
     table: list[dict[str, Any]] = []
     for group, some in itertools.groupby(members, lambda member: member.group):
         curves: dict[str, list[np.ndarray]] = {}

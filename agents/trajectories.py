@@ -19,7 +19,7 @@ from lidarnaut.envs.tasks.carrot import AHEAD
 NEEDED = "trajectories", "motion", "limits"
 """Required observation parts, besides `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Distance shown as 1 in `goal`, and assumed for a distant `carrot` [m]."""
+"""Goal distance scaled to 1 in `goal`, and assumed for a distant `carrot` [m]."""
 LAST_ACTION = slice(2, 4)
 """Last action in the observation `motion`."""
 OWN_NUMBERS = 6

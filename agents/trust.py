@@ -24,9 +24,9 @@ _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return the key of each code name in nested mappings and lists, by name.
+    """Return code names in a nested record, each with the key of its entry.
 
-    Names with a colon are code: `module:attribute` or `module:id`. Drive paths and ids of the package are not.
+    Texts with a colon name code (`module:attribute`, `module:id`), except drive paths and ids of the package.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 

@@ -33,7 +33,7 @@ from .tasks import TARGET, ExplorationTask, draw_task
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
 """Random streams for generations, validations and feature scaling."""
 LEAST_SPREAD = 0.02
-"""Minimum spread of a feature."""
+"""Lower bound of a feature's standard deviation."""
 
 
 def evolve(
@@ -47,10 +47,8 @@ def evolve(
     """Evolve a frontier score; return the run folder. A resumed run replays its stored results.
 
     Args:
-        config: evolution settings.
         run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
         resume: run folder to resume.
-        progress: show a progress bar.
         ray: Ray cluster address; None uses local processes.
 
     Raises:
@@ -91,12 +89,10 @@ def evolve(
 
 
 class _Evolution:
-    """CMA-ES search and validations of a run."""
-
     def __init__(self, config: EvolutionConfig, run: Path, pool: Executor) -> None:
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
-        """Mean log time ratio of each individual, shape (population,), by generation."""
+        """Results by generation: mean log time ratio of each individual, shape (population,)."""
         self._means: list[np.ndarray] = []
         self._validated: list[Row] = read_evaluations(run) if (run / "evaluations.csv").exists() else []
         seed, population = config.seed, config.population

@@ -107,7 +107,6 @@ class FrontierNetwork(nn.Module):
 
     @staticmethod
     def _weigh(observations: Tensors, score: Tensor) -> Tensor:
-        """Return frontier scores of the candidates, shape (rows,), float32."""
         if torch.jit.is_tracing():
             raise ValueError("its prior is a frontier score, which is not computed by torch")
         names = ("candidates", "sectors", "gaps", "robot", "action_mask")

@@ -14,7 +14,7 @@ MAX_RATIO = 3.0
 MISSING_COST = 2.0
 """Penalty on log time per explored fraction missing from the target."""
 NUM_BEST = 5
-"""Number of best candidates considered in the variance of features."""
+"""Number of best candidates per decision, for feature variances."""
 
 
 def explore(

@@ -35,7 +35,7 @@ class FrontierScore:
     end_reason = plan = None
 
     def __init__(self, weights: np.ndarray = PRIOR) -> None:
-        """Set weights, shape (NUM_FEATURES,), float64; raise ValueError if the shape is wrong or not finite."""
+        """Set weights, shape (NUM_FEATURES,), float64; raise ValueError if invalid."""
         weights = np.asarray(weights, dtype=np.float64)
         if weights.shape != (NUM_FEATURES,) or not np.isfinite(weights).all():
             raise ValueError(f"weights must be {NUM_FEATURES} finite numbers, got shape {weights.shape}")
