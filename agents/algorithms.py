@@ -173,7 +173,6 @@ def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> A
 
 
 def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> str:
-    """Return the first hyperparameter that prevents building the model."""
     for name in config.hyperparameters:
         others = {key: value for key, value in config.hyperparameters.items() if key != name}
         with contextlib.suppress(Exception):
@@ -202,7 +201,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
         model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
         model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
         model.action_space, model.n_envs = action_space, 1
-        model.env = SimpleNamespace(action_space=action_space)  # type: ignore[assignment]  # the only attribute read
+        model.env = SimpleNamespace(action_space=action_space)  # type: ignore[assignment]
         model._setup_model()
     except ImportError:
         raise

@@ -197,8 +197,8 @@ class TrainingConfig(Section):
     environment: EnvironmentConfig = EnvironmentConfig()
     """Training environment."""
     hyperparameters: dict[str, Any] = {}
-    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is the standard deviation of
-    Gaussian noise."""
+    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is the standard
+    deviation of Gaussian noise."""
     network: dict[str, Any] = {}
     """Network settings: keys of `NetworkConfig`, `GaussianNetworkConfig`, `TrajectoryNetworkConfig` or
     `DecisionNetworkConfig`."""

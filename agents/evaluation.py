@@ -100,7 +100,7 @@ def run_episodes(
     `act` maps observations and episode starts, shape (num_envs,), bool, to actions. `max_speed` is the robot's [m/s].
     """
     observations, info = vector.reset(seed=0)
-    limits = vector.call("time_limit")  # type: ignore[attr-defined]  # all environments have it
+    limits = vector.call("time_limit")  # type: ignore[attr-defined]
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
     rows, courses = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, Course]()
     starts = np.ones(vector.num_envs, dtype=np.bool_)

@@ -18,7 +18,6 @@ from lidarnaut.envs.files import read_bytes
 PRETRAINED = Path(__file__).with_name("pretrained")
 """Folder of the package's policies."""
 POLICY = "policy"
-"""Policy folder in an evolution run."""
 
 
 def find_policy(path: str | Path) -> Path:
@@ -44,6 +43,7 @@ def load_policy(
     """Load the policy of a folder from `find_policy`; a frontier score becomes an explorer.
 
     Args:
+        folder: folder of the weights.
         pursuit: drive by pursuit (frontier scores only).
         deterministic: take the most likely actions instead of sampling (networks only).
         trust: code names to accept; see `lidarnaut.agents.trust`.

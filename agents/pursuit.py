@@ -46,7 +46,6 @@ class UntrainedPursuit:
     observations = ("motion", "plan")
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the normalized twist, shape (2,), float32."""
         return pursue(*(torch.from_numpy(observation[name])[None] for name in ("plan", "motion")))[0].numpy()
 
 

@@ -31,6 +31,7 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
     """Raise CheckpointError if the configuration of a resumed run changes a fixed key.
 
     Args:
+        now: new configuration.
         kind: kind of run, see `MAY_CHANGE`.
         run: folder of the run or checkpoint.
         was: previous configuration; None reads it from `run`.
@@ -51,7 +52,7 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
 def _changes(
     was: Mapping[str, Any], now: Mapping[str, Any], kinds: str = "", above: str = ""
 ) -> Iterator[tuple[str, Any, Any, str]]:
-    """Yield each changed key, its old and new value, and the kinds of runs that may change it.
+    """Yield each changed key, its old and new value, and the permitted kinds of runs.
 
     Hyperparameters and network keys missing in `now` are unchanged.
     """

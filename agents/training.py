@@ -35,9 +35,11 @@ def train(
     """Train a policy; return the run folder.
 
     Args:
+        config: configuration.
         run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
         resume: run or checkpoint folder to resume, instead of `run`; see `lidarnaut.agents.resume`.
         trust: code names that the checkpoint may contain, besides those in `config`.
+        progress: show a progress bar.
 
     Raises:
         ValueError: if a new folder already holds a run, an argument is invalid, or training diverges.

@@ -59,7 +59,7 @@ def make_vector(
         settings["context"] = "spawn"
         if "forkserver" in multiprocessing.get_all_start_methods():
             settings["context"] = "forkserver"
-            multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once for all workers
+            multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])
     if mode != "native":
         may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)
         return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
@@ -92,7 +92,6 @@ def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "Gymnasium
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
-    """Return environment arguments with split and kinematic physics; raise ValueError if unknown."""
     accepted, arguments = arguments_of(config.id), config.arguments
     if unknown := [name for name in arguments if name not in accepted]:
         raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], accepted)}")

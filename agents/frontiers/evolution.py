@@ -47,8 +47,10 @@ def evolve(
     """Evolve a frontier score; return the run folder. A resumed run replays its stored results.
 
     Args:
+        config: configuration.
         run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
         resume: run folder to resume.
+        progress: show a progress bar.
         ray: Ray cluster address; None uses local processes.
 
     Raises:

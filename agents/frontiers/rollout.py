@@ -26,7 +26,7 @@ def explore(
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
-    del observation["map"]  # unused by scores
+    del observation["map"]
     explore = env.explore
     while not any(explore.is_over) and len(env.candidates) and explore.time < max_time:
         env.apply(policy(observation))
