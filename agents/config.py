@@ -130,7 +130,7 @@ class EvaluationConfig(Section):
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments that differ from training, with lists as tuples."""
+        """Environment arguments that differ from training, with lists as tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}
 
 
@@ -223,7 +223,7 @@ def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | Evolu
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with new values at dotted keys; raise ValueError if a parent is no mapping."""
+    """Return nested mappings with new values at dotted keys; raise ValueError if a parent is not a mapping."""
     changed: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
         *parents, name = key.split(".")

@@ -111,7 +111,7 @@ def _error_of_mean(row: Row, measure: str) -> float:
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
-    """Plot a measure by training, shape (n, 4): steps, mean, and 95 % confidence bounds."""
+    """Plot a measure of several trainings, shape (n, 4) each: steps, mean, and 95 % confidence bounds."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")

@@ -149,7 +149,7 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return the environment for tasks, cached."""
+    """Return the cached environment for tasks with these parameters."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )
