@@ -122,7 +122,7 @@ POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkp
         (replace_text, RECORD, ('"scores": "', '"scores": "x '), "damaged row: .*'x'"),
         (replace_text, RECORD, ('"replay": {', '"replay": {"../../a-1.safetensors": ""'), "replay.*match pattern"),
         (change_tensors, POLICY, lambda t: t.pop("log_std"), "policy.safetensors lacks the tensor 'log_std'"),
-        (change_tensors, POLICY, lambda t: t["log_std"].fill_(torch.nan), "'log_std' holds numbers that are not"),
+        (change_tensors, POLICY, lambda t: t["log_std"].fill_(torch.nan), "'log_std' contains non-finite numbers"),
         (change_tensors, TRAINING, lambda t: t.update(x=torch.zeros(1)), "has an unknown tensor 'x'"),
         (
             change_tensors, POLICY, lambda t: t.update(log_std=torch.zeros(3)),

@@ -134,7 +134,7 @@ def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
 
 
 def test_there_is_no_run_where_there_is_none(tmp_path):
-    with pytest.raises(CheckpointError, match="no run folder"):
+    with pytest.raises(CheckpointError, match="not a run folder"):
         evolve(EvolutionConfig(**TINY), resume=tmp_path, progress=False)
     with pytest.raises(CheckpointError, match="pretrained/nothing"):
         find_policy("pretrained/nothing")
