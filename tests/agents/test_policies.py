@@ -116,7 +116,9 @@ def test_levels_are_declared():
 
 
 def test_what_cannot_explore_is_refused():
-    with pytest.raises(ValueError, match=r"7 is no explorer, rule or callable of an observation, and has no predict"):
+    with pytest.raises(
+        ValueError, match=r"7 is not an explorer, rule or callable of an observation, and lacks predict"
+    ):
         make_policy(7)
     with pytest.raises(ValueError, match="lacks reset"):
         make_policy(SimpleNamespace(act=lambda reading, belief: None))

@@ -45,7 +45,7 @@ def test_a_run_that_is_not_there_is_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         run_command(main, ["/no/such/run", str(tmp_path / "folder")])
     assert stop.value.code == 2
-    assert capsys.readouterr().err.partition(": ")[2].startswith("/no/such/run is no folder")
+    assert capsys.readouterr().err.partition(": ")[2].startswith("/no/such/run is not a folder")
     assert not (tmp_path / "folder").exists()
 
 

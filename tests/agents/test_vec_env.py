@@ -209,7 +209,7 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself():
 def test_robots_that_cannot_be_trained_together_are_refused():
     config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "num_envs": 2}
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
-    with pytest.raises(ValueError, match=r"robot 'jackal' of environment\.robots has other observations"):
+    with pytest.raises(ValueError, match=r"robot 'jackal' of environment\.robots has observations unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
     with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
         make_vec_env(TrainingConfig(**{**config, "num_envs": 1}, environment=environment))

@@ -65,7 +65,7 @@ def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
 
 
 def test_only_scores_of_frontiers_are_driven_by_pursuit():
-    with pytest.raises(CheckpointError, match="twist holds no score of frontiers"):
+    with pytest.raises(CheckpointError, match="twist is not a frontier score"):
         parse_policy("pursuit:pretrained/twist")
 
 
