@@ -26,7 +26,7 @@ def find_policy(path: str | Path) -> Path:
 
     A prefix `ppo:` or `learned:` is ignored.
 
-    `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`.
+    `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`; a prefix `ppo:` or `learned:` is ignored.
     """
     path = Path(re.sub("^(ppo|learned):", "", str(path)))
     if path.parts[:1] == ("pretrained",) and not path.exists():
