@@ -22,9 +22,7 @@ POLICY = "policy"
 
 
 def find_policy(path: str | Path) -> Path:
-    """Return the folder of a policy's weights: in a run, a checkpoint or a policy folder, or `pretrained/NAME`.
-
-    A prefix `ppo:` or `learned:` is ignored.
+    """Return the folder with the weights of a policy; raise CheckpointError if missing.
 
     `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`; a prefix `ppo:` or `learned:` is ignored.
     """
