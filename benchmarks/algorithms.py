@@ -1,11 +1,9 @@
-"""The table of algorithms: a sweep over tasks and algorithms as a page of the documentation.
+"""Write the page that compares learning algorithms, `docs/algorithms.md`, from a training sweep.
 
 python train.py --config algorithms --jobs 2
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
 
-Scores of a training are the headline measure of its task in the episodes of its last evaluation; classic policies meet
-the same episodes. Interquartile means over seeds, and bootstrap intervals, follow Agarwal et al., "Deep Reinforcement
-Learning at the Edge of the Statistical Precipice" (2021); resamples draw seeds and episodes, each by themselves.
+Statistics: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021).
 """
 
 from collections.abc import Mapping, Sequence
@@ -55,34 +53,37 @@ Scores = Mapping[str, np.ndarray]
 
 @dataclass(frozen=True, slots=True)
 class Task:
-    """What was measured of a task."""
+    """Results of all algorithms and classic policies on one task."""
 
     name: str
     measure: Measure
     steps: Mapping[str, np.ndarray]
-    """Steps at evaluations, shape (n,), by algorithm."""
+    """Environment steps at each evaluation, by algorithm: shape (n,)."""
     scores: Scores
-    """Scores then, shape (n, seeds, episodes), by algorithm."""
+    """Headline measure at each evaluation, by algorithm: shape (n, seeds, episodes)."""
     references: Scores
-    """Scores of the classic policies, best first, and of `random`, shape (1, episodes) each."""
+    """Headline measure of classic policies, best first, and `random`: shape (1, episodes)."""
     times: Mapping[str, float]
-    """Mean processor time of a training by algorithm [s]."""
+    """Mean processor time of a training run, by algorithm [s]."""
     missing: int
-    """Number of trainings that are not done."""
+    """Number of unfinished training runs."""
 
     @property
     def classic(self) -> str:
-        """The best classic policy."""
+        """Best classic policy without access to ground truth."""
         return next((name for name in self.references if name != RANDOM and not name.endswith(GROUND_TRUTH)), "")
 
     @property
     def sign(self) -> float:
-        """1 where more of the measure is better, else -1."""
+        """1 if higher values are better, else -1."""
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
 def score(scores: np.ndarray) -> Estimate:
-    """Return the interquartile mean over seeds of the mean over episodes; shape (seeds, episodes)."""
+    """Return the interquartile mean over seeds of the mean over episodes; `scores` has shape (seeds, episodes).
+
+    The bootstrap resamples seeds and episodes independently.
+    """
     rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
     seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
     episodes = rng.integers(num_episodes, size=(NUM_RESAMPLES, num_episodes))
@@ -92,13 +93,11 @@ def score(scores: np.ndarray) -> Estimate:
 
 
 def read_tasks(file: Path) -> list[Task]:
-    """Read the tasks of a sweep, by its configuration in its folder."""
     members = expand(read_mapping(file), str(file), file.parent)
     return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
 
 
 def read_task(name: str, members: Sequence[Member]) -> Task:
-    """Read what the trainings of a task have measured, and are done with."""
     done = {member.run: read_evaluations(member.run) for member in members if is_finished(member)}
     env = make_env(members[0].config.environment, "test")  # type: ignore[union-attr]
     measure = headline_of(lidar_env_of(env).task.measures)
@@ -123,12 +122,11 @@ def _numbers(text: object) -> np.ndarray:
 
 
 def difference(task: Task, algorithm: str, policy: str) -> Estimate:
-    """Return how much more an algorithm scores at the end than a policy that meets the same episodes."""
+    """Return the final score of an algorithm minus the score of a policy, paired by episode."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 
 def task_section(task: Task) -> Section:
-    """Return what is known of a task: who is above what in a sentence, curves, and the numbers."""
     if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
         return Section(task.name, (f"Not measured yet: {task.missing} trainings are to be done.",))
     sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
@@ -155,7 +153,6 @@ def task_section(task: Task) -> Section:
 
 
 def draw_task(task: Task) -> Picture:
-    """Draw the learning curves of a task, with the levels of the classic policies and of `random`."""
     figure, scale = Picture(figsize=(6.6, 3.6)), task.measure.scale
     axes = figure.subplots()
     for color, (name, scores) in zip(cycle(LINES), task.scores.items()):
@@ -171,10 +168,7 @@ def draw_task(task: Task) -> Picture:
 
 
 def overview(tasks: Sequence[Task]) -> Section:
-    """Return how far the algorithms get over all tasks that have been measured.
-
-    A score is 0 for `random` and 1 for the best classic policy; resamples draw the seeds of each task by themselves.
-    """
+    """Return a section with normalised scores over all tasks: 0 is `random`, 1 the best classic policy."""
     strata: dict[str, list[np.ndarray]] = {}
     for task in tasks:
         levels = {name: float(scores.mean()) for name, scores in task.references.items()}
@@ -192,11 +186,11 @@ def overview(tasks: Sequence[Task]) -> Section:
 
 
 def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:
-    """Write `algorithms.md`, and its pictures into `algorithms/`.
+    """Write `algorithms.md`, and its figures to `algorithms/`.
 
     Args:
-        sweep: folder of a sweep, finished or not; or a configuration, for a page without results.
-        docs: folder of the documentation.
+        sweep: sweep folder, or a configuration file for a page without results.
+        docs: documentation folder.
     """
     tasks = read_tasks(sweep / SWEEP if sweep.is_dir() else sweep)
     sections = [overview(tasks), *map(task_section, tasks)]

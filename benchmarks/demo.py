@@ -1,4 +1,4 @@
-"""Train a policy for crowds from nothing, then show the shipped policies where none was trained; write a report."""
+"""Train a policy among people, evaluate the shipped policies, and write a report."""
 
 import contextlib
 import logging
@@ -47,13 +47,13 @@ TRAINING = {
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
 }
-"""What the demo changes of that configuration."""
+"""Changes to the configuration `CONFIG`, for a short training."""
 RIVAL = "pursuit"
-"""The classic controller above whose success the training must end."""
+"""Classic controller that the trained policy should beat in success rate."""
 
 
 class Scene(NamedTuple):
-    """Where shipped policies are shown: the last one, in its episode with the median headline measure."""
+    """Evaluation of shipped policies. The report replays the median episode of the last policy."""
 
     folder: str
     title: str
@@ -93,14 +93,12 @@ SCENES = (
 
 
 def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES, jobs: int = 2) -> str:
-    """Train, run the episodes of the scenes, and report; return what came of the training, in a sentence.
-
-    The results of an earlier demo in the folder are replaced once the new ones are complete.
+    """Train, evaluate and write the report, replacing an earlier one; return the training result as a sentence.
 
     Raises:
-        lidarnaut.envs.files.LockedError: if another process is at it.
+        lidarnaut.envs.files.LockedError: if another process uses `folder`.
     """
-    from lidarnaut.agents.training import train  # torch takes seconds to load: the first line should not wait for it
+    from lidarnaut.agents.training import train  # imports torch, which takes seconds
 
     console, began = Console(stderr=True), time.monotonic()
 
@@ -136,7 +134,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    """Run the episodes of scenes in another process meanwhile; `show` runs those that it has not ended."""
+    """Run the evaluation episodes in a background process during the `with` block."""
     with interrupts_held():
         process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
         process.start()
@@ -149,13 +147,13 @@ def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
 
 def _run(scenes: Sequence[Scene], work: Path) -> None:
     start_worker()
-    logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # what there is to say, the other process says
+    logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # the main process prints these messages
     for scene in scenes:
         Evaluation(scene.settings, work / scene.folder).run(record=True)
 
 
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
-    """Run the episodes of a scene, write their report, and return its part of the demo's."""
+    """Run the remaining episodes of a scene and return its section of the report."""
     evaluation = Evaluation(scene.settings, work / scene.folder)
     run_with_progress(evaluation, jobs, console, record=True)
     print_results(evaluation, publish(evaluation), console)
@@ -170,7 +168,7 @@ def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
 
 
 def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
-    """Return a sentence with the success of PPO before and after its training, and of the classic policies."""
+    """Return the success rates of PPO before and after training, and of the classic policies, as a sentence."""
     shares = [float(row["success"]) for row in evaluations if row["policy"] in LEARNED_NAMES]
     others = [row for row in evaluations if row["policy"] not in LEARNED_NAMES]
     rivals = ", ".join(f"{row['policy']} {float(row['success']):.0%}" for row in others)
@@ -180,7 +178,6 @@ def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
 
 
 def main() -> None:
-    """Run the demo."""
     try:
         config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
         print(demo(config, FOLDER))

@@ -1,4 +1,4 @@
-"""The results of an evaluation as tables, in sections of a page."""
+"""Leaderboard and comparison tables of an evaluation."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -16,27 +16,27 @@ from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
 LEAST = 1.0
-"""Times and distances below count as this one in ratios: the first scan may show a small world as a whole [s, m]."""
+"""Minimum time or distance in ratios [s, m]; smaller values are clipped."""
 MARKS = (0.95, 0.99)
-"""Explored fractions that count as done and as finished."""
+"""Explored fractions below which an exploration is listed as unfinished: first and second column."""
 DRIFT = 0.3
-"""From this position error on [m] a map is taken to have drifted: it is wider than a wall, and than most robots."""
+"""Position RMSE above which a map counts as drifted [m]."""
 REASONS = {
     "time_limit": "time ran out",
     "no_reachable_frontier": "no reachable frontier left on its map",
     "stuck": "could not move any more",
 }
-"""What end reasons mean."""
+"""Report texts of end reasons."""
 
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
-    """Return a cell for each policy's estimate, the best ones marked."""
+    """Return table cells of the estimates by policy, with the best highlighted."""
     best = best_of(estimates, measure)
     return {policy: Cell.of(value, measure, policy in best) for policy, value in estimates.items()}
 
 
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
-    """Lay out the ranking by the headline: a row per policy, a column per measure; see `ranking_sections`."""
+    """Return the leaderboard: one row per policy, ranked by the headline measure."""
     columns = [marked(episodes.standing(measure), measure) for measure in shown]
     lines = []
     for k, policy in enumerate(episodes.standing(episodes.measures.headline), start=1):
@@ -46,10 +46,7 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the ranking by related episodes from starts that all competitors share.
-
-    Where something learned takes part, first by those that no training saw.
-    """
+    """Return the leaderboard of `related` episodes; with a learned policy, first of held-out starts."""
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
@@ -70,7 +67,6 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
 
 
 def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Measures) -> Table:
-    """Lay out estimates, by policy and measure, with a row per measure and a column per policy."""
     lines = []
     for measure in measures.all:
         cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
@@ -79,7 +75,7 @@ def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Me
 
 
 def measures_section(episodes: Episodes) -> Section:
-    """Return all that the ranking leaves out, of related episodes from starts that all competitors share."""
+    """Return a section with the measures missing from the leaderboard."""
     others = [measure for measure in episodes.measures.all if measure not in episodes.measures.shown]
     text = (
         "Interquartile means over the same starts as above. Seconds and metres in small and large worlds cannot be "
@@ -93,7 +89,7 @@ def measures_section(episodes: Episodes) -> Section:
 
 
 def gap_section(episodes: Episodes) -> Section | None:
-    """Return how much of the gap from the reference to the bound each policy closes; None without a bound."""
+    """Return a section with the gap to the ground-truth bound that each policy closes; None without a bound."""
     closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
     if not closed:
         return None
@@ -110,10 +106,7 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return every policy against the reference by some measures; None if there is only one.
-
-    Over several worlds, the measures should be comparable. Ratios of the marks follow.
-    """
+    """Return a section with paired differences and ratios of every policy to the reference, if there are any."""
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:
@@ -143,7 +136,7 @@ def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | 
 
 
 def worlds_section(episodes: Episodes) -> Section:
-    """Return a measure of the policies in each world, from all episodes."""
+    """Return a section with one measure of all policies in each world."""
     measure = (*episodes.measures.marks, episodes.measures.headline)[0]
     lines = []
     for case, here in episodes.by_case().items():
@@ -165,9 +158,9 @@ def worlds_section(episodes: Episodes) -> Section:
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Compare the values of an axis, a column, pair by pair on the starts that all of them have; None if there is one.
+    """Return a paired comparison of the values of a condition such as SLAM; None if there is only one value.
 
-    Differences of times and distances are shares of what the policy needed under the base: ground truth, or the first.
+    Differences are to the base value: `truth`, or the first one.
     """
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
@@ -176,7 +169,7 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
     values.sort(key=lambda value: value != base)
     lines, worlds, num_starts = [], dict[str, None](), 0
     for policy in episodes.policies:
-        # Under each value it stands for a policy of its own, from the same starts.
+        # Each value of the condition is treated as a policy.
         versions = [row | {"policy": row[axis], axis: base} for row in episodes.of(policy)]
         shared = Episodes(versions, measures).shared(values).related(base)
         worlds |= dict.fromkeys(row["world"] for row in shared)
@@ -198,10 +191,7 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
 
 
 def unfinished_section(episodes: Episodes) -> Section:
-    """Return which episodes did not do all of their task, where, and why, as far as the data tell.
-
-    Of explorations those below `MARKS`, of other tasks those without success.
-    """
+    """Return a section with the unfinished episodes by policy and world, and their end reasons."""
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:
@@ -226,6 +216,5 @@ def unfinished_section(episodes: Episodes) -> Section:
 
 
 def explain(row: Row) -> str:
-    """Say in a few words why an episode ended before its task was done."""
     reason = REASONS.get(row["end_reason"], row["end_reason"].replace("_", " "))
     return f"{reason}, and the map had drifted" if row["position_rmse"] > DRIFT else reason

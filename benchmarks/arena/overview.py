@@ -1,4 +1,4 @@
-"""Pictures over all worlds, or of one: curves, profiles, typical and worst episodes, pages that play them."""
+"""Figures of an evaluation: progress curves, performance profiles and maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -19,17 +19,14 @@ from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
 SHARES = 3.0
-"""Times and distances are shown up to this multiple of what the reference needed."""
+"""Upper end of relative time and distance axes, as a multiple of the reference's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Worst episodes of the fastest explorer that are listed, and shown."""
+"""Number of worst episodes listed, and shown with maps."""
 COLORS = "Colours: when a cell became known. Red: the true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
-    """Return progress over time and distance, and the performance profiles of tasks whose times are compared as shares.
-
-    Of related episodes from starts that all competitors share; `folder` holds their traces.
-    """
+    """Return a section with progress curves and, for relative times, performance profiles of `related` episodes."""
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
     unit, end = (f"{reference}'s to {measures.mark}", SHARES) if measures.marks else ("the limit", 1.0)
@@ -40,7 +37,7 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
-    # Without a limit, what was never reached is infinite.
+    # Without a limit, thresholds not reached stay infinite.
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
@@ -58,7 +55,7 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
 def curve_figures(
     name: str, curves: Mapping[str, Sequence[Sequence[Curve]]], label: str, unit: str = "", end: float | None = None
 ) -> list[Figure]:
-    """Draw progress over time and over distance, of curves by policy and stratum; see `sample_curves`."""
+    """Plot progress over time and over distance; `curves` are by policy and stratum."""
     over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
     figures = []
     for quantity, (field, words, si) in over.items():
@@ -68,7 +65,7 @@ def curve_figures(
 
 
 def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Curve]]]:
-    """Return curves by policy and case, as shares of the limits or of the reference's; without starts seen at once."""
+    """Return curves by policy and case, with time and distance as shares of the reference's values or of the limits."""
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
     curves: dict[str, dict[Case, list[Curve]]] = {}
     for row in episodes:
@@ -85,10 +82,7 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Cu
 
 
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return the episodes in which the fastest policy does worst against the reference, and the first of their maps.
-
-    Of related episodes, whose traces `folder` holds; None without a competitor, or if nothing is compared as shares.
-    """
+    """Return the worst `related` episodes of the fastest policy, with maps; None without relative measures."""
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:
@@ -115,7 +109,6 @@ def worst_section(folder: Path, episodes: Episodes) -> Section | None:
 
 
 def story(row: Row, measures: Measures) -> str:
-    """Say in a line how an episode went."""
     end, headline = row["end_reason"].replace("_", " "), measures.headline
     where = f"in {row['duration']:.0f} s and {row['path_length']:.0f} m"
     if "explored_fraction" not in row:
@@ -126,7 +119,7 @@ def story(row: Row, measures: Measures) -> str:
 
 
 def gallery_section(folder: Path, episodes: Episodes) -> Section:
-    """Return film strips of a typical and of the worst of all episodes of every policy; `folder` holds the traces."""
+    """Return a section with map sequences of the typical and the worst episode of every policy."""
     strips = []
     for policy in episodes.policies:
         figures = []
@@ -143,9 +136,9 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Write the pages that play each policy's typical and worst recorded episode; return links to them.
+    """Write replay pages of the typical and the worst recorded episode of each policy; return a section with links.
 
-    The reference's from the same start stands beside it, where that is recorded. None if nothing is.
+    The reference's episode from the same start is replayed next to it. None without recordings.
     """
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
@@ -172,7 +165,7 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
 def case_sections(
     folder: Path, case: str, episodes: Episodes, estimates: Mapping[str, Mapping[str, Estimate]]
 ) -> list[Section]:
-    """Return the curves, measures, comparisons, endings and maps of the episodes of one case; `folder` holds traces."""
+    """Return the sections of one case: curves, measures, paired comparison, end reasons and maps."""
     measures, seed, place = episodes.measures, episodes.rows[0]["seed"], slug(case)
     traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
     curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
