@@ -39,12 +39,7 @@ class Film:
     """Records frames of an episode at equal intervals of simulated time."""
 
     def __init__(self, env: gymnasium.Env, every: float | None = None) -> None:
-        """Attach to an environment with `render_mode="rgb_array"`.
-
-        Args:
-            env: environment to record.
-            every: simulated time between frames [s]; None for about `NUM_FRAMES` frames.
-        """
+        """Attach to an environment with `render_mode="rgb_array"`; `every` is the interval [s]."""
         self._env: Any = lidar_env_of(env)
         self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
         self.frames: list[np.ndarray] = []

@@ -34,12 +34,12 @@ TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
 )
-"""First lines of the leaderboard's page."""
+"""Introduction of the leaderboard page."""
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
-    """Run an evaluation behind a progress bar (`how`: see `Evaluation.run`); return and say what could not be run."""
+    """Run an evaluation with a progress bar; print and return the episodes that failed. `how`: see `Evaluation.run`."""
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
@@ -56,7 +56,7 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how
 
 
 def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
-    """Return by world (with its robot, and an own SLAM) and reason how many episodes could not be run, and of whom."""
+    """Return number and policies of failed episodes, by world and reason."""
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
@@ -66,16 +66,15 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
 
 
 def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None) -> Summary:
-    """Write `summary.json`, pictures, leaderboard and `report.html` into the folder of an evaluation.
+    """Write `summary.json`, figures, leaderboard and `report.html` to the evaluation folder.
 
     Args:
-        evaluation: what the folder holds of it is published.
-        command: that made it, to say so.
-        docs: folder that gets the leaderboard as `arena.md`, and its pictures, long tables and the raw rows as
-            `arena/`.
+        evaluation: evaluation, complete or not.
+        command: command line shown in the report.
+        docs: documentation folder for `arena.md` and `arena/`, optional.
 
     Raises:
-        ValueError: if the folder holds nothing yet.
+        ValueError: if there are no episodes.
     """
     folder, settings, measures = evaluation.folder, evaluation.settings, evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
@@ -83,11 +82,11 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
         raise ValueError(f"{folder} holds no episode yet")
     axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    # The rows of the evaluation and of its SLAM axis, each once.
+    # Rows of the evaluation and of its SLAM axis, without duplicates.
     everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    # In the report alone, because other pages lie elsewhere.
+    # Report only: the links are relative to its folder.
     players = list(filter(None, [players_section(folder, episodes)]))
     report = [*sections[:1], *players, *sections[1:]]
     for case, here in cases.items() if settings.world_sections else ():
@@ -109,7 +108,6 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
 
 
 def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the summary as `summary.json` holds it."""
     names = ("iqm", "low", "high", "n", "never")
     return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
@@ -128,7 +126,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
             leaderboard.measures_section(fair),
         ]
     sections += [
-        # Along these, starts stay the same; robots differ in which cells they can traverse.
+        # Not robots: their traversable cells, hence their starts, differ.
         *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
@@ -140,9 +138,9 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
 
 
 def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> Section | None:
-    """Return the episodes that could not be run, and why; None if none is missing.
+    """Return a section with the missing episodes and the reasons; None if complete.
 
-    `num_fair` of the `num_rows` episodes that there are begin at starts that all competitors share.
+    `num_fair` of `num_rows` episodes are from starts common to all competitors.
     """
     if not missing:
         return None
@@ -156,7 +154,6 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
 
 
 def _origin_section(evaluation: Evaluation, command: str) -> Section:
-    """Say how the page came to be."""
     facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds", "world_sections"})
     versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
     parts = (
@@ -168,7 +165,6 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
 
 
 def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
-    """Return what all episodes have in common."""
     settings = evaluation.settings
     columns = {name: name for name in ("robot", "physics", "people")} | {estimator_of(settings.id) or "slam": "slam"}
     seeds = [row["seed"] for row in episodes]
@@ -182,7 +178,7 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
-    """Print a table for every case, or where there are many the leaderboard, and say where the rest is."""
+    """Print a table per case, or the leaderboard if there are several, and the path of the report."""
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
     cases = episodes.by_case()

@@ -1,4 +1,4 @@
-"""What an evaluation says in a sentence and in a picture: who does best, and by how much."""
+"""Summary of an evaluation: best policy and margin, as a sentence and a figure."""
 
 from collections.abc import Mapping
 
@@ -12,14 +12,11 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
-"""Policies that the sentence names where many cannot be told apart."""
+"""Maximum number of tied policies named in the sentence."""
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
-    """Return who does best: where something learned takes part, first in what no training saw, then in all.
-
-    Of related episodes from starts that all competitors share; None with fewer than two of these.
-    """
+    """Return the summary of `related` episodes, held-out starts first; None with fewer than two competitors."""
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
         return None
@@ -53,10 +50,9 @@ def verdict_section(episodes: Episodes) -> Section | None:
 
 
 def verdict(episodes: Episodes) -> str:
-    """Say who does best, by how much, who cannot be told apart from it, and what the bound is.
+    """Return a sentence with the best policy, its margin, tied policies and the ground-truth bound.
 
-    Two policies are told apart where the 95 % interval of their paired difference leaves out zero: in relative time to
-    the first mark where the task has one, otherwise in its headline.
+    Policies are tied if the 95 % interval of their paired difference contains 0.
     """
     measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
     values = episodes.competitors(measure)
@@ -94,7 +90,7 @@ def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
 
 
 def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
-    """Return those that cannot be told apart from the best policy, best first."""
+    """Return the policies without a significant difference to the best one."""
     leader, *others = values
     sign = 1.0 if measure.higher_is_better else -1.0
     gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}
@@ -102,7 +98,7 @@ def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) 
 
 
 def _value(estimate: Estimate, measure: Measure) -> str:
-    """Return a value and its interval, such as "0.87 [0.84, 0.91]"."""
+    """Format a value with its interval, such as "0.87 [0.84, 0.91]"."""
     middle, note = texts(measure, estimate)
     middle = f"{middle} {measure.unit}".strip()
     if estimate.low == estimate.high:

@@ -1,4 +1,4 @@
-"""The experiment of Nguyen et al. (2021), see `docs/notes/ekf.md`: estimates of the pose along a rectangle of 78 m."""
+"""EKF pose fusion on the 78 m rectangle of Nguyen et al. (2021), see `docs/notes/ekf.md`."""
 
 import dataclasses
 import itertools
@@ -34,21 +34,20 @@ PAPER = {
     "heading_rmse_deg": 0.6939,
     "max_heading_deg": 3.3,
 }
-"""Results of Nguyen et al. (2021) for the full fusion: errors of position and heading, root mean square (equations 11
-and 12) and greatest."""
+"""Results of Nguyen et al. (2021) for the full fusion: RMSE (equations 11 and 12) and maximum errors."""
 DRIVER = "full"
-"""Fusion by which the robot drives. Other filters run along on the same measurements."""
+"""Fusion used for driving; other filters process the same measurements."""
 LABELS = {
     "encoder": "encoder alone",
     "amcl": "AMCL alone",
     "encoder_compass": "encoder + compass",
     DRIVER: "full fusion",
 }
-"""Fusions, in the order of the table."""
+"""Table labels of the fusions."""
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
-"""Delay [s], infinite for a measurement that is lost, and the measurement."""
+"""Delay [s], inf if the measurement is lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]
 
 
@@ -66,7 +65,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""What the filter of each fusion does not get."""
+"""Filter of each fusion, as a fault that drops the unused kinds of measurements."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -78,18 +77,18 @@ FAULTS: dict[str, Fault] = {
     "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
     "no encoders": _lost_if(lambda sent, rng: sent.kind == "encoder"),
 }
-"""What happens to the measurements of a filter that fuses all kinds."""
+"""Measurement faults for the full fusion, by table label."""
 
 
 class FaultyChannel:
-    """A filter whose measurements pass through a channel with a fault."""
+    """EKF behind a faulty measurement channel."""
 
     def __init__(self, ekf: Ekf, fault: Fault, rng: np.random.Generator) -> None:
         self.ekf, self._fault, self._rng = ekf, fault, rng
         self._delayed: list[Delivery] = []
 
     def deliver(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Give measurements to the filter, now or later; return its estimate, a prediction if it got none."""
+        """Send measurements through the channel; return the filter's estimate at `time`."""
         for measurement in measurements:
             delay, sent = self._fault(measurement, self._rng)
             if delay < math.inf:
@@ -103,27 +102,27 @@ class FaultyChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteDrive:
-    """Record of a drive: poses in the map frame, after each of n control periods."""
+    """Recorded drive of n control periods; poses in the map frame."""
 
     physics: str
     seed: int
-    """Seed of the drive, and of the one that made its map."""
+    """Seed of the drive and of the mapping drive before it."""
     end_reason: str
-    """Why it ended; see `FollowRoute`."""
+    """End reason of the `Track-v0` episode."""
     collisions: int
     time: np.ndarray
-    """Shape (n,), float64 [s]."""
+    """Time, shape (n,), float64 [s]."""
     truth: np.ndarray
-    """Shape (n, 3), float64: x, y, heading [m, m, rad]."""
+    """True poses (x, y, heading), shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
-    """By filter: estimated poses, as `truth`."""
+    """Estimated poses by filter, layout of `truth`."""
     covariance: dict[str, np.ndarray]
-    """By filter: shape (n, 3, 3), float64, of x, y and heading."""
+    """Pose covariances by filter, shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
-    """By filter: numbers of measurements that were accepted, gated, too old, and so on."""
+    """Number of accepted, gated and late measurements, by filter."""
 
     def error(self, name: str) -> np.ndarray:
-        """Return a filter's estimated minus true poses, shape (n, 3), headings in [-180, 180) [mm, mm, deg]."""
+        """Return the errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
         error = self.estimated[name] - self.truth
         error[:, 2] = wrap_angle(error[:, 2])
         return error * (1e3, 1e3, math.degrees(1.0))
@@ -140,13 +139,13 @@ def compare_fusions(
     physics: tuple[Physics, ...] = ("kinematic", "bullet"),
     images: Path = Path("docs/images"),
 ) -> list[Row]:
-    """The rectangle of Nguyen et al. (2021), driven by an EKF of AMCL, encoders and compass: medians and worst drives.
+    """EKF fusion of AMCL, encoders and compass on the rectangle of Nguyen et al. (2021): median and maximum errors.
 
     Args:
-        seeds: drives per physics; each has its own noise and its own map.
+        seeds: drives per simulator, each with its own noise and map.
         jobs: number of processes.
         physics: simulators.
-        images: folder for the paper's figures 5 to 10, `ekf_*.png`.
+        images: output folder for figures 5 to 10 of the paper, `ekf_*.png`.
     """
     drives = run_each(run_drive, list(itertools.product(physics, range(seeds))), jobs, "drives")
     rows = []
@@ -164,10 +163,10 @@ def compare_fusions(
 
 
 def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row]:
-    """The same drives with late, missing or wrong measurements, or without a sensor: errors, shares of measurements.
+    """EKF fusion with late, missing or wrong measurements: errors and shares of accepted measurements.
 
     Args:
-        seeds: drives.
+        seeds: number of drives.
         physics: simulator.
     """
     drives, rows = [run_drive(physics, seed, FAULTS) for seed in range(seeds)], []
@@ -183,7 +182,7 @@ def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row
 
 
 def make_env(physics: str, map_seed: int) -> LidarEnv:
-    """Return the environment of the experiment, in which the robot knows its initial pose."""
+    """Return `Track-v0` with a known initial pose."""
     given = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
     return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **given))
 
@@ -191,9 +190,13 @@ def make_env(physics: str, map_seed: int) -> LidarEnv:
 def run_drive(
     physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
-    """Map the route, then drive it by the fused pose with the same seed, for so many control periods; None for all.
+    """Map the route, then drive it with the fused pose while further filters process the same measurements.
 
-    Filters by name run along, whose measurements have faults.
+    Args:
+        physics: simulator.
+        seed: seed of map and drive.
+        filters: measurement fault of each filter.
+        max_steps: maximum number of control periods.
     """
     env, follower = make_env(physics, map_seed=seed), RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
@@ -229,18 +232,16 @@ def run_drive(
 
 
 def nees_bounds(num_drives: int) -> tuple[float, float]:
-    """Return the 95 % bounds of the mean NEES of poses over drives."""
+    """Return the 95 % bounds of the NEES averaged over drives."""
     low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
     return float(low), float(high)
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Measure a fusion over drives under one physics.
+    """Return the errors of a fusion over drives, as median and maximum (`{name}_worst`) of each measure in `PAPER`.
 
-    Returns:
-        The median over the drives of each of the paper's measures, and as `{name}_worst` the worst drive's. `nees`: the
-        mean NEES of the pose over all drives and times, 3 for a consistent estimate, more for an overconfident one.
-        `nees_within`: the share of control periods in which the mean over the drives lies within `nees_bounds`.
+    `nees` is the mean NEES of the pose; above 3, the filter is overconfident. `nees_within` is the share of control
+    periods with the mean over drives within `nees_bounds`.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):
@@ -256,7 +257,7 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
 
 
 def _draw_drive(drive: RouteDrive, folder: Path) -> None:
-    """Draw figures 5 and 6, the map made beforehand, the true and the estimated paths; and 7, the heading over time."""
+    """Plot figures 5 to 7 of the paper: true and estimated paths on the map, and heading over time."""
     env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
     grid = crop_to_known(env.belief.grid)
@@ -281,7 +282,7 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
 
 
 def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
-    """Figures 8 to 10: errors of the localizer alone and of the full fusion, all drives, and the paper's greatest."""
+    """Plot figures 8 to 10 of the paper: pose errors of AMCL alone and of the full fusion."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)
