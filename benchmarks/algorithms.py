@@ -66,7 +66,6 @@ class Task:
     times: Mapping[str, float]
     """Mean processor time of a training run, by algorithm [s]."""
     missing: int
-    """Number of unfinished training runs."""
 
     @property
     def classic(self) -> str:
@@ -75,7 +74,7 @@ class Task:
 
     @property
     def sign(self) -> float:
-        """1 if higher values are better, else -1."""
+        """1 if higher is better, else -1."""
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
@@ -122,7 +121,7 @@ def _numbers(text: object) -> np.ndarray:
 
 
 def difference(task: Task, algorithm: str, policy: str) -> Estimate:
-    """Return the final score of an algorithm minus the score of a policy, paired by episode."""
+    """Return the final score of an algorithm minus that of a policy, paired by episode."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 

@@ -23,7 +23,7 @@ NUM_FRAMES = 48
 FRAME_MS, HOLD_MS = 100, 3000
 """Display time of a frame, and of the final frame [ms]."""
 QUALITY = 50
-"""WebP quality, up to 100."""
+"""WebP quality, 0 to 100."""
 WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
@@ -57,7 +57,6 @@ class Film:
         self.finish()
 
     def finish(self) -> None:
-        """Record a frame unconditionally."""
         self.frames.append(self._env.render())
         plan = self._env.plan
         self._plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
@@ -70,13 +69,7 @@ class Film:
 
 
 def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
-    """Save frames as a looping GIF or WebP.
-
-    Args:
-        frames: images, shape (height, width, 3), uint8.
-        path: output file; the suffix selects the format.
-        width: image width [px].
-    """
+    """Save frames, shape (height, width, 3), uint8, as a looping GIF or WebP of a width [px]."""
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
     first, *rest = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
     if path.suffix == ".gif":

@@ -159,7 +159,6 @@ class Episodes:
         )
 
     def competitors(self, measure: Measure) -> dict[str, Estimate]:
-        """Return the estimates by policy, best first, without policies that use ground truth."""
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
@@ -178,7 +177,6 @@ class Episodes:
         return found
 
     def typical_and_worst(self, policy: str) -> tuple[Row, Row]:
-        """Return the median and the worst episode of a policy by headline measure."""
         headline = self.measures.headline
         mine = sorted(self.of(policy), key=lambda row: row[headline.name])
         return mine[len(mine) // 2], mine[0 if headline.higher_is_better else -1]

@@ -18,7 +18,7 @@ DASH = Cell("-")
 LEAST = 1.0
 """Minimum time or distance in ratios [s, m]; smaller values are clipped."""
 MARKS = (0.95, 0.99)
-"""Explored fractions below which an exploration is listed as unfinished: first and second column."""
+"""Explored fractions of the columns "below 95 %" and "below 99 %" of unfinished explorations."""
 DRIFT = 0.3
 """Position RMSE above which a map counts as drifted [m]."""
 REASONS = {
@@ -26,11 +26,9 @@ REASONS = {
     "no_reachable_frontier": "no reachable frontier left on its map",
     "stuck": "could not move any more",
 }
-"""Report texts of end reasons."""
 
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
-    """Return table cells of the estimates by policy, with the best highlighted."""
     best = best_of(estimates, measure)
     return {policy: Cell.of(value, measure, policy in best) for policy, value in estimates.items()}
 
@@ -75,7 +73,6 @@ def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Me
 
 
 def measures_section(episodes: Episodes) -> Section:
-    """Return a section with the measures missing from the leaderboard."""
     others = [measure for measure in episodes.measures.all if measure not in episodes.measures.shown]
     text = (
         "Interquartile means over the same starts as above. Seconds and metres in small and large worlds cannot be "
@@ -136,7 +133,6 @@ def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | 
 
 
 def worlds_section(episodes: Episodes) -> Section:
-    """Return a section with one measure of all policies in each world."""
     measure = (*episodes.measures.marks, episodes.measures.headline)[0]
     lines = []
     for case, here in episodes.by_case().items():
@@ -169,7 +165,6 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
     values.sort(key=lambda value: value != base)
     lines, worlds, num_starts = [], dict[str, None](), 0
     for policy in episodes.policies:
-        # Each value of the condition is treated as a policy.
         versions = [row | {"policy": row[axis], axis: base} for row in episodes.of(policy)]
         shared = Episodes(versions, measures).shared(values).related(base)
         worlds |= dict.fromkeys(row["world"] for row in shared)

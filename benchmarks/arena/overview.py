@@ -37,7 +37,6 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
-    # Without a limit, thresholds not reached stay infinite.
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
     areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
@@ -55,7 +54,6 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
 def curve_figures(
     name: str, curves: Mapping[str, Sequence[Sequence[Curve]]], label: str, unit: str = "", end: float | None = None
 ) -> list[Figure]:
-    """Plot progress over time and over distance; `curves` are by policy and stratum."""
     over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
     figures = []
     for quantity, (field, words, si) in over.items():
@@ -136,10 +134,7 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Write replay pages of the typical and the worst recorded episode of each policy; return a section with links.
-
-    The reference's episode from the same start is replayed next to it. None without recordings.
-    """
+    """Write replay pages of typical and worst episodes; return a section with links, None without recordings."""
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None
@@ -165,7 +160,6 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
 def case_sections(
     folder: Path, case: str, episodes: Episodes, estimates: Mapping[str, Mapping[str, Estimate]]
 ) -> list[Section]:
-    """Return the sections of one case: curves, measures, paired comparison, end reasons and maps."""
     measures, seed, place = episodes.measures, episodes.rows[0]["seed"], slug(case)
     traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
     curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}

@@ -35,7 +35,6 @@ class Cell(NamedTuple):
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
-        """Format an estimate with its interval; `sign="+"` formats it as a difference."""
         return cls(*texts(measure, value, sign), is_best)
 
 

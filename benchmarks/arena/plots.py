@@ -54,7 +54,6 @@ STYLE: dict[Any, Any] = {
     "ytick.labelcolor": INK,
 }
 NUM_COLORS = 128
-"""Palette size of PNG files."""
 NUM_POINTS = 200
 MAX_SHARE = 1.6
 """Upper end of the axis of relative times; slower policies are drawn at the edge."""
@@ -75,7 +74,6 @@ def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
 
 
 def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return colour and line style by policy: dotted for the ground-truth bound, grey for `random`."""
     looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
     others = {"random": {"color": MUTED}}
     return {
@@ -87,15 +85,10 @@ def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
 def sample_curves(
     curves: Mapping[str, Sequence[Sequence[Curve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
-    """Average progress curves on a common grid; ended episodes keep their last value.
+    """Average progress curves on a common grid, and return the grid, shape (points,), and a band per policy.
 
-    Args:
-        curves: curves by policy and stratum.
-        over: `time` or `path_length`.
-        end: last grid point; default: end of the longest episode.
-
-    Returns:
-        Grid, shape (points,), and the band of each policy.
+    Ended episodes keep their last value. `curves` are by policy and stratum; `over` is `time` or `path_length`; `end`
+    is the last grid point, by default the end of the longest episode.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
@@ -117,7 +110,6 @@ def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roo
         lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **looks[policy])
     axes.set(xlim=(float(grid[0]), end), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
     if has_roots:
-        # On a linear axis, good explorers would be a step.
         axes.set_xscale("function", functions=(np.sqrt, np.square))
         ticks = [0.0]
         for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
@@ -136,9 +128,9 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Plot a dot with its interval and a text for every policy, the first at the top.
+    """Plot a dot with its interval and a text for every policy; `marked` policies are coloured.
 
-    `marked` policies are coloured, `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
+    `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()
@@ -198,7 +190,6 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
 
 
 def extent_of(traces: Sequence[Trace]) -> Extent:
-    """Return the plot limits of the true walls, with a margin."""
     points = np.concatenate([part for one in traces for part in (one.segments.reshape(-1, 2), one.circles[:, :2])])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
     return float(x_min), float(x_max), float(y_min), float(y_max)

@@ -73,10 +73,10 @@ def parse_policy(
 ) -> Policy:
     """Return the policy with a name, after constructing it once as a check.
 
-    Names are a classic policy, also with parameters (`nearest?max_time=8,inflation=0.3`), `ppo:PATH`, `pursuit:PATH` (a
-    learned frontier score with pursuit driving), or `module:attribute`. A prefix `LABEL=` renames all but plain classic
-    policies. PATH is a run or checkpoint folder, or `pretrained/NAME`; with `*`, the last match. `?deterministic=false`
-    samples actions. `trust` are modules and names that checkpoints may import.
+    Names: a classic policy, also with parameters (`nearest?max_time=8,inflation=0.3`), `ppo:PATH`, `pursuit:PATH`
+    (learned frontier score with pursuit driving), or `module:attribute`; all but plain classic names may follow
+    `LABEL=`. PATH is a run or checkpoint folder, or `pretrained/NAME`; of several matches of `*`, the last.
+    `?deterministic=false` samples actions.
 
     Raises:
         ValueError: if the policy is unknown or unsuitable for the task; lists the allowed ones.
@@ -122,7 +122,6 @@ def parse_policy(
 
 
 def _read_changes(changes: str) -> dict[str, Any]:
-    """Parse parameters such as `max_time=8,inflation=0.3`; values are YAML."""
     words = (change.partition("=") for change in re.split(r",(?=\w+=)", changes) if change)
     return {name: yaml.safe_load(text) for name, _, text in words}
 
@@ -156,7 +155,6 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
 
 
 def _checked(policy: Policy, source: Any) -> Policy:
-    """Construct a policy once and return it with level, arguments and ground-truth suffix."""
     made = make_policy(source)
     said = made if hasattr(made, "level") else source
     name = policy.name + (marked("", made) or marked("", source))

@@ -34,7 +34,6 @@ TEXT = (
     "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
     "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
 )
-"""Introduction of the leaderboard page."""
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
 
 
@@ -82,11 +81,9 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
         raise ValueError(f"{folder} holds no episode yet")
     axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    # Rows of the evaluation and of its SLAM axis, without duplicates.
     everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    # Report only: the links are relative to its folder.
     players = list(filter(None, [players_section(folder, episodes)]))
     report = [*sections[:1], *players, *sections[1:]]
     for case, here in cases.items() if settings.world_sections else ():

@@ -19,7 +19,6 @@ from lidarnaut.envs.files import append_file, naming, own_folder, read_bytes, re
 SETTINGS_FILE = "settings.json"
 """File with the common settings of all rows and the package versions."""
 MAX_TABLE_BYTES = 64 * 2**20
-"""Maximum size of a CSV table."""
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
@@ -37,9 +36,7 @@ class Key(NamedTuple):
     robot: str
     physics: str
     slam: str
-    """SLAM, or localizer."""
     people: str = "0"
-    """Number of people."""
 
     @classmethod
     def of(cls, row: Row) -> "Key":
@@ -54,7 +51,7 @@ def columns_of(measures: Measures) -> Readers:
 
 
 class Records:
-    """Evaluation folder; a row is appended as soon as its episode ends.
+    """Evaluation folder with a CSV row per episode, appended as soon as the episode ends.
 
     Each shard writes its own files, such as `episodes-1of4.csv`, and reads all, so machines may share a folder.
     """
@@ -92,11 +89,7 @@ class Records:
         self._read()
 
     def begin(self) -> None:
-        """Prepare to add rows: read the rows of other processes and check for conflicts.
-
-        Raises:
-            ValueError: if the folder has other settings, worlds or shards, or unreadable rows.
-        """
+        """Prepare to add rows: read the rows of other processes, and raise ValueError on conflicts."""
         self._read()
         if self._shard:
             number, _, total = self._shard.partition("of")
@@ -140,7 +133,6 @@ class Records:
         return None if key in self._rows else self._failures.get(key)
 
     def add(self, row: Row) -> None:
-        """Append a row, flushed to disk."""
         own = self._own_worlds.get(row["world"])
         if own and self._known_worlds.get(row["world"]) != own:
             self._worlds.append(own)
@@ -173,8 +165,6 @@ class Records:
 
 
 class _Table:
-    """CSV table with one file per shard: reads all files, appends to the own file."""
-
     def __init__(self, folder: Path, name: str, columns: Readers, shard: str) -> None:
         self._folder, self._name, self._columns = folder, name, columns
         self.path = folder / (f"{name}-{shard}.csv" if shard else f"{name}.csv")
@@ -221,7 +211,6 @@ def _lines(lines: Iterable[Iterable[Any]]) -> str:
 
 
 def _fingerprint(source: str) -> str:
-    """Return a hash of a world file and its map image; empty if `source` is not a file."""
     path = Path(source)
     if not path.is_file():
         return ""

@@ -108,7 +108,7 @@ class Evaluation:
         bags: Path | None = None,
         record: bool = False,
     ) -> list[Result]:
-        """Run the missing episodes.
+        """Run the missing episodes and return the failed ones.
 
         Args:
             jobs: number of processes.
@@ -116,9 +116,6 @@ class Evaluation:
             on_result: called after each episode, also after a failure.
             bags: output folder for ROS 2 bags of the episodes; None for none.
             record: whether to record the episodes for the player.
-
-        Returns:
-            The failed episodes.
 
         Raises:
             ValueError: if an argument is invalid, or the folder has a different number of shards.
@@ -202,7 +199,6 @@ class Evaluation:
         return classic
 
     def _marked(self, policy: Policy) -> Policy:
-        """Return a policy with a suffix to its name if its observations contain ground truth."""
         if not policy.observes or is_bound(policy.name):
             return policy
         case = replace(next(iter(self._robots)), id=self._id_for(policy))
@@ -221,7 +217,6 @@ class Evaluation:
                 # Upper bounds use the true pose under every SLAM.
                 is_oracle = is_bound(policy.name) and not policy.observes
                 own = replace(case, id=self._id_for(policy), slam="truth" if is_oracle else case.slam)
-                # `usual` and an explicit name may be the same robot.
                 tasks.setdefault(key, Task(key, policy, own, self._objects(own)))
         return list(tasks.values())
 
@@ -240,7 +235,6 @@ class Evaluation:
         raise ValueError(f"{policy.name} decides by {policy.level}s, and {id} takes {wanted}")
 
     def _check_fit(self) -> None:
-        """Check that every policy works in at least one of its environments."""
         groups: dict[tuple[Any, ...], dict[str, Task]] = {}
         for task in self._all_tasks.values():
             groups.setdefault(task.conditions, {}).setdefault(task.policy.name, task)

@@ -92,7 +92,6 @@ def parse_world(name: str) -> tuple[str, str]:
 
 
 Episodes = Annotated[int, Field(ge=1, le=100_000)]
-"""Number of episodes per policy and world."""
 
 
 class SlamAxis(Section):
@@ -111,17 +110,15 @@ class Settings(Section):
 
     policies: tuple[str, ...] = Field(min_length=1)
     """Classic policies by name, learned ones as `ppo:PATH`, your own as `module:attribute`; `LABEL=ppo:PATH` sets the
-    name in
-    tables."""
+    table name."""
     id: str = EXPLORE
     """Environment id, `module:id` for your own."""
     arguments: tyro.conf.Suppress[dict[str, Any]] = Field(default_factory=dict)
     """Further environment arguments; on the command line as `--arguments.goal_tolerance 0.2`."""
     worlds: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
-    """Library worlds, procedural families (test split), world files or ROS maps by path, `module:attribute`; `library`,
-    `families`, `barn` (`barn:12` for a single one) and `barn_test` (every sixth) are groups. `usual` is the
-    environment's
-    default. `LABEL=PATH` sets the name in tables."""
+    """Library worlds, procedural families (test split), paths of world files or ROS maps, `module:attribute`, or the
+    groups `library`, `families`, `barn` and `barn_test` (every sixth); `barn:12` is a single world, `usual` the
+    environment's default. `LABEL=PATH` sets the table name."""
     episodes: Episodes = 10
     """Episodes per policy and world."""
     family_episodes: Episodes | None = None
@@ -133,9 +130,8 @@ class Settings(Section):
     physics: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """`bullet`, `kinematic`; `usual` is the environment's default."""
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
-    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`; localizers: `amcl`,
-    `odometry`,
-    `truth`."""
+    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth` or `module:attribute`; for localizers `amcl`,
+    `odometry` or `truth`."""
     people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
     """Numbers of people, or presets (`sparse`, `dense`, `corridor`, `doorway`, `crossing`), optionally with parameters:
     `20?attentive=0.5,model=orca`; `usual` is the environment's default."""

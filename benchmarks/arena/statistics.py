@@ -1,9 +1,7 @@
 """Estimates with confidence intervals from few episodes.
 
-Interquartile means, stratified bootstrap, performance profiles and probability of improvement follow Agarwal et al.,
-"Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). Strata are worlds: `Strata` holds one
-array
-of shape (episodes,) per world. SciPy's `bootstrap` refuses strata of one episode.
+Source: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021). `Strata` holds
+one array of shape (episodes,) per world. SciPy's `bootstrap` refuses strata of one episode.
 """
 
 from collections.abc import Callable, Sequence
@@ -46,10 +44,7 @@ def interquartile_mean(values: np.ndarray, axis: int = -1) -> np.ndarray:
 def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resamples: int = NUM_RESAMPLES) -> Band:
     """Return a statistic with its percentile interval from the stratified bootstrap.
 
-    Args:
-        strata: arrays of shape (episodes,) or (episodes, points).
-        statistic: function of values and `axis`.
-        num_resamples: number of resamples.
+    Strata have shape (episodes,) or (episodes, points).
 
     Raises:
         ValueError: if a stratum is empty.
@@ -58,7 +53,6 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
         raise ValueError("an estimate needs at least one episode in every world")
     together = np.concatenate(strata).astype(np.float64)
     draws = _draws(strata, num_resamples)
-    # Split to limit memory.
     points = together.reshape(len(together), -1)
     parts = np.array_split(points, max(1, num_resamples * points.size // 2_000_000), axis=1)
     ends = [np.quantile(statistic(part[draws], axis=1), TAILS, axis=0) for part in parts]
@@ -68,7 +62,6 @@ def bootstrap(strata: Strata, statistic: Callable[..., np.ndarray], num_resample
 
 def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
     """Return episode indices resampled within each stratum: shape (num_resamples, episodes)."""
-    # Fixed seed, for reproducible intervals.
     rng, first, draws = np.random.default_rng(0), 0, []
     for size in map(len, strata):
         draws.append(first + rng.integers(size, size=(num_resamples, size)))
@@ -79,12 +72,9 @@ def _draws(strata: Strata, num_resamples: int) -> np.ndarray:
 def estimate(
     strata: Strata, reached: Strata | None = None, statistic: Callable[..., np.ndarray] = interquartile_mean
 ) -> Estimate:
-    """Estimate a statistic with its stratified bootstrap interval.
+    """Estimate a statistic with its stratified bootstrap interval; a single episode gives zero width.
 
-    Args:
-        strata: values, shape (episodes,) per world. A single episode gives an interval of zero width.
-        reached: shapes as `strata`, bool; False marks values that are lower bounds. None if all are exact.
-        statistic: function of values and `axis`.
+    Values with `reached` False (shapes as `strata`) are only lower bounds.
     """
     middle, low, high = map(float, bootstrap(strata, statistic))
     found = Estimate(middle, low, high, sum(map(len, strata)))
@@ -97,10 +87,7 @@ def estimate(
 
 
 def success_rate(strata: Strata) -> Estimate:
-    """Return the success rate (outcomes 0 or 1) with its Wilson score interval.
-
-    With 10 of 10 successes, a bootstrap interval would have zero width.
-    """
+    """Return the success rate (outcomes 0 or 1) with its Wilson score interval."""
     outcomes = np.concatenate(strata)
     interval = stats.binomtest(int(outcomes.sum()), len(outcomes)).proportion_ci(method="wilson")
     return Estimate(float(outcomes.mean()), float(interval.low), float(interval.high), len(outcomes))
@@ -119,15 +106,15 @@ def paired_ratio(a: Strata, b: Strata) -> Estimate:
 
 
 def probability_of_improvement(a: Strata, b: Strata, higher_is_better: bool) -> Estimate:
-    """Return the share of pairs in which a is better than b; ties count half."""
+    """Return the share of pairs with a better than b; ties count half."""
     sign = 1.0 if higher_is_better else -1.0
     return estimate([0.5 + 0.5 * np.sign(sign * (x - y)) for x, y in zip(a, b, strict=True)], statistic=np.mean)
 
 
 def gap_closed(gains: Strata, bounds: Strata) -> Estimate:
-    """Return the gain of a policy over the reference, divided by the gain of the bound (interquartile means).
+    """Return the gain of a policy over the reference as a share of the bound's gain (ratio of interquartile means).
 
-    A ratio of means is robust to starts with a gap near zero. NaN if the bound's gain is not significantly positive.
+    NaN if the bound's gain is not significantly positive.
     """
     gap = estimate(bounds)
     if gap.low <= 0.0:

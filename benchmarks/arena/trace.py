@@ -56,7 +56,6 @@ class Trace:
         return bool(known.size and known.max() > known.min())
 
     def to_bytes(self) -> bytes:
-        """Return a compressed NumPy archive."""
         archive = io.BytesIO()
         np.savez_compressed(
             archive,
@@ -92,11 +91,10 @@ class Recorder:
         self._origin = (0.0, 0.0)
 
     def watch(self, info: dict[str, Any]) -> None:
-        """Record pose estimate and newly observed map cells."""
         belief = self._env.belief
         self._trail.append((belief.pose.x, belief.pose.y))
         self._fit(belief.grid)
-        # `new_cells` covers only a decision's last step, or one robot; a known map has none.
+        # `new_cells` covers only one robot, and only the last step of a decision.
         if len(self._trail) == 1 or "decision_steps" in info or len(self._env.robots) > 1:
             rows, cols = np.nonzero((belief.grid.data >= 0) & np.isinf(self._known_since))
         else:
@@ -118,7 +116,6 @@ class Recorder:
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:
-        """Align the recorded times with a map that was resized or moved."""
         if self._known_since.shape == grid.data.shape and self._origin == grid.origin:
             return
         grown: np.ndarray = np.full(grid.data.shape, np.inf, dtype=np.float32)
@@ -138,13 +135,11 @@ def recording_path(folder: Path, row: Row) -> Path:
 
 
 def episode_name(row: Row) -> str:
-    """Return the file name of an episode, without suffix."""
     names = ("policy", "world", "robot", "physics", "slam", *(["people"] if row["people"] != "0" else []), "seed")
     return "__".join(slug(str(row[name])) for name in names)
 
 
 def load_curve(folder: Path, row: Row) -> Curve:
-    """Read only the progress curve of a trace."""
     with open_archive(trace_path(folder, row), WHAT, HINT) as file:
         return Curve(*file["curve"])
 

@@ -98,7 +98,6 @@ def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) 
 
 
 def _value(estimate: Estimate, measure: Measure) -> str:
-    """Format a value with its interval, such as "0.87 [0.84, 0.91]"."""
     middle, note = texts(measure, estimate)
     middle = f"{middle} {measure.unit}".strip()
     if estimate.low == estimate.high:

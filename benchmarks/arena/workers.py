@@ -52,7 +52,7 @@ class Task:
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """Key of the environment, which tasks with equal keys share."""
+        """Environment key; tasks with equal keys share an environment."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
@@ -75,7 +75,6 @@ class Result:
 
 
 def explain_fault(error: BaseException) -> str:
-    """Return type, message and location of an exception."""
     *_, last = traceback.extract_tb(error.__traceback__)
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
@@ -116,8 +115,6 @@ def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Re
 
 
 class _Worker:
-    """Keeps environment and policies between episodes of a process."""
-
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
         self._conditions: tuple[Any, ...] | None = None
@@ -162,7 +159,6 @@ _worker = _Worker()
 
 
 def run_in_worker(task: Task) -> Result:
-    """Run a task in a worker process, reusing its environment and policies."""
     return _worker.run(task)
 
 

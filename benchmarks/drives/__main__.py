@@ -1,7 +1,4 @@
-"""Benchmarks of SLAM, localization, pose fusion and planning: `python -m lidarnaut.benchmarks.drives STAGE`.
-
-The log of a real robot is the Intel Research Lab log, in `$LIDARNAUT_DATA/intel`.
-"""
+"""Benchmarks of SLAM, localization, pose fusion and planning: `python -m lidarnaut.benchmarks.drives STAGE`."""
 
 import functools
 import json

@@ -43,7 +43,6 @@ LABELS = {
     "encoder_compass": "encoder + compass",
     DRIVER: "full fusion",
 }
-"""Table labels of the fusions."""
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
@@ -119,7 +118,7 @@ class RouteDrive:
     covariance: dict[str, np.ndarray]
     """Pose covariances by filter, shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
-    """Number of accepted, gated and late measurements, by filter."""
+    """Number of measurements by filter and outcome (accepted, gated, too old, ...)."""
 
     def error(self, name: str) -> np.ndarray:
         """Return the errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
@@ -190,14 +189,7 @@ def make_env(physics: str, map_seed: int) -> LidarEnv:
 def run_drive(
     physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
-    """Map the route, then drive it with the fused pose while further filters process the same measurements.
-
-    Args:
-        physics: simulator.
-        seed: seed of map and drive.
-        filters: measurement fault of each filter.
-        max_steps: maximum number of control periods.
-    """
+    """Map the route, then drive it with the fused pose; `filters` process the same measurements with faults."""
     env, follower = make_env(physics, map_seed=seed), RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
     decide, fused = decide_with(follower, env), env.robots[0].estimator

@@ -64,7 +64,7 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Map parameters for which each cell holds its share of hits."""
+"""Map parameters with cells that hold their share of hits."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
 ALONE = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
@@ -81,14 +81,9 @@ FILTERS = {
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Run AMCL along a drive on a map; see `track`.
+    """Reset AMCL and run it along a drive on a map; see `track`.
 
-    Args:
-        amcl: filter, which is reset.
-        grid: map.
-        drive: recorded drive.
-        seed: seed of the filter.
-        start_std: standard deviations of the initial pose [m, m, rad]; None for global localization.
+    `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
@@ -114,9 +109,9 @@ def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: f
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Return the rotations by multiples of 30 degrees under which a map is symmetric, as motions in the map frame.
+    """Return the symmetries of a map: rotations by multiples of 30 degrees, as motions in the map frame.
 
-    At least `share` of the occupied cells must move to within two cells of another occupied cell.
+    A `share` of the occupied cells must move to within two cells of another one.
     """
     occupied = grid.data == OCCUPIED
     distances = ndimage.distance_transform_edt(~occupied)
@@ -168,7 +163,7 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times, of which some may be inf (never reached); None if the quantile is inf."""
+    """Return a quantile of times, inf if never reached; None if the quantile is inf."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))
@@ -203,7 +198,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
         "global_after_up_to_symmetry": min([right_since(is_right, HOLD), *after_turned]),
         "kidnapped_after": right_since(is_right_again, HOLD),
         "kidnapped_noticed_after": first_time(is_lost_again),
-        "confident_and_wrong": float(np.mean(wrong)),  # share of time
+        "confident_and_wrong": float(np.mean(wrong)),
     }
 
 

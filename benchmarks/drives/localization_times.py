@@ -22,7 +22,6 @@ from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
-"""Repetitions of a measurement; the median is reported."""
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}
 """Times of the particle plots [s], by panel."""
 

@@ -41,11 +41,7 @@ class Panel(NamedTuple):
 def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str) -> None:
     """Plot maps side by side at equal scale, with scale bar, note and legend.
 
-    Args:
-        path: output file.
-        panels: maps.
-        points: points to keep in view, shape (k, 2) [m].
-        note: text below the maps.
+    All `points`, shape (k, 2) [m], are in view.
     """
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
     legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {NEAR:g} m off": WRONG}
@@ -84,7 +80,7 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 
 
 def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> np.ndarray:
-    """Return a mask of occupied map cells farther than the tolerance from true walls (`walls`, world frame)."""
+    """Return a mask of occupied map cells too far from the true walls (`walls`, world frame)."""
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
     occupied = np.argwhere(grid.data >= 65)
     cells = walls.cells(map_pose.transform(grid.centers(occupied)))

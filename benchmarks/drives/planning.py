@@ -45,7 +45,7 @@ def planning_costs(name: str) -> Row:
     costmap, planning = make_costmap(grid, params), PlanningMap(robot, grid.resolution, PlanningParams(cell=0.05))
     planning.update(grid, None)
     rng = np.random.default_rng(0)
-    # Approximate the most distant pair of cells by two sweeps.
+    # Find a distant pair of cells.
     ends = [world.spawns[0][:2]]
     for _ in range(2):
         field = travel_field(costmap, ends[-1])

@@ -93,13 +93,11 @@ def record(
 
 
 def _ahead(path: np.ndarray, pose: Pose2D) -> np.ndarray:
-    """Return the remaining path from the last reached point on, shape (k, 2) [m]."""
     near = np.flatnonzero(np.hypot(*(path - pose[:2]).T) < 0.3)
     return path[near[-1] + 1 :] if len(near) else path
 
 
 def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
-    """Return the command towards a point in the robot frame, shape (2,) [m]."""
     angle, top_w = math.atan2(carrot[1], carrot[0]), min(robot.max_w, 1.0)
     if abs(angle) > 0.6:
         return Twist(0.0, math.copysign(top_w, angle))
@@ -115,10 +113,8 @@ def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
 def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarray]:
     """Run an estimator along a drive with n scans.
 
-    Returns:
-        Estimated `poses`, shape (n, 3) [m, rad], flags `is_lost`, shape (n,), update times `seconds`, shape (n,), and
-        the
-        estimator attributes in `noted`.
+    Returns estimated `poses`, shape (n, 3) [m, rad], `is_lost`, shape (n,), update times `seconds`, shape (n,), and the
+    attributes in `noted`.
     """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
@@ -130,7 +126,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return the time from which all flags are set [s]; inf if for less than `hold` [s]."""
+    """Return the time since all flags are set [s]; inf if for less than `hold` [s]."""
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)

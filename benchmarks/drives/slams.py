@@ -1,8 +1,6 @@
 """Accuracy of SLAM on the log of a real robot, on simulated drives, and with kidnapped robots.
 
-Robots follow random goals by ground truth, so the route is equal for every SLAM. Errors are absolute, in the frame of
-the
-start pose.
+Robots are driven by ground truth, so the route is equal for every SLAM. Errors are in the frame of the start pose.
 """
 
 import itertools
@@ -172,9 +170,8 @@ def compare_kidnapped(
     seconds: float = 180.0,
     jobs: Count = 1,
 ) -> list[Row]:
-    """Kidnapped robots: each maps a world, then is moved without odometry.
+    """Kidnapped robots: number that report to be lost, that relocalize, and that end at a wrong pose without a report.
 
-    The table counts the robots that report to be lost, that relocalize, and that end at a wrong pose without a report.
     Times are medians [s].
 
     Args:
@@ -183,7 +180,7 @@ def compare_kidnapped(
         robot: library robot.
         seeds: robots per world.
         minutes: mapping time [min].
-        seconds: driving time after kidnapping [s].
+        seconds: driving time after the robot was moved [s].
         jobs: number of processes.
     """
     tasks = [(slam, world, robot, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
@@ -204,10 +201,8 @@ def kidnap(
 ) -> tuple[float, float, bool]:
     """Map a world for `minutes`, move the robot, and continue for `seconds`.
 
-    Returns:
-        Time until `is_lost` is set [s]; time from which the position stays correct [s]; whether the robot ends at a
-        wrong
-        position without `is_lost`. Times are inf if never.
+    Returns the time until `is_lost` is set [s], the time since the position is correct [s], and whether the robot ends
+    at a wrong position without `is_lost`. Times are inf if never.
     """
     family, _, number = world.partition(":")
     found = FAMILIES[family](int(number)) if family in FAMILIES else load_world(world)

@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.explore import MAX_ROBOTS, Explore
 from lidarnaut.envs.worlds import FAMILIES
 
 MARK = 0.95
-"""Explored fraction at which episodes end."""
+"""Explored fraction that ends an episode."""
 MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
@@ -99,7 +99,6 @@ def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...
 
 
 def _ratio(here: Episodes, a: str, b: str, measure: Measure) -> str:
-    """Return the paired ratio of the times of a to those of b."""
     reached = [np.isfinite(times) for times in here.pairs(a, b, replace(TIME, limit=""))[0]]
     ratio = estimate([x / y for x, y in zip(*here.pairs(a, b, TIME), strict=True)], reached if a != b else None)
     return "{} [{}]".format(*texts(measure, ratio))

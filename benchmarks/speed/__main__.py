@@ -1,8 +1,7 @@
 """Throughput of kernels, simulators, environments and training: `python -m lidarnaut.benchmarks.speed`.
 
-Designs run in turn, pinned to one core unless noted; values are medians. All explore two halls with the same robot (360
-beams, 10 m, 10 Hz, 0.05 m cells), with TinySLAM (100 candidates) or the true pose. `naive` uses PyBullet and NumPy;
-`ppo` is a complete training.
+Measurements are interleaved, pinned to one core unless noted; values are medians. All designs explore two halls with
+the same robot (360 beams, 10 m, 10 Hz), with TinySLAM or the true pose.
 """
 
 import contextlib
@@ -118,7 +117,6 @@ def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
 
 
 def machine() -> dict[str, str]:
-    """Return processor and package versions."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")

@@ -23,15 +23,15 @@ HOLD, NUM_ACTIONS = 10, 500
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 """Training configuration of `ppo`."""
 FEW, MANY = 16, 256
-"""Numbers of sub-environments measured on both one and two cores."""
+"""Smallest and largest number of sub-environments of the compared vector environments."""
 
 
 class Design(NamedTuple):
     """Environment design with its number of sub-environments and cores."""
 
     name: str
-    """`naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment. `vector`, `bullet_vector`:
-    `lidarnaut.envs.vector`. `subproc`: stable-baselines3's `SubprocVecEnv`. `ppo`: PPO training on `vector`."""
+    """`naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment. `vector`, `bullet_vector`: vector
+    environment. `subproc`: `SubprocVecEnv` of stable-baselines3. `ppo`: PPO training on `vector`."""
     num_envs: int = 1
     cores: int = 1
     """Number of cores; from two on, also the number of workers of a vector environment."""
@@ -96,7 +96,6 @@ def open_drive(case: Case) -> Drive:
     elif name == "subproc":
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
-        # Imported once, before forking.
         multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
         env = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
         env.seed(0)
@@ -127,7 +126,6 @@ def open_drive(case: Case) -> Drive:
 
 
 def _train(env: gymnasium.vector.VectorEnv, cores: int) -> Drive:
-    """Train PPO with `configs/rooms_fast.yaml`."""
     from stable_baselines3.common.logger import Logger
 
     from lidarnaut.agents.algorithms import build_model

@@ -1,8 +1,6 @@
 """Compare kernels with equivalent NumPy code.
 
-Kernels run in compiled loops, which avoids the call overhead of Python. The loops are not cached, because the cache
-would
-miss changes of a kernel.
+Kernels run in compiled loops, without call overhead. A cached loop would miss changes of its kernel.
 """
 
 import math
@@ -103,7 +101,6 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
         ),
         _integrate_scan(lidar, noisy, pose),
         *_crop(grid_map.grid, pose),
-        # Drives in circles in free space.
         Kernel(
             "advance", advance, (driven, command, normals, record, *around), driven.copy,
             partial(advance_in_numpy, *moved),
@@ -127,7 +124,6 @@ def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D) -> Ker
 
 
 def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
-    """Return the kernels that pool and crop the map for `map_near`."""
     level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
     level.rebuild(grid.data)
     rows, cols = np.nonzero(grid.data >= 0)

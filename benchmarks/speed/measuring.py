@@ -26,7 +26,6 @@ Call = Callable[..., Any]
 """Calls a function with its arguments in a pinned process and returns the result."""
 
 _drives: dict[Case, Drive] = {}
-"""Running environments of this process."""
 
 
 @contextlib.contextmanager

@@ -27,7 +27,7 @@ PHYSICS_HZ = 240
 CROP_SIZE, PIXEL = 64, 0.125
 """Side of the map crop [pixels], and pixel size [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Sample points within a map cell for the coverage; see `lidarnaut.envs.tasks.coverage.mark_known`."""
+"""Sample points within a map cell, as in `lidarnaut.envs.tasks.coverage.mark_known`."""
 
 
 class NaivePhysics:
@@ -77,7 +77,6 @@ class NaivePhysics:
         return len(self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)) > 0
 
     def pose(self) -> Pose2D:
-        """Return the true pose."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         return Pose2D(x, y, self._bullet.getEulerFromQuaternion(orientation)[2])
 
@@ -110,12 +109,10 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Exploration of a hall with the actions, rewards and end conditions of `lidarnaut/Explore-v0`.
 
     Observations: `scan` (ranges over maximum range), `map` (occupied and free, robot-centred), `motion` (odometry
-    speeds,
-    last action, bumper).
+    twist, last action, bumper).
     """
 
     def __init__(self, hall: Hall, robot: RobotParams, slam: str = "tinyslam", control_hz: float = 10.0) -> None:
-        """Build the hall; `slam` is "tinyslam" or "truth"."""
         self._robot, self._period, self._uses_truth = robot, 1.0 / control_hz, slam == "truth"
         params = replace(load_params("default"), odometry_noise=robot.odometry.noise)
         self.slam = NaiveSlam(robot.lidar, params, match_scans=slam == "tinyslam")
@@ -163,7 +160,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def _observe(
         self, motion: Pose2D, odometry: Pose2D, action: np.ndarray, touching: bool
     ) -> tuple[int, dict[str, np.ndarray], dict[str, Any]]:
-        """Process a scan; return the number of newly explored cells, observation and `info`."""
         ranges, robot = self._physics.scan(self._pose, self.np_random), self._robot
         new_cells = self.slam.update(ranges, motion)
         gained = self._gain(new_cells) if len(new_cells) else 0
@@ -179,7 +175,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return gained, {"scan": scan.astype(np.float32), "map": self._crop(), "motion": motions}, info
 
     def _gain(self, cells: np.ndarray) -> int:
-        """Mark explorable cells under newly known map cells as seen; return their number."""
         corners = (cells[:, None, ::-1] + QUARTERS) * self._cells.resolution + self._cells.origin
         walls, seen = self._area.walls, self._seen
         true_cells = walls.cells(self._start.transform(corners.reshape(-1, 2)))
@@ -190,7 +185,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return len(indices)
 
     def _crop(self) -> np.ndarray:
-        """Return a robot-centred map crop: shape (2, size, size), uint8, 255 if occupied, and if free."""
         values, counts, (x, y) = self.slam.values, self.slam.counts, self.slam.to_cells(*self.slam.pose[:2])
         c, s = math.cos(self.slam.pose.theta), math.sin(self.slam.pose.theta)
         cols = np.floor(x + c * self._pixels[0] - s * self._pixels[1]).astype(np.int64)

@@ -20,7 +20,7 @@ def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarr
     )
     cols = (c * points[0] - s * points[1] + x).astype(np.int32)
     rows = (s * points[0] + c * points[1] + y).astype(np.int32)
-    np.clip(cols, 0, width - 1, out=cols)  # border cells are never observed
+    np.clip(cols, 0, width - 1, out=cols)
     np.clip(rows, 0, height - 1, out=rows)
     rows *= width
     rows += cols
@@ -91,7 +91,6 @@ class NaiveSlam:
         return self.integrate(ranges, params.raw_quality if raw else params.quality)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position from the map frame [m] to cells from the corner."""
         return x / self._params.resolution + self.shape[1] // 2, y / self._params.resolution + self.shape[0] // 2
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D, weights: tuple[float, float]) -> Pose2D:
@@ -120,7 +119,7 @@ class NaiveSlam:
         cosines, sines = self._directions[:, used]
         end_x, end_y = x + reach * (c * cosines - s * sines), y + reach * (s * cosines + c * sines)
         start, ends = np.array([math.floor(y), math.floor(x)]), np.floor(np.column_stack([end_y, end_x])).astype(int)
-        # Rasterize all beams at once; ties go to the cell nearer to the start.
+        # Rasterize all beams at once.
         travel = ends - start
         lengths = np.abs(travel).max(axis=1)
         sizes = lengths + 1

@@ -35,7 +35,7 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
             calls[f"step, {label}"] = partial(driven.step, [Twist(0.2, robot.max_w / 2)])
             calls[f"reset, {label}"] = partial(placed.reset, *start)
     turns = [[timeit(call, number=10) for call in calls.values()] for _ in range(repetitions + 1)]
-    times = 1e5 * np.array(turns[1:]).T  # the first round compiles
+    times = 1e5 * np.array(turns[1:]).T
     return [{"what": name, "least us": us.min(), "median us": np.median(us)} for name, us in zip(calls, times)]
 
 
@@ -63,7 +63,6 @@ def decisions(count: int) -> list[dict[str, Any]]:
 
 
 def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
-    """Return a function that decides in every sub-environment; returns decisions, steps, simulated time [s]."""
     id = "lidarnaut:lidarnaut/ExploreFrontiers-v0"
     if number > 1:
         envs = gymnasium.make_vec(id, number, "vector_entry_point", num_workers=0, **ROOMS)
@@ -90,8 +89,7 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
 def people(count: int) -> list[dict[str, Any]]:
     """Measure `count` steps per sub-environment of goal reaching among people, in processor time.
 
-    Halls of 12 m x 12 m, TurtleBot3 Burger, kinematic physics, random actions. With contact "ends", resets are
-    included.
+    Halls of 12 m x 12 m, TurtleBot3 Burger, kinematic physics, random actions.
     """
     id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}

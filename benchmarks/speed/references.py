@@ -34,9 +34,7 @@ def cast_rays_in_numpy(
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
     """Pool a map, shape (height, width), int8, into blocks; see `lidarnaut.envs.estimation.map_pyramid`.
 
-    `visited` are robot cells (row, column), shape (n, 2). Returns shape (3, rows, columns), uint8: occupied, free
-    share,
-    visited.
+    `visited` are robot cells (row, column), shape (n, 2). Returns shape (3, rows, columns), uint8.
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
@@ -98,7 +96,6 @@ def advance_in_numpy(
 def _push_out(
     x: float, y: float, radius: float, segments: np.ndarray, circles: np.ndarray
 ) -> tuple[float, float] | None:
-    """Move a footprint out of overlapping obstacles, deepest overlap first; None on failure."""
     starts, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
     lengths2 = np.maximum((along**2).sum(axis=1), 1e-300)
     reach = np.concatenate([np.full(len(segments), radius), radius + circles[:, 2]])
