@@ -29,24 +29,23 @@ from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.measures import Measure, headline_of
 
 TEXT = """\
-What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
-budgets, and what is made easier than in the registered environments, are in
-[`configs/algorithms.yaml`](../configs/algorithms.yaml); hyperparameters are those that
-`train.py` takes by default, but that PPO and RecurrentPPO begin twists by driving ahead at half speed. In
-ExploreFrontiers, PPO begins as the rule `gain_over_cost` (`PPO_from_rule` there): what training has changed is its
-difference from that rule, not from random.
+Scores of the algorithms of [`train.py`](training.md) after minutes of training on one core, compared with classic
+policies. Tasks, training budgets, and simplifications relative to the registered environments are in
+[`configs/algorithms.yaml`](../configs/algorithms.yaml). Hyperparameters are the defaults of `train.py`, except that
+with twist actions PPO and RecurrentPPO start from driving ahead at half speed. In ExploreFrontiers, PPO starts from the
+rule `gain_over_cost` (`PPO_from_rule` in the configuration): compare its score with that rule, not with random.
 
 ```
-python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on
+python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER continues
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__TIME
 ```
 
-A score is the mean of the task's headline measure over the evaluation's episodes, in worlds of the test split; all
-policies meet the same episodes. Shown are interquartile means over seeds with 95 % intervals of the bootstrap over
-seeds and episodes (Agarwal et al. 2021); of fewer than four seeds the interquartile mean is the mean. An algorithm is
-above or below another policy where the interval of the difference in the same episodes leaves out 0.
+A score is the mean of the task's headline measure over the episodes of the last evaluation, in worlds of the test
+split; all policies run the same episodes. Values are interquartile means over seeds with 95 % bootstrap intervals over
+seeds and episodes (Agarwal et al. 2021); with fewer than four seeds, the interquartile mean is the mean. An algorithm
+is above or below another policy if the 95 % interval of the paired difference excludes 0.
 """
-RANDOM, SHARE = "random", Measure("share", "share of the way from random to the best classic", "", True, digits=2)
+RANDOM, SHARE = "random", Measure("share", "normalised score (random 0, best classic 1)", "", True, digits=2)
 DASHES = ("dashed", "dashdot", (0, (5.0, 1.2)), (0, (1.0, 1.2)))
 Scores = Mapping[str, np.ndarray]
 
@@ -127,16 +126,16 @@ def difference(task: Task, algorithm: str, policy: str) -> Estimate:
 
 def task_section(task: Task) -> Section:
     if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
-        return Section(task.name, (f"Not measured yet: {task.missing} trainings are to be done.",))
+        return Section(task.name, (f"Not measured yet: {task.missing} training runs are missing.",))
     sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
-    for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic, {task.classic}")):
-        groups: dict[str, list[str]] = {"Above": [], "Not told apart from": [], "Below": []}
+    for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic policy, {task.classic}")):
+        groups: dict[str, list[str]] = {"Above": [], "Not distinguishable from": [], "Below": []}
         for name in task.scores:
             low, high = sorted(task.sign * end for end in difference(task, name, policy)[1:3])
-            groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not told apart from"].append(name)
+            groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not distinguishable from"].append(name)
         sentences += [f"{group} {words}: {', '.join(names)}." for group, names in groups.items() if names]
     if task.missing:
-        sentences.append(f"{task.missing} trainings are not done yet.")
+        sentences.append(f"{task.missing} training runs are not finished.")
     for name in task.scores:
         others = [difference(task, name, policy) for policy in (RANDOM, task.classic)]
         gaps = [Cell.of(gap, measure, sign="+") for gap in others]
@@ -145,8 +144,8 @@ def task_section(task: Task) -> Section:
         lines.append((Cell(name), Cell.of(score(task.scores[name][-1]), measure), *gaps, *counts))
     for name, scores in task.references.items():
         lines.append((Cell(name), Cell.of(score(scores), measure), *[Cell("")] * 5))
-    head = ("", measure.title, "over random", f"over {task.classic}", "seeds", "steps", "processor time s")
-    caption = f"{measure.title} in the evaluation's episodes over training steps, with 95 % intervals"
+    head = ("", measure.title, "vs. random", f"vs. {task.classic}", "seeds", "steps", "processor time s")
+    caption = f"{measure.title} over training steps, with 95 % intervals"
     picture = Figure(slug(task.name), render(draw_task, task), caption)
     return Section(task.name, (" ".join(sentences), picture, Table(head, lines, is_open=True)))
 
@@ -175,13 +174,13 @@ def overview(tasks: Sequence[Task]) -> Section:
         for name, scores in task.scores.items() if task.sign * (one - none) > 0.0 else ():
             strata.setdefault(name, []).append((scores[-1].mean(axis=1) - none) / (one - none))
     if not strata:
-        return Section("At a glance", ("No training is done yet.",))
+        return Section("At a glance", ("No training run is finished yet.",))
     lines = [
         (Cell(name), Cell.of(estimate(some), SHARE), Cell(str(len(some))), Cell(str(sum(map(len, some)))))
         for name, some in strata.items()
     ]
-    text = "Interquartile means over seeds and tasks with stratified bootstrap intervals, of the tasks that fit."
-    return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "trainings"), lines, is_open=True)))
+    text = "Interquartile means over seeds and supported tasks, with stratified bootstrap intervals."
+    return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "training runs"), lines, is_open=True)))
 
 
 def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:

@@ -65,8 +65,8 @@ SCENES = (
     Scene(
         "people",
         "A shipped policy among people",
-        "The policy that comes with the package, in halls that no training saw, full of people of whom half do not see "
-        "the robot; beside classic controllers. It may come from a longer training than yours, in halls and corridors.",
+        "The shipped policy and classic controllers in halls not used in training, among people of whom half ignore "
+        "the robot. The shipped policy may have been trained longer than yours, in halls and corridors.",
         Settings(
             id="lidarnaut/ReachCrowd-v0",
             policies=(RIVAL, "dwb", "crowd=ppo:pretrained/crowd"),
@@ -80,8 +80,8 @@ SCENES = (
     Scene(
         "house",
         "Shipped explorers in an unknown house",
-        "No training saw this house. A score of frontiers (learned) and PPO that drives with a plan in view (twist), "
-        "beside the usual baseline (nearest). None sees ground truth: map and pose come from Hector SLAM.",
+        "This house was not used in training. A learned frontier score (learned) and PPO that observes the planned "
+        "path (twist) are compared with a baseline (nearest). Map and pose are estimated by Hector SLAM.",
         Settings(
             policies=("nearest", "learned=learned:pretrained/frontiers", "twist=ppo:pretrained/twist"),
             worlds=("turtlebot3_house",),
@@ -116,7 +116,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             evaluations = read_evaluations(train(config, run=work / "training"))
         draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = describe_learning(evaluations, task)
-        caption = "The same episodes for all, in worlds that the training does not draw."
+        caption = "All policies run the same episodes, in worlds not used in training."
         learned = lesson, Figure(curve.stem, curve.read_bytes(), caption, is_wide=True)
         sections = [Section("PPO learns to reach goals among people", learned)]
         for number, scene in enumerate(scenes, start=2):
@@ -124,7 +124,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             sections.append(show(scene, work, jobs, console))
         links = [[Cell(one.title), Cell("report", link=f"{one.folder}/report.html")] for one in scenes]
         sections.append(Section("All episodes", (Table(("", "curves, pairs, typical and worst episodes"), links),)))
-        page = to_html(sections, title="Lidarnaut: trained here, and shipped", facts={})
+        page = to_html(sections, title="Lidarnaut demo: trained and shipped policies", facts={})
         write_file(work / "report.html", page)
         shutil.rmtree(folder, ignore_errors=True)
         work.rename(folder)
@@ -182,7 +182,7 @@ def main() -> None:
         config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
         print(demo(config, FOLDER))
     except KeyboardInterrupt:
-        sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is as it was\n")
+        sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is unchanged\n")
         sys.exit(130)
 
 

@@ -116,8 +116,8 @@ def main(
     """
     ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
     for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # default configurations first
-        given = ({"world": WORLDS[id]} if id in WORLDS else {}) | yaml.safe_load(arguments)
-        env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **given)
+        options = ({"world": WORLDS[id]} if id in WORLDS else {}) | yaml.safe_load(arguments)
+        env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **options)
         start = SEEDS.get(id, 0) if seed is None else seed
         env.reset(seed=start)
         film = Film(env, every)

@@ -18,30 +18,30 @@ from lidarnaut.benchmarks.arena.trace import Curve, Trace, episode_name, load_cu
 from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
-SHARES = 3.0
+MAX_RELATIVE = 3.0
 """Upper end of relative time and distance axes, as a multiple of the reference's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
 """Number of worst episodes listed, and shown with maps."""
-COLORS = "Colours: when a cell became known. Red: the true walls."
+COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
     """Return a section with progress curves and, for relative times, performance profiles of `related` episodes."""
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
-    unit, end = (f"{reference}'s to {measures.mark}", SHARES) if measures.marks else ("the limit", 1.0)
-    text = "Every start has its own unit: "
-    text += f"what {reference} needed to explore 95 % from it" if measures.marks else "its limits of time and distance"
-    text += ". Bands are 95 % intervals; dotted is the bound."
+    unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
+    text = "Times and distances are relative to "
+    text += f"those of {reference} to 95 % from the same start" if measures.marks else "the limits of each start"
+    text += ". Bands are 95 % intervals; the dotted curve is the ground-truth bound."
     figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
-    areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
+    areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, MAX_RELATIVE, NUM_POINTS)
     for name, measure, sign, thresholds, axis, those in (
-        ("area", area, 1.0, areas, f"{area.label} above", f"whose {area.label} is above a threshold"),
+        ("area", area, 1.0, areas, f"{area.label} above", f"with {area.label} above a threshold"),
         ("time", share, -1.0, shares, within, f"that reached {within.replace('this', 'a')}"),
     ):
         scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
@@ -99,8 +99,8 @@ def worst_section(folder: Path, episodes: Episodes) -> Section | None:
             caption = f"{where}: {names[0]} above, {names[1]} below."
             figures.append(Figure(f"worst_against_{k}", picture, caption, is_wide=True))
     text = (
-        f"The {len(lines)} starts from which {names[0]} needs most, measured by what {names[1]} needs from there, and "
-        f"the maps of both from the first {len(figures)}. {COLORS}"
+        f"The {len(lines)} starts with the highest time of {names[0]} relative to {names[1]}, and the maps of both "
+        f"from the first {len(figures)}. {COLORS}"
     )
     head = ("", *(f"{name}, {mark.title}" for name in names), "relative", *(f"{name} ends at" for name in names))
     return Section(f"Where {names[0]} does worst", (text, Table(head, lines, words=(4, 5)), *figures))
@@ -127,8 +127,8 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
         strips.append(Section(short(policy), tuple(figures)))
     text = (
-        f"Of each policy the episode with the median {episodes.measures.headline.label} over all worlds, and the one "
-        f"with the worst. The last picture of a strip is the final map. {COLORS}"
+        f"For each policy, the episodes with the median and the worst {episodes.measures.headline.label} over all "
+        f"worlds. The last image of a strip is the final map. {COLORS}"
     )
     return Section("Typical and worst episodes", (text, *strips))
 
@@ -151,8 +151,8 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
             cells.append(Cell(episodes.place(row), value, link=page))
         lines.append(cells)
     text = (
-        f"Of each policy the episode with the median {headline.label}, and the one with the worst, "
-        f"to play and to drag through, beside {short(reference)} from the same start."
+        f"For each policy, replays of the episodes with the median and the worst {headline.label}, "
+        f"next to {short(reference)} from the same start."
     )
     return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines)))
 
@@ -167,7 +167,7 @@ def case_sections(
     if any(trace.has_grown for trace in firsts.values()):
         caption = f"All from the same start. {COLORS}"
         figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
-        growth = [Section(f"How the maps grew (seed {seed})", (figure,), 3)]
+        growth = [Section(f"Growth of the maps (seed {seed})", (figure,), 3)]
     for policy, trace in firsts.items():
         row = episodes.of(policy)[0]
         start = "" if row["seed"] == seed else f"seed {row['seed']}: "

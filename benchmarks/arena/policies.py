@@ -89,8 +89,8 @@ def parse_policy(
     base, _, changes = what.partition("?")
     if label != name and (label in CLASSIC or not (rest or changes)):
         raise ValueError(
-            f"policy {name!r}: only ppo:PATH, module:attribute and classic policies with parameters can have names of "
-            f"their own, as LABEL=ppo:PATH, and not that of a classic policy ({', '.join(classic)})"
+            f"policy {name!r}: labels (LABEL=ppo:PATH) are for ppo:PATH, module:attribute and classic policies with "
+            f"parameters only, and must differ from classic policies ({', '.join(classic)})"
         )
     if changes and base in classic:
         make = partial(make_changed, classic[base], changes)
@@ -132,13 +132,13 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
     Raises:
         ValueError: if a parameter is unknown; lists the allowed ones.
     """
-    given = _read_changes(changes)
+    pending = _read_changes(changes)
     allowed: list[str] = []
 
     def changed(params: Any) -> Any:
         known = {one.name: getattr(params, one.name) for one in fields(params)}
         allowed.extend(known)
-        taken = {name: given.pop(name) for name in known.keys() & given.keys()}
+        taken = {name: pending.pop(name) for name in known.keys() & pending.keys()}
         return replace(params, **{k: float(v) if isinstance(known[k], float) else v for k, v in taken.items()})
 
     own = getattr(signature(make).parameters.get("params"), "default", None)
@@ -148,8 +148,8 @@ def make_changed(make: Callable[..., Any], changes: str) -> Any:
             setattr(policy, part, changed(params))
     if hasattr(policy, "max_time"):
         allowed.append("max_time")
-        policy.max_time = float(given.pop("max_time", policy.max_time))
-    for name in given:
+        policy.max_time = float(pending.pop("max_time", policy.max_time))
+    for name in pending:
         raise ValueError(f"unknown parameter {explain_unknown(name, allowed or ['none'])}")
     return policy
 

@@ -31,8 +31,8 @@ from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
 
 TEXT = (
-    "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
-    "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
+    "All policies run in the same worlds from the same starts with the same noise, and are measured against ground "
+    "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
 )
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
 
@@ -93,7 +93,7 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
             for figure in section.parts:
                 if isinstance(figure, Figure):
                     write_file(folder / f"{figure.name}.png", figure.content)
-    title = f"How well do they do? {settings.id}"
+    title = f"Evaluation of {settings.id}"
     write_file(folder / "report.html", to_html(report, title=title, facts=_facts(evaluation, episodes)))
     if sections:
         write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
@@ -145,7 +145,7 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
     lines = [list(map(Cell, (where, str(number), who, why))) for (where, why), (number, who) in groups.items()]
     untried = sum(one.reason == NOT_RUN for one in missing)
     text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
-    text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
+    text += f"The leaderboard covers the starts common to all competitors: {num_fair} of {num_rows} episodes."
     table = Table(("world and robot", "episodes", "policies", "why"), lines, words=(2, 3))
     return Section("Not run", (text, table) if lines else (text,))
 
@@ -186,7 +186,7 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
     if len(cases) > 1 or not evaluation.settings.world_sections:
         fair = episodes.shared().related()
         printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
-        unseen = "Worlds or robots that no training of the package saw"
+        unseen = "Worlds or robots not used in training"
         for title, part in {unseen: fair.unseen(), "All worlds": fair}.items():
             if part:
                 console.print(to_terminal(leaderboard.ranking_table(part, printed), title))

@@ -112,7 +112,7 @@ class Records:
             known = self._known_worlds.get(world, own)
             if world in there and (known["content"] or known["source"]) != (own["content"] or own["source"]):
                 was, now = known["source"], own["source"]
-                what = f"of what {now} was before it changed" if was == now else f"of {was}, not of {now}"
+                what = f"of an earlier version of {now}" if was == now else f"of {was}, not of {now}"
                 raise ValueError(
                     f"{self.folder} holds episodes in a world {world!r} {what}; give the world another name, as "
                     "LABEL=PATH, choose another --out, or remove the folder"
@@ -123,7 +123,7 @@ class Records:
         row = self._rows.get(key)
         if row and row["model"] != model:
             raise ValueError(
-                f"{self.folder} holds episodes of {key.policy} with other weights (a training has gone on?); "
+                f"{self.folder} holds episodes of {key.policy} with other weights (has training continued?); "
                 "choose another --out, or remove the folder"
             )
         return row
@@ -197,7 +197,7 @@ def read_table(path: Path, columns: Readers) -> Iterator[Row]:
         try:
             yield {name: read(value) for (name, read), value in zip(columns.items(), record, strict=True)}
         except ValueError as error:
-            raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row, and it runs again") from error
+            raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row to run it again") from error
 
 
 def write_table(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:

@@ -70,14 +70,14 @@ class Evaluation:
         self._shard = f"{number}of{total}" if total > 1 else ""
         self._given = dict(given or {})
         self._robots: dict[Case, str] = {}
-        classic = self._look_around()
+        classic = self._check_cases()
         self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
                 self._policies[name] = self._marked(parse_policy(name, classic, self._given, trust))
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
-            raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
+            raise ValueError(f"policies must be unique, got {', '.join(names)}")
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
         self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
@@ -124,7 +124,7 @@ class Evaluation:
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         if bags and ray:
-            raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
+            raise ValueError("bags and ray must not be combined: bags would be written on the machines of the cluster")
         failures = []
         with contextlib.ExitStack() as locks:
             # Shards may run at the same time, but not with a full run.
@@ -171,7 +171,7 @@ class Evaluation:
     def _not_found(self, tasks: Iterable[Task]) -> list[Task]:
         return [task for task in tasks if self._find(task) is None]
 
-    def _look_around(self) -> Makers:
+    def _check_cases(self) -> Makers:
         """Construct the environment of every case; read the measures and return the task's classic policies."""
         classic: Makers | None = None
         faults: list[BaseException] = []
@@ -232,7 +232,7 @@ class Evaluation:
         if policy.level == "decision" and self._explores:
             return CHOOSE
         wanted = "frontiers" if self._chooses else "twists"
-        raise ValueError(f"{policy.name} decides by {policy.level}s, and {id} takes {wanted}")
+        raise ValueError(f"{policy.name} outputs {policy.level}s, but {id} takes {wanted}")
 
     def _check_fit(self) -> None:
         groups: dict[tuple[Any, ...], dict[str, Task]] = {}

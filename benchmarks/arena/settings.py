@@ -85,8 +85,8 @@ def parse_world(name: str) -> tuple[str, str]:
     label, world = match.groups()
     if {label, world} & {*WORLD_NAMES, *BARN_NAMES, *FAMILIES, *GROUPS}:
         raise ValueError(
-            f"world {name!r}: only paths and module:attribute can have names of their own, as LABEL=PATH, and not "
-            "those of the library or of a procedural family"
+            f"world {name!r}: labels (LABEL=PATH) are for paths and module:attribute only, and must differ from "
+            "library worlds and procedural families"
         )
     return label, world
 
@@ -146,7 +146,7 @@ class Settings(Section):
     @classmethod
     def _check_people(cls, people: tuple[str, ...]) -> tuple[str, ...]:
         if USUAL in people and len(people) > 1:
-            raise ValueError("must not mix 'usual' with others; 0 stands for nobody")
+            raise ValueError("must not mix 'usual' with other values; 0 means no people")
         for crowd in people:
             crowd_of(None if crowd == USUAL else crowd)
         return people
@@ -159,7 +159,7 @@ class Settings(Section):
             names = tuple(one for name in names for one in GROUPS.get(name, (name,)))
             called = [parse_world(name)[0] for name in names]
         if len(set(called)) < len(called):
-            raise ValueError("must name none twice")
+            raise ValueError("must be unique")
         return names
 
     @field_validator("slam_axis")

@@ -22,8 +22,8 @@ def verdict_section(episodes: Episodes) -> Section | None:
         return None
     text, where = verdict(episodes), ""
     if unseen := episodes.unseen():
-        where = ", in worlds or with robots that no training of the package saw"
-        text = f"{where[2:].capitalize()}: {verdict(unseen)} With those of the training: {text}"
+        where = ", in worlds or with robots not used in training"
+        text = f"{where[2:].capitalize()}: {verdict(unseen)} Including training worlds: {text}"
         episodes = unseen
     values, reference = episodes.competitors(measure), episodes.reference
     first = next(iter(values.values()))
@@ -44,7 +44,7 @@ def verdict_section(episodes: Episodes) -> Section | None:
     caption = (
         f"{title[:1].upper()}{title[1:]}{' from the same start' if measures.marks else ''}{where}: interquartile "
         f"means, 95 % intervals. Further {'right' if measure.higher_is_better else 'left'} is {better}. Blue: the "
-        f"{best}, and those that cannot be told apart from it."
+        f"{best} policy, and policies that cannot be distinguished from it."
     )
     return Section("At a glance", (text, Figure("verdict", picture, caption, is_wide=True)))
 
@@ -64,24 +64,24 @@ def verdict(episodes: Episodes) -> str:
     if mark:
         found = f"{mark} in {value} of {short(episodes.reference)}'s time over {number} starts"
     if mark and leader == episodes.reference:
-        found = f"no other needs less than its time to {mark} over {number} starts"
+        found = f"no other policy is faster to {mark} over {number} starts"
     best, has = ("is fastest", "needs") if mark else ("does best", "has")
     if tied := _tied(episodes, values, measure):
         names = [f"{short(policy)} ({_value(values[policy], measure)})" for policy in tied[:NUM_NAMED]]
         names += [f"{len(tied) - NUM_NAMED} more"] if len(tied) > NUM_NAMED else []
         listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        parts = [f"{short(leader)} is ahead: {found}", f"it cannot be told apart from {listed}"]
+        parts = [f"{short(leader)} is ahead: {found}", f"it cannot be distinguished from {listed}"]
     else:
         parts = [f"{short(leader)} {best}: {found}"]
     rivals = [policy for policy in others if leader in CLASSIC or policy in CLASSIC]
     if rivals and not set(rivals) & set(tied):
-        who = "the next" if leader in CLASSIC else "the best classic policy"
+        who = "the next policy" if leader in CLASSIC else "the best classic policy"
         parts.append(f"{who}, {short(rivals[0])}, {has} {_value(values[rivals[0]], measure)}")
     if bound := _bound(episodes, measure):
         parts.append(f"the bound, {bound[0]}, is {_value(bound[1], measure)}")
     text = f"{'; '.join(parts)}."
     if (first := next(iter(episodes.standing(measures.headline)))) != leader:
-        text += f" By {measures.headline.label}, which the leaderboard is ranked by, {short(first)} comes first."
+        text += f" By {measures.headline.label}, the ranking measure of the leaderboard, {short(first)} is first."
     return text
 
 

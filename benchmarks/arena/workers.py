@@ -110,7 +110,7 @@ def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Re
                 yield future.result() if error is None else Result(key, reason=why)
         except BrokenProcessPool as error:
             raise RuntimeError(
-                "a process died while it ran an episode (out of memory?); the same command goes on from there"
+                "a process died while it ran an episode (out of memory?); run the same command to continue"
             ) from error
 
 

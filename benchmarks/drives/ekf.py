@@ -182,8 +182,8 @@ def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row
 
 def make_env(physics: str, map_seed: int) -> LidarEnv:
     """Return `Track-v0` with a known initial pose."""
-    given = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
-    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **given))
+    arguments = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
+    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **arguments))
 
 
 def run_drive(
@@ -264,9 +264,9 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
         path.plot(*poses[:, :2].T, color=color, label=label, **{"lw": 1.6, **dashes})
         turns.plot(drive.time, np.degrees(np.unwrap(poses[:, 2])), color=color, label=label, **dashes)
     path.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    path.set_title(f"Position on the map made beforehand ({what}); the paper's 5 and 6")
+    path.set_title(f"Position on the prior map ({what}); figures 5 and 6 of the paper")
     turns.set(xlabel="time [s]", ylabel="heading [deg]", yticks=range(0, 361, 90))
-    turns.set_title(f"Heading ({what}); the paper's figure 7")
+    turns.set_title(f"Heading ({what}); figure 7 of the paper")
     position.legend(loc="outside lower center", ncols=5, frameon=False)
     turns.legend(frameon=False)
     position.savefig(folder / "ekf_position.png", dpi=110)
@@ -278,7 +278,7 @@ def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)
-    greatest, mean = "paper's greatest error", "paper's RMSE (its greatest error is 3.3)"
+    greatest, mean = "maximum error of the paper", "RMSE of the paper (maximum 3.3)"
     labels = "x error [mm]", "y error [mm]", "heading error [deg]"
     bounds = (PAPER["max_x_mm"], greatest), (PAPER["max_y_mm"], greatest), (PAPER["heading_rmse_deg"], mean)
     for (k, label), name in itertools.product(enumerate(labels), physics):
@@ -295,5 +295,5 @@ def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
         grid[-1, physics.index(name)].set_xlabel("time [s]")
     for axes in grid[:, -1]:
         axes.legend(loc="upper right", fontsize=7, framealpha=0.8)
-    figure.suptitle("Errors of AMCL alone and of the full fusion; the paper's figures 8 to 10")
+    figure.suptitle("Errors of AMCL alone and of the full fusion; figures 8 to 10 of the paper")
     return figure

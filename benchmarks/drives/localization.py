@@ -40,9 +40,9 @@ from lidarnaut.envs.worlds import load_world
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
 """Duration of tracking and global localization, time of kidnapping, duration after kidnapping [s]."""
-NEAR, NEAR_ANGLE = 0.5, math.radians(20.0)
+MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
-HOLD = 5.0
+MIN_CORRECT_TIME = 5.0
 """Minimum duration of correct estimates at the end of a successful localization [s]."""
 START_STD = (0.05, 0.05, 0.05)
 """Standard deviations of the initial pose in simulated worlds [m, m, rad]."""
@@ -66,14 +66,14 @@ HIT_COUNTS = TinySlamParams(
 )
 """Map parameters with cells that hold their share of hits."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
-ALONE = replace(PRESETS["default"], relocalize=False)
+NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
     "nav2 likelihood_field": PRESETS["nav2"],
     "nav2 likelihood_field_prob": NAV2_PROB,
     "nav2 likelihood_field_prob, 2000 particles": replace(NAV2_PROB, min_particles=2000),
     "nav2 beam": replace(PRESETS["nav2"], sensor="beam", max_range=30.0),
-    "default": ALONE,
-    "default, 2000 particles, all beams": replace(ALONE, min_particles=2000, max_beams=180, squash=9.0),
+    "default": NO_RELOCALIZATION,
+    "default, 2000 particles, all beams": replace(NO_RELOCALIZATION, min_particles=2000, max_beams=180, squash=9.0),
 }
 """AMCL variants compared on the log, without relocalization."""
 
@@ -183,7 +183,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     found = localize(amcl, grid, drive, seed, None)
     is_right = _is_right(found["poses"], drive.truth)
     turned = [[motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()] for motion in symmetries(grid)]
-    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), HOLD) for truth in turned]
+    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), MIN_CORRECT_TIME) for truth in turned]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
@@ -194,9 +194,9 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
         "tracking_m": rms(distance),
         "tracking_deg": math.degrees(rms(angle)),
         "lost_while_right": float(np.mean(tracked["is_lost"] & _is_right(tracked["poses"], drive.truth))),
-        "global_after": right_since(is_right, HOLD),
-        "global_after_up_to_symmetry": min([right_since(is_right, HOLD), *after_turned]),
-        "kidnapped_after": right_since(is_right_again, HOLD),
+        "global_after": right_since(is_right, MIN_CORRECT_TIME),
+        "global_after_up_to_symmetry": min([right_since(is_right, MIN_CORRECT_TIME), *after_turned]),
+        "kidnapped_after": right_since(is_right_again, MIN_CORRECT_TIME),
         "kidnapped_noticed_after": first_time(is_lost_again),
         "confident_and_wrong": float(np.mean(wrong)),
     }
@@ -204,7 +204,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
 
 def _is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     distance, angle = pose_errors(poses, truth)
-    return (distance <= NEAR) & (angle <= NEAR_ANGLE)
+    return (distance <= MAX_POSITION_ERROR) & (angle <= MAX_HEADING_ERROR)
 
 
 def compare_on_log(log: Path = LOG) -> list[Row]:

@@ -15,9 +15,9 @@ from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 
-NEAR = 0.15
+WALL_TOLERANCE = 0.15
 """Maximum distance of a correct map wall from a true wall [m]."""
-MARGIN = 0.5
+VIEW_MARGIN = 0.5
 """Margin around the plotted points [m]."""
 COLUMNS, WIDTH = 3, 10.5
 """Panels per row, and width of the figure [in]."""
@@ -43,8 +43,8 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 
     All `points`, shape (k, 2) [m], are in view.
     """
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
-    legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {NEAR:g} m off": WRONG}
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - VIEW_MARGIN, points.max(axis=0) + VIEW_MARGIN
+    legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {WALL_TOLERANCE:g} m off": WRONG}
     lines = -(-len(panels) // COLUMNS)
     height = lines * (WIDTH / COLUMNS * (y_max - y_min) / (x_max - x_min) + 0.3) + 0.4
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -85,7 +85,7 @@ def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> 
     occupied = np.argwhere(grid.data >= 65)
     cells = walls.cells(map_pose.transform(grid.centers(occupied)))
     is_wrong = ~walls.contains(cells)
-    is_wrong[~is_wrong] = distance[tuple(cells[~is_wrong].T)] > NEAR
+    is_wrong[~is_wrong] = distance[tuple(cells[~is_wrong].T)] > WALL_TOLERANCE
     wrong = np.zeros(grid.data.shape, dtype=np.bool_)
     wrong[tuple(occupied[is_wrong].T)] = True
     return wrong

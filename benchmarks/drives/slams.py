@@ -60,7 +60,7 @@ HELD_OUT = (
     "maze:1",
 )
 """Asymmetric test worlds for kidnapped robots; not used for tuning the relocalization."""
-FOUND = 0.5
+MAX_POSITION_ERROR = 0.5
 """Maximum position error of a relocalized robot [m]."""
 
 
@@ -216,5 +216,5 @@ def kidnap(
     after = {name: values[len(first.ranges) :] for name, values in track(slam, drive).items()}
     poses, is_lost = compose_poses(np.array([start]), after["poses"]), after["is_lost"]
     errors = pose_errors(poses, drive.truth[len(first.ranges) :])[0]
-    found_after = right_since(~is_lost & (errors <= FOUND), PERIOD)
-    return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > FOUND)
+    found_after = right_since(~is_lost & (errors <= MAX_POSITION_ERROR), PERIOD)
+    return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > MAX_POSITION_ERROR)

@@ -112,7 +112,7 @@ def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("time for a step of one sub-environment [µs]")
     panels[0].legend(frameon=False, title="pose from")
-    figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
+    figure.suptitle("Time of a step of the vector environment on one core", x=0.01, ha="left", fontsize=11)
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 

@@ -18,11 +18,11 @@ from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv
 from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
-HOLD, NUM_ACTIONS = 10, 500
+ACTION_REPEAT, NUM_ACTIONS = 10, 500
 """Steps per action (white noise would keep the robot in place), and number of distinct actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
 """Training configuration of `ppo`."""
-FEW, MANY = 16, 256
+FEWEST_ENVS, MOST_ENVS = 16, 256
 """Smallest and largest number of sub-environments of the compared vector environments."""
 
 
@@ -41,10 +41,10 @@ DESIGNS = (
     Design("naive"),
     Design("bullet"),
     Design("kinematic"),
-    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEW, 64, MANY)),
-    *(Design("bullet_vector", FEW, cores) for cores in (1, 2)),
+    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEWEST_ENVS, 64, MOST_ENVS)),
+    *(Design("bullet_vector", FEWEST_ENVS, cores) for cores in (1, 2)),
     *(Design("subproc", 2, cores) for cores in (1, 2)),
-    Design("ppo", MANY, 2),
+    Design("ppo", MOST_ENVS, 2),
 )
 """Compared designs; the first is the base of the ratios."""
 
@@ -80,7 +80,7 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
     """Yield reproducible forward and turning actions, shape (num_envs, 2), float32."""
     table = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
     while True:
-        yield from (actions for actions in table for _ in range(HOLD))
+        yield from (actions for actions in table for _ in range(ACTION_REPEAT))
 
 
 def open_drive(case: Case) -> Drive:

@@ -73,12 +73,12 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     world, robot, params = make_hall(num_bodies).world, benchmark_robot(), load_params("default")
     lidar, rng = robot.lidar, np.random.default_rng(0)
     grid_map, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
-    ranges, around = np.empty(lidar.num_beams, dtype=np.float32), (world.segments, world.circles)
+    ranges, obstacles = np.empty(lidar.num_beams, dtype=np.float32), (world.segments, world.circles)
     for angle in np.arange(12) * math.pi / 6:
         naive.pose = pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), float(angle))
         # Pose of the lidar; the map frame equals the world frame.
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-        cast_rays(*sensor, lidar.beams, *around, ranges)
+        cast_rays(*sensor, lidar.beams, *obstacles, ranges)
         noisy = ranges + rng.normal(0.0, lidar.noise_std, ranges.shape).astype(np.float32)
         naive.integrate(noisy, params.quality)
         grid_map.integrate(noisy, pose, params.quality)
@@ -89,11 +89,11 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     noise, trace = np.random.default_rng(0).standard_normal((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
     slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
     command, normals, record, driven = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD), np.zeros(STATE_SIZE)
-    moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *around)
+    moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *obstacles)
     return [
         Kernel(
-            "cast_rays", cast_rays, (x, y, theta, lidar.beams, *around, ranges), lambda: ranges,
-            lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *around),
+            "cast_rays", cast_rays, (x, y, theta, lidar.beams, *obstacles, ranges), lambda: ranges,
+            lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *obstacles),
         ),
         Kernel(
             "match", _match, (grid_map.words, points, count, tuple(start), search, noise, trace, found), lambda: found,
@@ -102,7 +102,7 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
         _integrate_scan(lidar, noisy, pose),
         *_crop(grid_map.grid, pose),
         Kernel(
-            "advance", advance, (driven, command, normals, record, *around), driven.copy,
+            "advance", advance, (driven, command, normals, record, *obstacles), driven.copy,
             partial(advance_in_numpy, *moved),
         ),
     ]  # fmt: skip

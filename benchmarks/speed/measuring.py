@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from lidarnaut.benchmarks.speed.designs import FEW, Case, Design, Drive, open_drive
+from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
@@ -100,7 +100,7 @@ def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int
     for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
         cases = {}
         for at in values:
-            size = {"beams": 360, "map_cells": 400, "num_envs": FEW} | {key: at}
+            size = {"beams": 360, "map_cells": 400, "num_envs": FEWEST_ENVS} | {key: at}
             design = Design("vector", size["num_envs"])
             cases[Case(design, num_bodies, slam, size["beams"], 20.0 / size["map_cells"])] = at
         speeds = compare(calls, list(cases), seconds, repeats)
