@@ -98,7 +98,7 @@ class Episodes:
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
-        """Return the episodes from starts common to the given policies; default: all competitors."""
+        """Return the episodes from starts (case and seed) common to the given policies; default: all competitors."""
         names = list(policies) or [name for name in self.policies if not is_bound(name)] or self.policies
         starts = set.intersection(*(set(self.by_start(name)) for name in names)) if names else set()
         return self.where(lambda row: start_of(row) in starts)
@@ -106,7 +106,8 @@ class Episodes:
     def related(self, reference: str | None = None) -> "Episodes":
         """Return the episodes with `Measures.reached` and `Measures.relative` added.
 
-        Relative values are shares of the reference's value from the same start, or of its limit if not reached.
+        Tables, curves and summary need them. Relative values are shares of the reference's value from the same start,
+        or of its limit if not reached.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -164,7 +165,7 @@ class Episodes:
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
         """Return the share of the gap between reference and ground-truth bound that a policy closes, by measure.
 
-        Uses `related` episodes from common starts. Empty without a bound, and for the reference and the bound.
+        Only episodes from common starts count. Empty without a bound, and for the reference and the bound.
         """
         if self.bound is None or policy == self.reference or is_bound(policy):
             return {}

@@ -44,7 +44,7 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the leaderboard of `related` episodes; with a learned policy, first of held-out starts."""
+    """Return the leaderboard; if a learned policy takes part, first for held-out starts, then for all."""
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "

@@ -25,7 +25,7 @@ class Measures:
         self.mark = self.marks[0].label.removeprefix("time to ") if self.marks else ""
         """Label of the first threshold, such as "95 %"."""
         self.relative = tuple(map(share_of, self.marks))
-        """Time and distance measures as shares of the reference's values."""
+        """Time and distance measures as shares of the reference policy's values."""
         self.reached = (
             Measure("reached", f"{self.mark} reached", "%", True, digits=0, scale=100.0, is_share=True),
         ) * bool(self.marks)
@@ -50,7 +50,7 @@ class Measures:
 
 
 def share_of(mark: Measure) -> Measure:
-    """Return a time or distance measure as a share of the reference's value."""
+    """Return a time or distance measure as a share of the reference policy's value."""
     name, label = f"relative_{mark.name}", f"{mark.label}, relative"
     return replace(mark, name=name, label=label, unit="", digits=2, scale=1.0, limit=f"{name}_limit")
 

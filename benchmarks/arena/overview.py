@@ -26,7 +26,7 @@ COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
-    """Return a section with progress curves and, for relative times, performance profiles of `related` episodes."""
+    """Return a section with progress curves and, for relative times, performance profiles."""
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
     unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
@@ -80,7 +80,7 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Cu
 
 
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return the worst `related` episodes of the fastest policy, with maps; None without relative measures."""
+    """Return a section with the worst episodes of the fastest policy relative to the reference, if there are any."""
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:

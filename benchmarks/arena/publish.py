@@ -1,4 +1,4 @@
-"""Write the results of an evaluation."""
+"""Write the report and the leaderboard of an evaluation."""
 
 import json
 from collections.abc import Mapping, Sequence

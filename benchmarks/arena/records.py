@@ -22,7 +22,7 @@ MAX_TABLE_BYTES = 64 * 2**20
 LIBRARIES = ("lidarnaut", "gymnasium", "numba", "numpy", "scipy", "torch")
 
 Row = dict[str, Any]
-"""One episode, by column name (`columns_of`)."""
+"""Values of an episode by column name (`columns_of`)."""
 Readers = Mapping[str, Callable[[str], Any]]
 """Parser of each column, by column name."""
 

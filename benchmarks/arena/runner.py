@@ -157,7 +157,7 @@ class Evaluation:
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
-        """Return the finished episodes of the SLAM axis."""
+        """Return the finished episodes of the SLAM comparison."""
         return list(filter(None, map(self._find, self._axis_tasks)))
 
     def missing(self) -> list[Result]:

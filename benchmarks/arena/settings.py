@@ -183,7 +183,7 @@ class Settings(Section):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield case, seed and policies of the SLAM axis; may overlap with `starts`."""
+        """Yield case, seed and policies of the SLAM comparison; may overlap with `starts`."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

@@ -16,7 +16,7 @@ NUM_NAMED = 3
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
-    """Return the summary of `related` episodes, held-out starts first; None with fewer than two competitors."""
+    """Return a section with the best policy, first for held-out starts; None with fewer than two competitors."""
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
         return None

@@ -61,7 +61,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """Outcome of a task."""
+    """Result of an episode: its table row, or the reason of a failure."""
 
     key: Key
     row: Row | None = None

@@ -64,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""Filter of each fusion, as a fault that drops the unused kinds of measurements."""
+"""Measurement kinds dropped for each fusion, by fusion name."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),

@@ -39,7 +39,7 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""Duration of tracking and global localization, time of kidnapping, duration after kidnapping [s]."""
+"""Duration of tracking and global localization, time until kidnapping, and duration after kidnapping [s]."""
 MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
 """Maximum errors of a correct pose estimate [m, rad]."""
 MIN_CORRECT_TIME = 5.0
@@ -163,7 +163,7 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times, inf if never reached; None if the quantile is inf."""
+    """Return a quantile of times (inf: never reached); None if the quantile is inf."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))

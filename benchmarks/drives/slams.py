@@ -48,7 +48,7 @@ DRIVES = (
     "rmf_hotel_L1:tugbot",
     "tugbot_warehouse:tugbot",
 )
-"""Worlds and robots, with lidar ranges of 3.5 m and 10 m."""
+"""Simulated drives as `WORLD:ROBOT`; lidar ranges are 3.5 m (Burger) and 10 m (Tugbot)."""
 HELD_OUT = (
     "aws_small_house",
     "aws_small_warehouse",

@@ -50,7 +50,7 @@ DESIGNS = (
 
 
 class Case(NamedTuple):
-    """Design in a hall, with SLAM "tinyslam" or "truth"."""
+    """Benchmark case: an environment design in a hall, with SLAM "tinyslam" or "truth"."""
 
     design: Design
     num_bodies: int
