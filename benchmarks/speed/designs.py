@@ -84,7 +84,7 @@ def make_actions(num_envs: int) -> Iterator[np.ndarray]:
 
 
 def open_drive(case: Case) -> Drive:
-    """Reset the environments of a case."""
+    """Create and reset the environments of a case."""
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
     physics = "bullet" if name.startswith("bullet") else "kinematic"
     arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}
