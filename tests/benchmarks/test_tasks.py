@@ -77,7 +77,11 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
         ),
         ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
         ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
-        ("lidarnaut/ExploreFrontiers-v0", "ppo:pretrained/twist", "by twists, and lidarnaut/ExploreFrontiers-v0 takes"),
+        (
+            "lidarnaut/ExploreFrontiers-v0",
+            "ppo:pretrained/twist",
+            "outputs twists, but lidarnaut/ExploreFrontiers-v0 takes",
+        ),
         ("lidarnaut/Navigate-v0", "persuit", "'persuit' (did you mean 'pursuit'?)"),
         ("lidarnaut/Naviate-v0", "pursuit", "'lidarnaut/Naviate-v0' (did you mean 'lidarnaut/Navigate-v0'?)"),
         ("nowhere:mine/Goal-v0", "pursuit", "id 'nowhere:mine/Goal-v0': there is no module 'nowhere'"),
