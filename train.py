@@ -2,15 +2,15 @@
 
 python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--hyperparameters.gamma 0.98] ...
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
-lidarnaut-train --config explore_frontiers --seed 1     where the package is installed, which brings configurations
+lidarnaut-train --config explore_frontiers --seed 1     installed package with its configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
-python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     without a configuration: by the defaults
+python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     defaults without a configuration
 
-Every key of the configuration is an option, with dots between the names: --environment.world caves,
+Every key of the configuration is an option, with dots between nested names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
 --hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig in agents.config.
---trust MODULE ... names your own code that a run folder may name; a run folder names no other code.
---ray ADDRESS runs a sweep, or an evolution, on a Ray cluster; --jobs 2 runs two trainings of a sweep side by side.
+--trust MODULE ... names modules of your own that a run folder may use; other modules are refused.
+--ray ADDRESS runs a sweep or an evolution on a Ray cluster; --jobs 2 runs two trainings of a sweep in parallel.
 """
 
 import argparse
@@ -32,9 +32,9 @@ from lidarnaut.envs.command_line import begin_command, fail, read_options
 from lidarnaut.envs.files import LockedError, printable, read_mapping
 
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
-"""What a training without a configuration is."""
+"""Configuration of a training without a configuration file."""
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files beside the configuration of a run or of a policy: a record that users exchange."""
+"""Files beside the configuration of a run or policy folder, which users may exchange."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -73,8 +73,8 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
-    """Start, or go on with, what a configuration asks for; return the folder of the results. Raises as `train`."""
-    # Torch takes seconds to load: mistakes in the configuration are reported at once.
+    """Start or resume a training, sweep or evolution; return the folder of results. Errors as for `train`."""
+    # Torch takes seconds to import: check the configuration first.
     if {"sweep", "seeds"} & data.keys():
         from lidarnaut.agents.sweep import run_sweep
 
@@ -92,10 +92,10 @@ def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
 
 
 def read_changes(words: Sequence[str]) -> dict[str, Any]:
-    """Return the values of options such as `--network.speed 0.6` by their keys, with underscores; several are a list.
+    """Parse options such as `--network.speed 0.6` into values by key; several values form a list.
 
     Raises:
-        ValueError: a value stands before the first option, or is not readable as YAML.
+        ValueError: if a value precedes the first option or is not valid YAML.
     """
     found: dict[str, list[Any]] = {}
     key = None
@@ -112,10 +112,10 @@ def read_changes(words: Sequence[str]) -> dict[str, Any]:
 
 
 def read_value(text: str) -> Any:
-    """Return what a word stands for: a number, also 1e-3 and 60_000, a truth, None, a YAML list or mapping, or text.
+    """Parse a number (also 1e-3 and 60_000), boolean, None, YAML list, YAML mapping, or text.
 
     Raises:
-        ValueError: it begins as a list or mapping, and is not readable as one.
+        ValueError: if a list or mapping is not valid YAML.
     """
     try:
         return ast.literal_eval(text)

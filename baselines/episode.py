@@ -1,4 +1,4 @@
-"""Episodes: one loop that lets anything drive in any environment, and what is measured of it."""
+"""Episodes: the loop that runs a policy in an environment, and the measures of an episode."""
 
 import math
 import time
@@ -20,17 +20,17 @@ from lidarnaut.envs.rendering.scene import people_in
 from .explorer import Omniscient, Policy, to_action
 
 Info = dict[str, Any]
-"""What an environment returns beside the observation."""
+"""Type of the `info` of an environment."""
 Observation = dict[str, np.ndarray]
-"""What an environment returns to an explorer or a policy."""
+"""Type of the observation of an environment."""
 Decide = Callable[[Observation], np.ndarray | np.integer | str]
-"""Returns the action for an observation, or the reason to stop."""
+"""Function that returns the action for an observation, or a reason to stop."""
 Watch = Callable[[Info], None]
-"""Is called with `info` after the reset and after every step."""
+"""Callback with `info`, after the reset and after every step."""
 
 
 class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
+    """Adds measures and `end_reason` to the last `info` if another wrapper ends the episode."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
         *outcome, terminated, truncated, info = self.env.step(action)
@@ -41,13 +41,13 @@ class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class Ended(NamedTuple):
-    """How a loop ended."""
+    """Result of `run`."""
 
     observation: Observation
     info: Info
-    """The last ones; `info` has an `end_reason`, unless `max_steps` ended the loop."""
+    """Last `info`, with an `end_reason` unless `max_steps` ended the loop."""
     decision_times: list[float]
-    """Time of each decision [s]."""
+    """Duration of each decision [s]."""
 
 
 def run(
@@ -60,11 +60,13 @@ def run(
     max_steps: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Ended:
-    """Step an environment, after its reset, until its episode ends, or `decide` returns a reason to stop.
+    """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
 
-    `observation`, `info`: of the reset, or of the last step; `watch`: called with `info` now and after every step, to
-    take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
-    decisions [s].
+    Args:
+        observation, info: results of the reset or of the last step.
+        watch: callback with `info`, called now and after every step.
+        max_steps: maximum number of steps.
+        clock: timer of decisions [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
@@ -84,26 +86,26 @@ def run(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """The measures of one episode, in simulated time and true distances.
+    """Measures of one episode, in simulated time and true distances.
 
-    A mark that was never reached has infinite time and distance. Statistics that need a number take `time_limit` and
-    `distance_limit` instead, so that ending early never counts as fast.
+    Time and distance are infinite for thresholds that were never reached. Statistics replace these values by
+    `time_limit` and `distance_limit`, such that an early end does not count as fast.
     """
 
     values: Mapping[str, float]
-    """By the names of the task's measures, and of those of all tasks (`lidarnaut.envs.measures.measures_of`)."""
+    """Measures by name; see `lidarnaut.envs.measures.measures_of`."""
     course: Course
-    """Samples of `info`, from which they were computed."""
+    """Recorded samples of `info`."""
     decision_times: np.ndarray
-    """Shape (k,), processor time of each decision, of all threads [s]: other processes of the machine do not count."""
+    """Processor time of each decision in all threads [s], shape (k,)."""
     end_reason: str
-    """Why it ended: what the task says, "time_limit", or why the policy stopped ("no_reachable_frontier", ...)."""
+    """Reason of the end: from the task, "time_limit", or from the policy ("no_reachable_frontier", ...)."""
     duration: float
-    """Time at the end [s]."""
+    """Simulated time at the end [s]."""
     time_limit: float
     """Time limit [s]."""
     distance_limit: float
-    """Distance that a robot can drive within the time limit, at full speed [m]."""
+    """Maximum distance within the time limit, at full speed [m]."""
 
     @property
     def decision_ms(self) -> float:
@@ -120,9 +122,9 @@ class Episode:
 def begin_episode(
     env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment by a seed, and then the policy, which draws from `rng`; returns what the reset does.
+    """Reset an environment by a seed and a policy by a generator; return the result of `env.reset`.
 
-    A policy that has `set_goal` or `set_route` gets the task's goal or route, an `Omniscient` one ground truth.
+    Passes the route of the task to `set_route`, and ground truth to an `Omniscient`.
     """
     observation, info = env.reset(seed=seed)
     inner = lidar_env_of(env)
@@ -140,10 +142,10 @@ def begin_episode(
 
 
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
-    """Return the decisions of a policy in an environment, which also gets its plans to draw.
+    """Return the decision function of a policy in an environment, which also stores planned paths.
 
-    A policy that states another rate than the environment's (`control_hz`) repeats its actions. Where robots are to
-    come back after exploring, a navigator drives once the policy has stopped, or the task calls the robot back.
+    Actions are repeated if the `control_hz` of the policy is lower. With `return_home`, a navigator drives home once
+    the policy has stopped or the task calls the robot back.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -169,15 +171,15 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
 
 
 def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
-    """Return what asks a policy for an action, in the way that it wants to be asked.
+    """Return the function that asks a policy for an action, according to its interface.
 
     Raises:
-        ValueError: it drives one robot and the environment has a team, or the other way round; or it does not choose.
+        ValueError: if the policy is for another number of robots or another action space.
     """
     inner, name = lidar_env_of(env), type(policy).__name__
     outer: Any = env.unwrapped
     if _chooses(env):
-        if hasattr(policy, "choose"):  # without any candidates, 0 looks around
+        if hasattr(policy, "choose"):  # 0 without candidates: turn in place
             return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
         if hasattr(policy, "act"):
             raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
@@ -219,12 +221,11 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
 
 
 def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
-    """Tell whether actions choose frontiers."""
     return isinstance(env.action_space, spaces.Discrete)
 
 
 def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
-    """Return for how many steps a policy's action is taken, by the rate that it states."""
+    """Return the number of steps per decision of a policy."""
     rate = getattr(policy, "control_hz", None)
     if rate is None or _chooses(env):
         return 1
@@ -232,17 +233,17 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 
 
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
-    """Let a policy drive until the task or the time limit ends the episode, or the policy stops.
+    """Run an episode until the task, the time limit or the policy ends it.
 
     Args:
-        env: any environment of this package, or of a task of your own, wrapped or not.
-        policy: an explorer, a team, or what is called with observations; see `lidarnaut.baselines.explorer`. It gets
-            what the robots sense and estimate only, unless it is `Omniscient`.
-        seed: of everything: world, start, noise, and the policy's own draws.
-        on_step: called with `info` after the reset and after every step, to record pictures.
+        env: environment of this package, or of a custom task, possibly wrapped.
+        policy: explorer, team or observation policy, see `lidarnaut.baselines.explorer`; only an `Omniscient` gets
+            ground truth.
+        seed: seed of environment and policy.
+        on_step: callback with `info` after the reset and after every step.
     """
     inner, recorder = lidar_env_of(env), CourseRecorder()
-    # The environment spawns its generators from the seed; the pair is a root of its own beside them.
+    # The environment spawns generators from the seed; the pair is independent of these.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
     def watch(info: Info) -> None:

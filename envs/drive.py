@@ -1,4 +1,4 @@
-"""Drives of one robot, stepped by a kernel until the environment's or the navigator's objects are needed."""
+"""Kernel that drives one robot until a scan or the navigator requires Python code."""
 
 from numba import njit
 
@@ -14,18 +14,24 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import note_positions, update_robots
 
 UNCHECKED = -1
-"""Progress of a drive that has not been checked after the last control period."""
+"""Progress of a drive that was not checked after the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
-    """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
+    """Drive a robot until a scan is due, the noise is used up, or the progress must be handled in Python.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, and
-    `People.arrays`; `navigator`: written; `noted`: positions and counts of `note_positions`, written; `max_steps`: most
-    control periods; `check_from`: the one from which on the navigator's objects check each. Returns control periods;
-    the progress as `check_progress` returns it, `UNCHECKED` in the first two cases; and how many periods ended in
-    contact, but for the last one.
+    Args:
+        rows, draws, ranges: as for `step_robots`, of one robot.
+        world_arrays: segments and circles of the world, and `People.arrays`.
+        navigator: arrays of the navigator, written.
+        noted: arrays `positions` and `counts` of `note_positions`, written.
+        max_steps: maximum number of control periods.
+        check_from: control period from which every period is checked in Python.
+
+    Returns:
+        Number of control periods; progress as returned by `check_progress`, `UNCHECKED` if a scan is due or the noise
+        is used up; number of periods that ended in contact, without the last one.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles, crowd = around

@@ -1,4 +1,4 @@
-"""Registered environments, a user's own among them: found by their ids, with the arguments that they take."""
+"""Lookup of registered environments and their arguments."""
 
 import importlib
 import inspect
@@ -13,17 +13,17 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from lidarnaut.envs.files import explain_unknown, resolve
 
 EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
-"""Exploration by twists, and by decisions."""
+"""Ids of exploration by velocity commands, and by frontier decisions."""
 
 
 def find_spec(id: str) -> EnvSpec:
-    """Return what is registered under an id; of `module:id`, once the module is imported, also from the current folder.
+    """Return the spec of an id, or of `module:id` after importing the module.
 
     Raises:
-        ValueError: if there is no such module, or no such id; lists those that there are.
+        ValueError: if the module or the id is unknown.
     """
     module, _, name = id.rpartition(":")
-    if module and not name.startswith(("/", "\\")):  # a path that begins with a drive is no id
+    if module and not name.startswith(("/", "\\")):  # a path with a drive letter is not an id
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
         try:
@@ -38,10 +38,9 @@ def find_spec(id: str) -> EnvSpec:
 
 @cache
 def arguments_of(id: str) -> dict[str, Any]:
-    """Return the arguments of an environment by name, with their defaults, or what the id sets.
+    """Return all arguments of an environment by name, with their defaults or the values of its id.
 
-    They are those of its class, of the classes that this one passes arguments on to, and of its task. Of what does not
-    say to what it passes arguments on, those of `EXPLORE` count.
+    Includes arguments of base classes and of the task. Unresolved `**kwargs` stand for the arguments of `EXPLORE`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

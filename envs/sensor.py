@@ -1,4 +1,4 @@
-"""Sensors of the user's own, beside lidar, wheels, gyroscope, compass and bumper."""
+"""Custom sensors, in addition to lidar, wheel encoders, gyroscope, compass and bumper."""
 
 import copy
 from collections.abc import Sequence
@@ -14,46 +14,44 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import World
 
 MEMBERS = ("name", "shape", "reset", "measure")
-"""What a sensor has."""
+"""Required attributes and methods of a sensor."""
 
 
 class Sensor(Protocol):
-    """Measures what is true in the simulation, with noise of its own; readings hold it as `reading.extra[name]`."""
+    """Measures ground truth of the simulation and adds noise; readings contain `reading.extra[name]`."""
 
     name: str
-    """Key in `reading.extra`, and the name of the observation part that shows it as it is."""
+    """Key in `reading.extra`, and name of the observation part with the measurement."""
     shape: tuple[int, ...]
-    """Shape of what it measures."""
+    """Shape of a measurement."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
-        """Start an episode in a world; noise is to be drawn from `rng`."""
+        """Start an episode in a world; `rng` is the generator for noise."""
         ...
 
     def measure(self, simulator: Simulator, robot: int) -> np.ndarray:
-        """Return what one of the robots measures now, an array of `shape`; called once in a control period for each."""
+        """Return the measurement of the robot with index `robot`; called once per robot and control period."""
         ...
 
 
 class Measured:
-    """Observation part that shows what a sensor measured, as float32 without bounds."""
+    """Observation part with the measurement of a custom sensor, float32, unbounded."""
 
     def __init__(self, sensor: Sensor) -> None:
         self._name, self._shape = sensor.name, tuple(sensor.shape)
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-inf, inf, shape, float32)`."""
         return spaces.Box(-np.inf, np.inf, self._shape, np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the last measurement to `out`."""
         out[...] = robot.reading.extra[self._name]
 
 
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
-    """Return sensors from objects, which are copied, classes, or `module:attribute` of either.
+    """Create sensors from objects (copied), classes, or `module:attribute` of either.
 
     Raises:
-        ValueError: one is no sensor, or two have the same name.
+        ValueError: if an item is not a sensor, or two sensors have the same name.
     """
     if isinstance(sensors, str) or not isinstance(sensors, Sequence):
         raise ValueError(f"sensors must be a sequence of sensors or module:attribute, got {sensors!r}")

@@ -1,1 +1,1 @@
-"""Frontier exploration: rules that choose between candidates, and the explorer that drives as any of them says."""
+"""Frontier exploration: rules that score frontier candidates, and their explorers."""

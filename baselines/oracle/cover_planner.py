@@ -1,4 +1,4 @@
-"""Plans how a robot with the true map sees the rest of it: from which viewpoints, in which order."""
+"""Planner of tours from which a robot with the true map observes the remaining area."""
 
 import math
 
@@ -9,28 +9,31 @@ from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, u
 from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Most cells that sample the area to see."""
+"""Maximum number of sample cells of the area to observe."""
 STOP_COST = 0.1
-"""What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
+"""Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
 NEAR = 0.5
-"""Cells within this share of the lidar's range count as in sight of a robot that passes a viewpoint closely."""
+"""Fraction of the lidar range in which cells count as visible from a viewpoint that is passed closely."""
 MAX_MISSES = 2
-"""Number of stops, or viewpoints passed near to it, from which a cell should have been seen and was not, after which
-the tour ignores it."""
+"""Number of viewpoints that fail to show a cell before the tour ignores the cell."""
 
 
 class CoverPlanner:
-    """Keeps a tour and what it is for; plans anew from wherever the robot is.
+    """Keeps a tour of viewpoints, and replans it from the position of the robot.
 
-    A cell that was not seen from where it should have been is ignored from then on: the tour does not go back for it,
-    but makes up for it elsewhere. Where a map has drifted, cells lie behind its walls and never count as known. When so
-    many were missed that the target cannot be reached without them, the explorer ends the tour without them.
+    Missed cells (for example behind walls of a drifted map) are ignored after `MAX_MISSES`, and other cells must
+    replace them. If the target cannot be reached without them, the tour ends without them.
     """
 
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Begin without a tour; a lidar of a range [m] is to see a share of an area from some of the viewpoints."""
+        """Create a planner without a tour.
+
+        Args:
+            reach: lidar range [m].
+            target: fraction of the area to observe.
+        """
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -42,18 +45,18 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the viewpoints to go to, in their order."""
+        """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
-        """Take note that no path leads to a viewpoint."""
+        """Remove a viewpoint from the tour for good."""
         self._used[viewpoint] = True
         self._sees[viewpoint] = 0
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Take note that the robot has been at a viewpoint, its next stop or not, and will see no more from there.
+        """Remove a viewpoint that the robot has visited or passed, and count missed cells.
 
-        `seen`, of the shape of the explorable area, bool, says what is known now.
+        `seen`: known cells, shape of the explorable area, bool.
         """
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
@@ -65,8 +68,12 @@ class CoverPlanner:
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
         """Update the tour of a robot at (x, y), world frame [m].
 
-        `seen`, of the shape of the explorable area, bool, says what is known already, and `num_rounds` how long to look
-        for a shorter tour. Returns whether what there is to see suffices for the target coverage.
+        Args:
+            seen: known cells, shape of the explorable area, bool.
+            num_rounds: number of rounds of the tour search.
+
+        Returns:
+            True if the target coverage can be reached.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:
@@ -82,7 +89,7 @@ class CoverPlanner:
             self.stops = []
             return True
         known = self._sample(wanted)
-        # Samples represent all that is wanted, and as large a share of them may be left out.
+        # The same fraction of samples may be omitted as of wanted cells.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         cover, target = self._cover(*paths), len(known) - num_left
@@ -96,10 +103,9 @@ class CoverPlanner:
         return self.plan(x, y, seen, num_rounds)
 
     def next_viewpoint(self, x: float, y: float, distance: float) -> int:
-        """Return where to drive next from (x, y): to the next stop, or to the viewpoint so far along the path there.
+        """Return the next stop, or the first viewpoint on the path from (x, y) beyond `distance` [m].
 
-        The paths between stops lead through other viewpoints, and may be slightly longer than the shortest ones; a goal
-        that is near enough [m] keeps the robot on them.
+        Paths between stops lead through viewpoints; a near goal keeps the robot on these paths.
         """
         points, path = self.viewpoints.points, [self.stops[0]]
         while self._predecessors[path[0]] != len(points):
@@ -113,7 +119,7 @@ class CoverPlanner:
         return path[-1]
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
-        """Return which samples of what is wanted need not be seen, shape (s,), bool; draws new ones if few are left."""
+        """Return which sample cells need not be observed, shape (s,), bool; resample if few are left."""
         known: np.ndarray = ~wanted[tuple(self._samples.T)]
         num_left = np.count_nonzero(~known)
         if num_left > len(known) // 2 or (0 < len(known) < MAX_SAMPLES and num_left > 0):
@@ -126,11 +132,11 @@ class CoverPlanner:
         return np.zeros(num_samples, dtype=bool)
 
     def _cover(self, from_robot: np.ndarray, predecessors: np.ndarray) -> Cover:
-        """Return the viewpoints with the robot as the last one of them."""
+        """Return the viewpoints, with the robot as the last one."""
         size = len(self.viewpoints.cells)
         lengths = np.pad(self.viewpoints.lengths, (0, 1))
         lengths[size, :size] = lengths[:size, size] = from_robot
-        # Nothing leads back to the robot.
+        # No path leads back to the robot.
         chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
         return Cover(lengths + STOP_COST, chain, np.pad(self._sees, ((0, 1), (0, 0))))

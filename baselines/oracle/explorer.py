@@ -1,7 +1,7 @@
-"""The bound: an explorer that uses ground truth, and drives a short tour from which enough of it is seen.
+"""Explorer that uses ground truth and drives a short coverage tour, an upper bound.
 
-It plans on the true map and drives over the estimated one, completed by the true one where that is unknown, with the
-navigator of the other explorers: what distinguishes it from them is foresight.
+Tours are planned on the true map, paths on the estimated map completed by the true map. The navigator is that of other
+explorers.
 """
 
 import numpy as np
@@ -19,31 +19,31 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
-"""Time between two plans of the tour [s]."""
+"""Time between two updates of the tour [s]."""
 FIRST_ROUNDS = 300
-"""How long the first tour is looked for; see `search_tour`."""
+"""Number of search rounds for the first tour; see `search_tour`."""
 ROUNDS = 4
-"""How long a shorter one is looked for with each decision."""
+"""Number of search rounds for later tours; see `search_tour`."""
 LOOKAHEAD = 3.0
-"""How far ahead along the tour paths are planned at most [m]; they end at the next stop."""
+"""Maximum distance of a path goal along the tour [m]."""
 ARRIVED = 0.15
-"""A stop this near has been reached [m]."""
+"""Distance at which a stop counts as reached [m]."""
 REACH_MARGIN = 0.1
-"""What is taken off the lidar's range in plans [m]."""
+"""Reduction of the lidar range in plans [m]."""
 GOAL_TOLERANCE = 0.4
-"""How far beside a stop a path may end where the map has an obstacle there [m]."""
+"""Maximum distance between a stop and the end of its path [m]."""
 
 
 class TrueMap:
-    """The true walls in the map frame, to complete an estimated map with."""
+    """True map in the map frame, used to complete an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Take the true map, world frame, and the pose of the map frame's origin in it."""
+        """Store the true map, world frame, and the pose of the map frame in the world frame."""
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the estimated map with the true one where it is unknown; its extent is that of the true one."""
+        """Return the estimated map, with unknown cells and extent from the true map."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)
@@ -56,7 +56,7 @@ class TrueMap:
         return OccupancyGrid(data, truth.resolution, truth.origin)
 
     def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the true map on cells that coincide with those of a map; maps grow by whole cells."""
+        """Return the true map on the cells of an estimated map; computed once, as maps grow by whole cells."""
         if self._grid is None:
             x_min, y_min, x_max, y_max = self._walls.bounds
             corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])
@@ -75,7 +75,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Has the true map, and only has to drive through it. An `Omniscient`, served by `lidarnaut.baselines.episode`."""
+    """Explorer with the true map; an `Omniscient`."""
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()
@@ -84,12 +84,12 @@ class OracleExplorer:
 
     @property
     def end_reason(self) -> str | None:
-        """Why nothing is left that could be seen: that of `NearestExplorer`, which follows the tour; None before."""
+        """Stop reason of `NearestExplorer`, which continues after the tour; None before."""
         return self._rest.end_reason
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
+        """Remaining planned path, map frame [m], shape (n, 2), or None."""
         return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -106,12 +106,11 @@ class OracleExplorer:
         self._is_done = False
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
-        """Take the ground truth; see `Omniscient`."""
         self._coverage, self._target_coverage, self._start = coverage, target_coverage, coverage.start
         self._truth = TrueMap(coverage.area.walls, coverage.start)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`. Raises a RuntimeError where ground truth has not been given."""
+        """Return the twist; RuntimeError before `reveal`."""
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
         if self._is_done:
@@ -132,7 +131,7 @@ class OracleExplorer:
         return navigator.command(belief.pose)
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
-        """Plan what is left of the tour, and drive to its next stops; False if there are none."""
+        """Update the tour and drive to its next stops; return False without stops."""
         num_rounds = ROUNDS if self._planner else FIRST_ROUNDS
         planner = self._planner = self._planner or self._prepare(planning, coverage)
         if planner is None:
@@ -157,8 +156,8 @@ class OracleExplorer:
                 planner.leave_out(stop)
 
     def _prepare(self, planning: PlanningMap, coverage: Coverage) -> CoverPlanner | None:
-        """Spread viewpoints over the true map, for a smaller footprint if the whole one does not get around enough."""
-        # The robot counts as having arrived a little before.
+        """Place viewpoints on the true map, for a smaller footprint if the full footprint reaches too little."""
+        # Stops count as reached from a short distance.
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:
@@ -173,7 +172,7 @@ class OracleExplorer:
         return first
 
     def _drive_on(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
-        """Drive on along the tour; False if there is no path."""
+        """Drive along the tour; return False without a path."""
         x, y, _ = self._start.compose(pose)
         goal = planner.next_viewpoint(x, y, LOOKAHEAD)
         point = self._start.inverse().transform(planner.viewpoints.points[goal])
@@ -181,7 +180,7 @@ class OracleExplorer:
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], tuple(point.tolist()), tolerance=GOAL_TOLERANCE)
             if path is not None:
-                # The clocks that tell when the robot is stuck go on where the goal is the same.
+                # The progress checker keeps its timers if the goal is unchanged.
                 is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
                 self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
                 self._goal = goal

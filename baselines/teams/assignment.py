@@ -1,4 +1,4 @@
-"""Rules that say which robot of a team goes to which frontier."""
+"""Rules that assign frontiers to the robots of a team."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -14,40 +14,41 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
 COVER = 2.0
-"""Frontiers this near to that of a stop belong to it [m]."""
+"""Radius of the frontiers that a stop covers [m]."""
 MAX_STOPS = 32
-"""Stops of all tours together, those that are cheapest to get to."""
+"""Maximum number of stops of all tours, the cheapest first."""
 WORK = 0.3
-"""Length of path that exploring a unit of unknown area takes beside the tour [1/m]."""
+"""Path length that counts for a unit of unknown area at a stop [1/m]."""
 KEEP = 6.0
-"""How much nearer a stop counts to the robot that is going there [m], so that robots do not turn to and fro."""
+"""Length subtracted for the current stop of a robot, against oscillation [m]."""
 
 
 class Assignment(Protocol):
-    """Says which robot goes where."""
+    """Function that assigns frontier candidates to robots."""
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
-        """Return the index of each robot's candidate; `UNASSIGNED` for robots without any.
+        """Return the candidate index of each robot, or `UNASSIGNED`.
 
-        `offers` are the candidates of the robots that are assigned one now, `taken` the frontiers that further robots
-        drive to, shape (k, 2), map frame [m]; `beliefs` are those of the robots that offer.
+        Args:
+            offers: candidates of the robots to be assigned.
+            taken: frontiers of other robots, shape (k, 2), map frame [m].
+            beliefs: estimates of the robots to be assigned.
         """
 
 
 class Auction:
-    """Sells frontiers one after the other, each to the robot that bids most for any of those left.
+    """Sequential single-item auction of frontiers, with the scores of a rule as bids.
 
-    Sequential single-item auctions: Zlot, Stentz, Dias, Thayer, "Multi-robot exploration controlled by a market
-    economy" (2002); Koenig et al., "The power of sequential single-item auctions for agent coordination" (2006). A bid
-    is what a rule says; unknown area near frontiers that others go to counts less (`discount`).
+    Zlot, Stentz, Dias, Thayer, "Multi-robot exploration controlled by a market economy" (2002); Koenig et al., "The
+    power of sequential single-item auctions for agent coordination" (2006). Gains near assigned frontiers are
+    discounted (`discount`).
     """
 
     def __init__(self, rule: FrontierRule | None = None, overlap: float = OVERLAP) -> None:
-        """Take a rule, `GainOverCost` by default, and the distance up to which robots see the same [m]."""
+        """Create an auction with a rule and the overlap distance of views [m]."""
         self._rule, self._overlap = rule or GainOverCost(), overlap
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
-        """Return each robot's candidate; see `Assignment`."""
         offers = [replace(candidates, table=candidates.table.copy()) for candidates in offers]
         chosen = [UNASSIGNED] * len(offers)
         left = [k for k, candidates in enumerate(offers) if len(candidates)]
@@ -67,17 +68,16 @@ class Auction:
 
 
 class MinMaxTours:
-    """Plans tours past all frontiers, the longest as short as can be; each robot goes to the first stop of its own.
+    """Plans tours past all frontiers with a short longest tour; robots drive to their first stops.
 
-    The min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
-    multi-robot exploration" (2012). Stops cover the frontiers. Robots that get no stop go where `Auction` says.
+    Min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
+    multi-robot exploration" (2012). Robots without a stop are assigned by `Auction`.
     """
 
     def __init__(self) -> None:
         self._auction = Auction()
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
-        """Return each robot's candidate; see `Assignment`."""
         table = np.concatenate([candidates.table for candidates in offers])
         if len(table) == 0:
             return [UNASSIGNED] * len(offers)
@@ -99,7 +99,7 @@ class MinMaxTours:
         for k, candidates in enumerate(offers):
             own = np.flatnonzero(stop_of[firsts[k] : firsts[k] + len(candidates)] == tours[k, 0])
             if tours[k, 0] >= 0 and len(own):
-                chosen[k] = int(own[0])  # the cheapest one
+                chosen[k] = int(own[0])  # the cheapest
         left = [k for k, index in enumerate(chosen) if index == UNASSIGNED]
         goals = [offers[k]["frontier"][index] for k, index in enumerate(chosen) if index != UNASSIGNED]
         rest = self._auction([offers[k] for k in left], np.vstack([taken, *goals]), [beliefs[k] for k in left])
@@ -109,10 +109,11 @@ class MinMaxTours:
 
 
 def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Choose stops among candidates, shape (n,), of all robots, `CANDIDATE`: the cheapest that no other covers.
+    """Select stops from the candidates of all robots, shape (n,), `CANDIDATE`: the cheapest uncovered first.
 
-    Returns the stops' indices, and for each candidate the stop that covers it, shape (n,), int64; -1 for none: beyond
-    `MAX_STOPS`, and those that failed, while there are others.
+    Returns:
+        Candidate indices of the stops; stop that covers each candidate, shape (n,), int64, -1 for candidates beyond
+        `MAX_STOPS` and for failed ones.
     """
     stops, stop_of = list[int](), np.full(len(table), -1)
     is_left = table["failures"] == table["failures"].min()
