@@ -40,11 +40,11 @@ class Command:
     config: str | None = None
     """YAML file with settings, or `arena` from the package; options of the command line override its settings."""
     jobs: int = 1
-    """Number of processes for episodes; decision times are most accurate with at most one per core."""
+    """Number of processes; decision times are most accurate with at most one per core."""
     shard: str | None = None
-    """Run part I of N and publish nothing, as `I/N`; parts may share the folder, also between machines."""
+    """Run part I of N and publish nothing, as `I/N`; parts may share the folder."""
     trust: tuple[str, ...] = ()
-    """Modules of your own, or `module:attribute`, that learned policies may use; other modules are refused."""
+    """Modules of your own, or `module:attribute`, that learned policies may use."""
     ray: str | None = None
     """Address of a Ray cluster for the episodes (needs the extra `ray`)."""
     bags: Path | None = None
@@ -106,7 +106,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Split a command line into other options and the values of `--arguments.NAME VALUE`, read as YAML."""
+    """Split a command line into other options and the values of `--arguments.NAME VALUE`."""
     rest, found, left = list[str](), dict[str, Any](), iter(words)
     for word in left:
         if not word.startswith("--arguments."):
@@ -122,8 +122,7 @@ def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
 def shown_command(arguments: Sequence[str], command: Command) -> str:
     """Return a command that reproduces the results, without folders of this machine.
 
-    Paths below the current folder become relative. A folder of results elsewhere becomes `runs/NAME`, with the name of
-    the configuration or of the folder.
+    A folder of results outside of the current folder becomes `runs/NAME`.
     """
     shown = shlex.join(argument for argument in arguments if argument != "--report").replace(f"{Path.cwd()}/", "")
     if command.out.is_absolute() and not command.out.is_relative_to(Path.cwd()):

@@ -8,8 +8,8 @@ python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     def
 
 Every key of the configuration is an option, with dots between nested names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
---hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig in agents.config.
---trust MODULE ... names modules of your own that a run folder may use; other modules are refused.
+--hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig.
+--trust MODULE ... names modules of your own that a run folder may use.
 --ray ADDRESS runs a sweep or an evolution on a Ray cluster; --jobs 2 runs two trainings of a sweep in parallel.
 """
 
@@ -73,7 +73,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
-    """Start or resume a training, sweep or evolution; return the folder of results. Errors as for `train`."""
+    """Start or resume a training, sweep or evolution; return the folder of results."""
     # Torch takes seconds to import: check the configuration first.
     if {"sweep", "seeds"} & data.keys():
         from lidarnaut.agents.sweep import run_sweep
@@ -112,11 +112,7 @@ def read_changes(words: Sequence[str]) -> dict[str, Any]:
 
 
 def read_value(text: str) -> Any:
-    """Parse a number (also 1e-3 and 60_000), boolean, None, YAML list, YAML mapping, or text.
-
-    Raises:
-        ValueError: if a list or mapping is not valid YAML.
-    """
+    """Parse a number, boolean, None, YAML list, YAML mapping, or text; ValueError for invalid YAML."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError):

@@ -78,7 +78,7 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""Policies for team tasks with an attribute of this name, by attribute; see `policies_for`."""
+"""Policies for team tasks with an attribute of this name, by attribute."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
 """Names of all classical policies."""
 
@@ -86,8 +86,7 @@ CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values())
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
     """Return the classical policies for the task of an environment after its reset, by name.
 
-    Task attributes decide: a custom task with a `goal` offers `pursuit`. A name may stand for different policies in
-    different tasks.
+    Task attributes decide: a custom task with a `goal` offers `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):

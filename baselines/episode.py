@@ -1,4 +1,4 @@
-"""Episodes: the loop that runs a policy in an environment, and the measures of an episode."""
+"""Episodes of policies in environments, and their measures."""
 
 import math
 import time
@@ -20,9 +20,7 @@ from lidarnaut.envs.rendering.scene import people_in
 from .explorer import Omniscient, Policy, to_action
 
 Info = dict[str, Any]
-"""Type of the `info` of an environment."""
 Observation = dict[str, np.ndarray]
-"""Type of the observation of an environment."""
 Decide = Callable[[Observation], np.ndarray | np.integer | str]
 """Function that returns the action for an observation, or a reason to stop."""
 Watch = Callable[[Info], None]
@@ -88,8 +86,8 @@ def run(
 class Episode:
     """Measures of one episode, in simulated time and true distances.
 
-    Time and distance are infinite for thresholds that were never reached. Statistics replace these values by
-    `time_limit` and `distance_limit`, such that an early end does not count as fast.
+    Values are infinite for thresholds that were never reached. Statistics replace these by `time_limit` and
+    `distance_limit`.
     """
 
     values: Mapping[str, float]
@@ -99,13 +97,13 @@ class Episode:
     decision_times: np.ndarray
     """Processor time of each decision in all threads [s], shape (k,)."""
     end_reason: str
-    """Reason of the end: from the task, "time_limit", or from the policy ("no_reachable_frontier", ...)."""
+    """Reason of the end: from the task, "time_limit", or from the policy."""
     duration: float
     """Simulated time at the end [s]."""
     time_limit: float
     """Time limit [s]."""
     distance_limit: float
-    """Maximum distance within the time limit, at full speed [m]."""
+    """Distance at full speed within the time limit [m]."""
 
     @property
     def decision_ms(self) -> float:
@@ -122,7 +120,7 @@ class Episode:
 def begin_episode(
     env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment by a seed and a policy by a generator; return the result of `env.reset`.
+    """Reset an environment and a policy; return the result of `env.reset`.
 
     Passes the route of the task to `set_route`, and ground truth to an `Omniscient`.
     """
@@ -144,8 +142,8 @@ def begin_episode(
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     """Return the decision function of a policy in an environment, which also stores planned paths.
 
-    Actions are repeated if the `control_hz` of the policy is lower. With `return_home`, a navigator drives home once
-    the policy has stopped or the task calls the robot back.
+    Actions are repeated if the policy has a lower `control_hz`. With `return_home`, a navigator drives home once the
+    policy has stopped or the task calls the robot back.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -171,15 +169,11 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
 
 
 def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
-    """Return the function that asks a policy for an action, according to its interface.
-
-    Raises:
-        ValueError: if the policy is for another number of robots or another action space.
-    """
+    """Return the function that asks a policy for an action; ValueError for another action space."""
     inner, name = lidar_env_of(env), type(policy).__name__
     outer: Any = env.unwrapped
     if _chooses(env):
-        if hasattr(policy, "choose"):  # 0 without candidates: turn in place
+        if hasattr(policy, "choose"):  # turn in place without candidates
             return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
         if hasattr(policy, "act"):
             raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
@@ -225,7 +219,6 @@ def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
 
 
 def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
-    """Return the number of steps per decision of a policy."""
     rate = getattr(policy, "control_hz", None)
     if rate is None or _chooses(env):
         return 1
@@ -236,14 +229,14 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
     """Run an episode until the task, the time limit or the policy ends it.
 
     Args:
-        env: environment of this package, or of a custom task, possibly wrapped.
+        env: environment, possibly wrapped.
         policy: explorer, team or observation policy, see `lidarnaut.baselines.explorer`; only an `Omniscient` gets
             ground truth.
         seed: seed of environment and policy.
         on_step: callback with `info` after the reset and after every step.
     """
     inner, recorder = lidar_env_of(env), CourseRecorder()
-    # The environment spawns generators from the seed; the pair is independent of these.
+    # Independent of the generators that the environment spawns from the seed.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
     def watch(info: Info) -> None:

@@ -19,9 +19,9 @@ class Policy(Protocol):
     Optional attributes: `observations` (required observation parts), `control_hz` (decision rate; actions are repeated
     in between), `level` ("decision" for policies that choose frontiers), `uses_ground_truth` (see `marked`).
 
-    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes; if only the
-    bearing is known, the pose is a point in this direction. `set_tolerances(distance, heading)` is called before it
-    with the tolerances [m, rad]. `set_route(route)` receives the route of a task.
+    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes, or a point in
+    its direction if only the bearing is known. `set_tolerances(distance, heading)` is called before [m, rad].
+    `set_route(route)` receives the route of a task.
     """
 
     @property
@@ -37,7 +37,7 @@ class Policy(Protocol):
 
         Args:
             control_period: time between calls of `act` [s].
-            rng: generator for all random numbers of the policy.
+            rng: generator of the policy.
         """
 
 
@@ -62,21 +62,18 @@ class Omniscient(Protocol):
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
         """Receive the ground truth of an episode, after `Policy.reset`.
 
-        Args:
-            coverage: coverage, updated by the environment.
-            target_coverage: explored fraction that ends the episode.
+        `target_coverage`: explored fraction that ends the episode.
         """
 
 
 GROUND_TRUTH = " (ground truth)"
-"""Suffix of the names of policies that use ground truth, in tables and plots."""
+"""Suffix of the names of policies that use ground truth."""
 
 
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
     """Return the name of a policy, with the suffix `GROUND_TRUTH` if it uses ground truth.
 
-    An `Omniscient` and a policy with `uses_ground_truth` do, and an observation policy if `env` has
-    `uses_ground_truth`.
+    This includes observation policies if `env` has `uses_ground_truth`.
     """
     uses_it = isinstance(policy, Omniscient) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -105,14 +102,13 @@ class OnePerRobot:
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """Planned path of each robot for rendering, map frame [m], shape (n, 2), or None."""
+        """Planned path of each robot, map frame [m], shape (n, 2), or None."""
         return [explorer.plan for explorer in self._explorers]
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._arguments, self._explorers = (robot, control_period, rng), []
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twist of each robot."""
         robot, period, rng = self._arguments
         if not self._explorers:
             self._explorers = [copy.deepcopy(self._explorer) for _ in readings]

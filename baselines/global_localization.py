@@ -1,8 +1,7 @@
 """Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
-The experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022). A robot explores an unknown world and saves
-the map as PGM and YAML. Then it starts at an unknown pose on this map, moves until the particle filter has converged,
-and drives to goals. A GIF shows the particles and the driven path.
+Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, starts at an
+unknown pose on this map, localizes by a particle filter, and drives to goals. A GIF shows the particles and the path.
 """
 
 from dataclasses import replace
@@ -47,7 +46,6 @@ class Animation:
         self._frames: list[tuple[Image.Image, int]] = []
 
     def take(self, env: LidarEnv) -> None:
-        """Render a frame if it is due."""
         scene = env.scene()
         if scene.time < self._next:
             return

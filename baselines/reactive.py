@@ -15,19 +15,19 @@ from lidarnaut.envs.tasks.route import Route
 CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Candidate curvatures from right to left, for a robot radius of 0.1 m; lower for larger robots [1/m]."""
 REFERENCE_RADIUS = 0.1
-"""Robot radius for which `CURVATURES` are given [m]."""
+"""Robot radius of `CURVATURES` [m]."""
 MARGIN = 0.12
 """Preferred gap between footprint and wall [m]."""
 TIGHT_MARGIN = 0.02
 """Gap between footprint and wall in narrow passages [m]."""
 REACH = 0.8
-"""Collision-free length that an arc needs, in addition to the robot's radius [m]."""
+"""Collision-free length that an arc needs, beyond the robot's radius [m]."""
 SPEED = 0.8
 """Speed as a fraction of the maximum speed."""
 TURN_RATE = 1.0
 """Maximum yaw rate of turns [rad/s]."""
 LOOKAHEAD_TIME = 0.75
-"""Lookahead distance / speed [s]: half of the default, because routes are smoother than grid paths."""
+"""Lookahead distance / speed [s]; routes are smoother than grid paths."""
 MIN_TURN_TIME = 1.0
 """Minimum arc radius / speed [s]; the robot slows down on tighter arcs."""
 ROTATE_FROM = 1.6
@@ -91,7 +91,6 @@ class WallFollower:
         return twist
 
     def _command(self, obstacles: np.ndarray) -> Twist:
-        """Return the twist along the wall, or straight ahead without a wall."""
         turn = Twist(0.0, min(TURN_RATE, self._robot.max_w))
         if self._is_following and abs(self._turned) > 2.0 * math.pi:
             # A fixed angle could lead around the same wall again.
@@ -106,11 +105,9 @@ class WallFollower:
         return next((self._drive(arc) for margin, arc in arcs if self._is_free(obstacles, arc, margin)), turn)
 
     def _is_free(self, obstacles: np.ndarray, curvature: float, margin: float) -> bool:
-        """Return True if an arc of a curvature [1/m] is free with a margin to obstacles [m]."""
         return free_distance(obstacles, curvature, self._robot.radius + margin, self._reach) >= self._reach
 
     def _drive(self, curvature: float) -> Twist:
-        """Return the twist along an arc of a curvature [1/m]."""
         robot = self._robot
         v = min(SPEED * robot.max_v, math.sqrt(robot.max_acc_v * self._reach))
         limit = min(TURN_RATE, robot.max_w)

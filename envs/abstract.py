@@ -1,4 +1,4 @@
-"""Frontier exploration without driving, for fast training and tuning: the robot moves along planned paths."""
+"""Frontier exploration without driving: the robot moves along planned paths."""
 
 import math
 from collections.abc import Iterator
@@ -33,9 +33,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
 
     ## Description
     The decisions, candidates, map, lidar, worlds and reward of `ExploreFrontiersEnv`, about twice as fast. The robot is
-    moved along the planned path between decisions. Scans are integrated at intervals, at an estimated pose with a
-    drifting error. Wheels, contacts, scan matching and recoveries are not simulated. Evaluate results in
-    `ExploreFrontiersEnv`; docs/explore_frontiers.md compares the two environments.
+    moved along the planned path; scans are integrated at intervals, at an estimated pose with a drifting error. Wheels,
+    contacts, scan matching and recoveries are not simulated. Evaluate results in `ExploreFrontiersEnv`;
+    docs/explore_frontiers.md compares both.
 
     ## Action Space
     As in `ExploreFrontiersEnv`.
@@ -104,7 +104,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
         self._error = ORIGIN
         started = super().reset(seed=seed, options=options)
-        # Scan obstacles, base frame, do not move with the robot here: plan on the map only.
+        # Scan obstacles do not move with the robot here: plan on the map only.
         record = self.navigator.navigator.record
         record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
         return started
@@ -128,7 +128,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             result = navigator.conclude(progress, robot.reading, robot.belief)
             if result is not None:
                 return result
-        # No candidates are left: look around.
         return self._drive()
 
     def _slide_along(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
@@ -157,7 +156,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             before = count
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield the scans of a full turn in place, as `_slide_along` does."""
         navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
         navigator.stop()
         parts = 1 if self._sees_around else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))
@@ -200,7 +198,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         return is_free
 
     def _is_free(self, pose: Pose2D) -> bool:
-        """Return True if a true pose is collision-free, with a tolerance of one raster cell."""
         area = self._task.coverage.area
         (left, bottom), side = area.walls.origin, area.walls.resolution
         row, col = math.floor((pose.y - bottom) / side), math.floor((pose.x - left) / side)

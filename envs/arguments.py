@@ -67,7 +67,7 @@ def check_positive(**values: float) -> None:
 
 
 def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
-    """Return a hint for the error on actions outside [-1, 1], if the environment has `clip_actions`."""
+    """Return a hint for errors on actions outside [-1, 1] if the environment has `clip_actions`."""
     if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
         return ""
     return "; clip_actions=True clips what lies outside"

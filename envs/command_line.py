@@ -1,4 +1,4 @@
-"""Command lines of functions, their error messages, and console output."""
+"""Command lines of functions."""
 
 import contextlib
 import functools
@@ -41,7 +41,6 @@ def program_name() -> str:
 
 
 class _Output(io.FileIO):
-    """Standard stream that ignores output after its reader has closed the pipe."""
 
     def write(self, data: Any) -> int:
         try:
@@ -53,7 +52,7 @@ class _Output(io.FileIO):
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
     """Return the options of the command line, None for those of the process; print `--version`.
 
-    Later output to a closed pipe or stream is ignored.
+    Output to a closed pipe or stream is ignored.
     """
     if arguments is None:
         for name in ("stdout", "stderr"):
@@ -100,7 +99,6 @@ def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) 
 
 
 def _in_a_line(box: str) -> str:
-    """Return the error box of tyro as one line, without help texts."""
     rows = [row[2:].rstrip(" │") for row in re.sub(r"\x1b\[[\d;]*m", "", box).splitlines()[1:]]
     text = " ".join(row.strip() for row in rows if not row.startswith(" " * 8))
     text = re.sub(r"\s*(─{3,}╯?|-{5,})\s*", "; ", text.replace("Argument helptext:", "it is"))
@@ -116,8 +114,8 @@ def run_command(
     Args:
         main: function; the docstring of its module is the help text.
         arguments: command line; None for that of the process.
-        options: class of the function's argument; None if the options are the function's arguments.
-        status: exit status of errors that the function raises; 2 for invalid options.
+        options: class of the function's argument; None for a function with options as arguments.
+        status: exit status after errors of the function.
     """
     arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))

@@ -1,7 +1,4 @@
-"""Numba kernels: cache on disk, lock between processes, and progress bar.
-
-Kernels with inaccessible cache files are compiled in memory, with one warning.
-"""
+"""Numba kernels: cache on disk, lock between processes, and progress bar."""
 
 import contextlib
 import errno
@@ -35,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times for a process that compiles the same kernel: until a warning, and until this process compiles too [s]."""
+"""Waiting times for a process that compiles the same kernel, until a warning and until this process compiles too [s]."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -47,13 +44,13 @@ _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*
 class KernelCache(caching.NullCache):
     """Kernel cache with one file per signature: a hash, then key and code, pickled.
 
-    Numba's own cache is beside the source: each checkout compiles again, and changes of called kernels go unnoticed.
-    This cache is in `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder
-    `lidarnaut-UID`. Loading executes the file: other users must not have write access.
+    Unlike Numba's cache, it is shared between checkouts and depends on called kernels. The folder is `NUMBA_CACHE_DIR`,
+    or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the
+    file: other users must not have write access.
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the folder; OSError if no folder is usable or a source file is unreadable."""
+        """Choose the folder; OSError if none is usable or a source file is unreadable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -68,7 +65,7 @@ class KernelCache(caching.NullCache):
         except OSError as error:
             self._base, self._closed = os.path.join(tempfile.gettempdir(), f"lidarnaut-{_USER}"), 0o077
             self.path()
-            if multiprocessing.parent_process() is None:  # workers: their parent has warned
+            if multiprocessing.parent_process() is None:  # workers are silent
                 _warn("compiled kernels are kept in %s: %s", self._base, error)
 
     def path(self, key: Any = None) -> str:
@@ -119,7 +116,6 @@ class KernelCache(caching.NullCache):
 
 
 class _Progress(event.Listener):
-    """Logs the first compilation, and counts kernels on a terminal."""
 
     def __init__(self) -> None:
         self._depth = 0
@@ -130,9 +126,9 @@ class _Progress(event.Listener):
         if self._depth > 1 or not _OWN.match(str(event.data["dispatcher"].py_func.__module__)):
             return
         if self._bar is None:
-            if not multiprocessing.current_process().daemon:  # workers compile the kernels of their parent
+            if not multiprocessing.current_process().daemon:
                 _log.warning("compiling kernels for this machine, once: it takes one to two minutes")
-            is_off = True if multiprocessing.parent_process() else None  # None: off without a terminal
+            is_off = True if multiprocessing.parent_process() else None
             self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False, disable=is_off)
         self._bar.refresh()
 
@@ -141,7 +137,7 @@ class _Progress(event.Listener):
         if self._bar is not None:
             self._bar.update()
             if self._depth == 0:
-                self._bar.clear()  # other output begins on an empty line
+                self._bar.clear()
 
 
 def sources(path: str) -> list[str]:
@@ -162,7 +158,6 @@ def _hash(path: str) -> str:
 
 @cache
 def _read(path: str) -> tuple[str, list[str]]:
-    """Return the text of a file and the project files that its top level imports."""
     with open(path, encoding="utf-8") as file:
         text = file.read()
     stems = []
@@ -180,7 +175,6 @@ def _name(path: str) -> str:
 
 
 def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) -> None:
-    """Give a kernel of this project a `KernelCache`."""
     if not _OWN.match(_name(dispatcher.py_func.__code__.co_filename)):
         return enable(dispatcher)
     try:
@@ -195,7 +189,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
         return compile(dispatcher, sig)
     with global_compiler_lock, _lock(dispatcher, sig):  # the same order of locks in all threads
         is_on = gc.isenabled()
-        gc.disable()  # faster, and little memory is freed
+        gc.disable()
         try:
             return compile(dispatcher, sig)
         finally:
@@ -235,7 +229,6 @@ def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
 
 
 def _warn(text: str, subject: str, reason: object) -> None:
-    """Log a warning once per reason."""
     cause = text, str(getattr(reason, "strerror", None) or reason)
     if cause not in _warned:
         _warned.add(cause)

@@ -1,4 +1,4 @@
-"""Environment of one or several robots: simulation, estimation, task and observations."""
+"""Environments of lidar robots for all tasks."""
 
 import copy
 import inspect
@@ -36,13 +36,13 @@ from lidarnaut.envs.worlds import World
 NO_TRACKS = np.empty((0, 5))
 """Empty array of people tracks, shape (0, 5): x, y, vx, vy, radius."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""Methods that the batched path of vector environments replaces. An environment that overrides one is stepped alone."""
+"""Methods that the batched path replaces. An environment that overrides one is stepped alone."""
 WORLDS = 2**32 - 1
-"""Spawn key of the generator that draws worlds; `Generator.spawn` does not reach this key."""
+"""Spawn key of the generator of worlds; `Generator.spawn` does not reach this key."""
 
 
 class WholeStep:
-    """Context manager for a part of a step: after an exception the environment requires a reset."""
+    """Context manager that requires a reset after an exception in a part of a step."""
 
     def __init__(self, env: "LidarEnv") -> None:
         self._env = env
@@ -58,33 +58,32 @@ class WholeStep:
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     """Lidar robots in a planar world, driven by velocity commands.
 
-    One step lasts one control period. Actions are forward speed and yaw rate (counter-clockwise), as fractions of the
+    One step is one control period. Actions are forward speed and yaw rate (counter-clockwise), as fractions of the
     robot's limits. A `lidarnaut.envs.task.Task` defines goal, reward and episode end.
 
     ## Arguments
-    The arguments of the task, and the following arguments of all tasks:
+    The arguments of the task, and:
 
-    - `robot` (`None`): name of a library robot, path of a robot YAML, or `RobotParams`; `None` selects the default
-      robot of the world.
-    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`; vector environments default to `"kinematic"`.
+    - `robot` (`None`): library robot, path of a robot YAML, or `RobotParams`; `None` selects the world's default.
+    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`, the default of vector environments.
     - `control_hz` (`10.0`): steps per second.
-    - `time_limit` (`None`): maximum duration of an episode [s]; `None` selects the default of the task.
+    - `time_limit` (`None`): maximum duration of an episode [s]; `None` selects the task's default.
     - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` selects
-      the default of the task.
-    - `people` (`None`): pedestrians: a number, (low, high), the name of a crowd (`"sparse"`, `"dense"`, `"corridor"`,
-      `"doorway"`, `"crossing"`), a `lidarnaut.envs.simulation.Crowd`, or a mapping of its parameters. Sampled in each
-      episode. The last `info` also contains the measures `lidarnaut.envs.measures.PEOPLE`.
-    - `track_people` (`None`): whether robots track people in their scans (`belief.people`) and exclude them from their
-      maps; `None` enables tracking if `people` is given and the estimator is not dead reckoning.
+      the task's default.
+    - `people` (`None`): number of pedestrians, (low, high), name of a crowd (`"sparse"`, `"dense"`, `"corridor"`,
+      `"doorway"`, `"crossing"`), `lidarnaut.envs.simulation.Crowd`, or mapping of its parameters; sampled in each
+      episode. The last `info` then contains `lidarnaut.envs.measures.PEOPLE`.
+    - `track_people` (`None`): whether robots track people in scans (`belief.people`) and exclude them from maps; `None`
+      enables tracking if `people` is given and the estimator is not dead reckoning.
     - `sensors` (`()`): custom sensors, see `lidarnaut.envs.sensor.Sensor`.
-    - `randomize` (`None`): ranges (low, high) by name of a robot parameter; each episode samples the parameters of the
-      simulated robot; see docs/domain_randomization.md.
+    - `randomize` (`None`): ranges (low, high) by robot parameter, from which each episode samples the simulated robot;
+      see docs/domain_randomization.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped instead of raising an error.
-    - `collision_monitor` (`False`): whether commands are slowed down such that the robot can stop before obstacles in
-      its scan, see `lidarnaut.envs.navigation.collision_monitor`.
+    - `collision_monitor` (`False`): whether commands are slowed down to stop before obstacles in the scan, see
+      `lidarnaut.envs.navigation.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
-      `DataCollector(record_infos=True)` requires. Entries of the last step are NaN, empty or `False` before that step.
+      `DataCollector(record_infos=True)` requires; entries of the last step are NaN, empty or `False` before.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
@@ -118,7 +117,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Raises:
             ValueError: if the value of an argument is not allowed.
-            TypeError: if the task has no argument of this name.
+            TypeError: if the task has no such argument.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
@@ -126,9 +125,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         self.task: Any = make_task(task, settings)
-        """Task that defines goal, reward and episode end."""
         self.robot = choose_robot(robot, getattr(self.task, "world", ""))
-        """Nominal robot parameters; domain randomization changes only the simulated robot."""
+        """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
@@ -142,7 +140,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
-            # Reserve enough space for the parameters of any episode.
+            # Reserve space for any episode.
             self.simulator.set_robot(self._randomization.robot(self._randomization.highest))
         self.time_limit = time_limit or math.inf
         """Maximum duration of the episode [s]."""
@@ -155,8 +153,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Callback of recorders, called with None after a reset and with the commanded twists after each control
-        period."""
+        """Recorder callback, called with None after a reset and with the twists after each control period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = self.task.is_team
@@ -183,7 +180,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._prepared: tuple[Any, ...] = (None,) * 4
         self.whole_step, self._fixed_info = WholeStep(self), fixed_info
         self.has_begun = False
-        """Whether `step` may be called: the last reset and all steps since have succeeded."""
+        """Whether `step` may be called."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
@@ -196,8 +193,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
         Args:
             seed: seed of all random numbers.
-            options: settings of this episode: `world`, `start` and the `reset_options` of the task, with values as for
-                the constructor arguments of the same names.
+            options: settings of this episode: `world`, `start` and `reset_options` of the task, with values as in the
+                constructor.
 
         Raises:
             ValueError: if an option is unknown or has a value that is not allowed.
@@ -206,7 +203,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self.observe(), self.info(dict.fromkeys(self.task.rewards.weights, 0.0))
 
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode without computing observation and info; arguments and errors as for `reset`."""
+        """Start an episode as `reset` does, without computing observation and info."""
         task, num_robots, options = self.task, len(self.robots), read_options(options)
         allowed = ("world", "start", *task.reset_options)
         if unknown := sorted(map(str, set(options) - set(allowed))):
@@ -217,10 +214,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         if self._randomization is not None:
-            # Spawned after the generators above: randomization does not change world, starts and task of a seed.
+            # Spawned last: randomization does not change world, starts and task of a seed.
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
-        # Spawned last: sensors and people do not change the rest of an episode of the same seed.
+        # Spawned last: sensors and people do not change other parts of the episode.
         sensor_rngs = self.np_random.spawn(len(self.sensors))
         crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.crowd else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
@@ -266,13 +263,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return observation, *outcome
 
     def apply(self, action: Any) -> None:
-        """Apply an action for one control period without computing observation and reward; errors as for `step`."""
+        """Do `step` without observation, reward and info."""
         commands = self.twists(action)
         with self.whole_step:
             self.advance(commands)
 
     def twists(self, action: Any) -> list[Twist]:
-        """Return the twists that an action commands, and store the action in the robots; errors as for `step`."""
+        """Return the twists of an action, and store the action in the robots; errors as for `step`."""
         self.check_begun()
         action = read_action(action).astype(np.float32, copy=False)
         if action.shape != self._action_shape:
@@ -295,13 +292,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return [Twist(v, w) for v, w in commands.tolist()]
 
     def check_begun(self) -> None:
-        """Raise `gymnasium.error.ResetNeeded` if no episode has begun, or a reset or step has failed."""
+        """Raise `gymnasium.error.ResetNeeded` if no episode has begun, or a step has failed."""
         if not self.has_begun:
             message = f"call reset of {type(self).__name__} first: no episode has begun, or a step has failed"
             raise gymnasium.error.ResetNeeded(message)
 
     def advance(self, commands: Sequence[Twist]) -> None:
-        """Simulate one control period for commanded twists without computing observation, reward and info."""
+        """Simulate one control period without observation, reward and info."""
         self.simulator.move(commands)  # world -> physics -> sensors
         update_robots(self.rows.numbers, self.simulator.crowd.rows)  # odometry -> predicted poses
         self.finish()
@@ -319,7 +316,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def locate(self) -> None:
-        """Update the pose and map estimates and the recorded paths of all robots."""
+        """Update pose estimates, maps and recorded paths."""
         flags = self.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
@@ -333,17 +330,14 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last control period; `is_last` truncates."""
+        """Return reward, terminated, truncated and info of the control period; `is_last` truncates."""
         rewards = self.task.rewards.terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
 
     def judge(
         self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
     ) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of a step from its reward terms.
-
-        A `reason` terminates an episode that the task has not ended.
-        """
+        """Return the outcome of a step; a `reason` terminates an episode that the task has not ended."""
         terminated, truncated = self.is_over
         if terminated or truncated:
             reason = self.task.end_reason
@@ -355,7 +349,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return the entries of the last `info` only: metrics of the task, and of people if present."""
+        """Return the entries of the last `info` only."""
         has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
@@ -366,7 +360,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why the environment cannot be stepped by the batched kernel; empty if it can."""
+        """Reason why the batched kernel cannot step the environment; empty if it can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} has {own[0]} of its own"
@@ -399,7 +393,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             part.write(robot, row, *(truth,) * shows_truth)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
-        """Return the info of the current step, with its reward terms."""
+        """Return the info of the current step."""
         info: dict[str, Any] = self._blank | self.task.metrics()
         rows = self.rows.numbers
         if self._randomization is not None:
@@ -414,9 +408,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return info
 
     def prepare(self) -> None:
-        """Draw the world of the next episode in advance if the task has a `sampler_ahead`.
+        """Draw the next world in advance if the task has a `sampler_ahead`.
 
-        May run in another thread between two resets. A `reset` with a seed or a world, or a new sampler, discards it.
+        May run in another thread between two resets. A `reset` with a seed or a world, or a new sampler, discards the
+        world.
         """
         sampler = self.task.sampler_ahead
         if sampler is not None and self._root is self.np_random:
@@ -425,7 +420,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def rows(self) -> Rows:
-        """Arrays with readings, estimated poses and true states of all robots."""
+        """Arrays with readings, estimated poses and true states."""
         return self.simulator.rows
 
     @property
@@ -470,13 +465,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._renderer.draw(self.scene())
 
     def scene(self) -> Scene:
-        """Return the current state for rendering: ground truth and estimates of all robots."""
+        """Return ground truth and estimates for rendering."""
         first, *peers = (scene_of(self, k) for k in range(len(self.robots)))
         first.peers = tuple(peers)
         return first
 
     def close(self) -> None:
-        """End the episode and release the physics engine and the window."""
+        """End the episode; release the physics engine and the window."""
         self.has_begun = False
         self.simulator.close()
         if self._renderer is not None:
@@ -484,7 +479,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._renderer = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Exclude the window from pickles."""
         return {**self.__dict__, "_renderer": None}
 
     def set_goal(self, goal: Sequence[float]) -> None:
@@ -499,10 +493,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan = None
 
     def _next_world(self, wanted: Any) -> World:
-        """Return the world of an episode; `wanted` as for `Task.draw_world`.
-
-        The first world after a seed comes from `np_random`, the following worlds from a separate generator.
-        """
+        """Return the next world; only the first world after a seed comes from `np_random`."""
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
         if self._root is not self.np_random:
             self._root, root = self.np_random, self.np_random.bit_generator.seed_seq
@@ -512,7 +503,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if wanted is None and before is self._world_rng and sampler is self.task.sampler_ahead:
             self._world_rng = after
             return world
-        rng = copy.deepcopy(self._world_rng)  # in a copy, because `prepare` may copy the generator at this moment
+        rng = copy.deepcopy(self._world_rng)  # `prepare` may copy the original now
         try:
             return self.task.draw_world(wanted, rng)
         finally:
@@ -532,7 +523,7 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
 
 
 def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
-    """Create a task from a subclass of `Task` or `module:attribute`; errors as for `LidarEnv`."""
+    """Create a task from a class or `module:attribute`; errors as for `LidarEnv`."""
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise ValueError(
@@ -547,4 +538,4 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
 
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])
-"""Names of the constructor arguments that environments of all tasks share."""
+"""Names of the constructor arguments of all tasks."""

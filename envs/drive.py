@@ -1,4 +1,4 @@
-"""Kernel that drives one robot until a scan or the navigator requires Python code."""
+"""Kernel that drives one robot for several control periods."""
 
 from numba import njit
 
@@ -19,19 +19,19 @@ UNCHECKED = -1
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
-    """Drive a robot until a scan is due, the noise is used up, or the progress must be handled in Python.
+    """Drive a robot until a scan is due, the noise is used up, or Python must handle the progress.
 
     Args:
         rows, draws, ranges: as for `step_robots`, of one robot.
         world_arrays: segments and circles of the world, and `People.arrays`.
         navigator: arrays of the navigator, written.
-        noted: arrays `positions` and `counts` of `note_positions`, written.
+        noted: `positions` and `counts` of `note_positions`, written.
         max_steps: maximum number of control periods.
-        check_from: control period from which every period is checked in Python.
+        check_from: control period from which Python checks every period.
 
     Returns:
-        Number of control periods; progress as returned by `check_progress`, `UNCHECKED` if a scan is due or the noise
-        is used up; number of periods that ended in contact, without the last one.
+        Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of periods that ended in
+        contact, without the last one.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles, crowd = around

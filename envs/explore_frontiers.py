@@ -1,4 +1,4 @@
-"""Frontier exploration as a sequence of decisions: each step drives to a chosen frontier."""
+"""Frontier exploration by decisions: each step drives to a chosen frontier."""
 
 import math
 from collections.abc import Mapping
@@ -44,8 +44,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     ## Action Space
     `Discrete(max_candidates)`: index of a candidate, by increasing path cost. `action_masks()` and
-    `info["action_mask"]` mark valid actions. An invalid action selects the last candidate; `info["action"]` is the
-    selected index.
+    `info["action_mask"]` mark valid actions. An invalid action selects the last candidate.
 
     ## Observation Space
     `Dict` of new arrays:
@@ -59,12 +58,12 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `Explore-v0` |
     | `robot` | `Box(0, 1, (3,), float32)` | lidar range, h = 10 m; radius, h = 0.5 m; maximum speed, h = 1 m/s |
 
-    Time and world size are not observed. Unbounded quantities x are scaled to x / (x + h). Views are limited to the
-    lidar range and 8 m. Sectors run counter-clockwise from the direction with most unknown area. Candidate features:
+    Unbounded quantities x are scaled to x / (x + h). Views are limited to the lidar range and 8 m. Sectors run
+    counter-clockwise from the direction with most unknown area. Candidate features:
 
     | column | meaning |
     |---|---|
-    | 0 `visible` | unknown area visible from the viewpoint, ignoring occlusion by unknown cells; h = 10 m2 |
+    | 0 `visible` | unknown area visible from the viewpoint, through unknown cells; h = 10 m2 |
     | 1 `unknown_1m`, 2 `unknown_2m`, 3 `unknown_4m` | unknown fraction of the area around the frontier |
     | 4 `cost` | path length, weighted by proximity to obstacles; h = 5 m |
     | 5 `cost_ratio` | (lowest cost + 1 m) / (cost + 1 m) |
@@ -92,12 +91,12 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
        traversable, or if it has moved less than 0.1 m in 30 s.
     3. Truncation: `time_limit` seconds have passed, also during a decision.
 
-    With `return_home=True`, the navigator drives back to the start in cases 1 and 2, within the same step, and the
-    episode ends there: see `Explore-v0`.
+    With `return_home=True`, the navigator drives back to the start in cases 1 and 2, within the same step: see
+    `Explore-v0`.
 
     A decision is due when the robot arrives, when its frontier disappears (after one second at the earliest), when it
-    has moved less than 0.5 m in 10 s, when no path is left, or after `max_decision_time`. Recoveries and turns in place
-    may exceed that time. Choose the candidate marked `chosen` to continue.
+    has moved less than 0.5 m in 10 s, when no path is left, or after `max_decision_time`. Choose the candidate marked
+    `chosen` to continue.
 
     ## Information
     As in `Explore-v0`, and each step: `action_mask` (int8), `action` (selected candidate, or -1 for a turn in place),
@@ -137,7 +136,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
-        """Underlying environment with velocity commands; it computes no observations within a decision."""
+        """Underlying environment with velocity commands; no observations within a decision."""
         self._task: Explore = env.task
         self.navigator = FrontierNavigator(
             env.robot, env.control_period, max_candidates=max_candidates, max_time=max_decision_time
@@ -239,20 +238,16 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def robot(self) -> RobotParams:
-        """Nominal robot parameters."""
         return self.explore.robot
 
     @property
     def time_limit(self) -> float:
-        """Maximum duration of the episode [s]."""
         return self.explore.time_limit
 
     def prepare(self) -> None:
-        """Draw the next world in advance; see `LidarEnv.prepare`."""
         self.explore.prepare()
 
     def render(self) -> np.ndarray | None:
-        """Draw the current state; see `LidarEnv.render`."""
         return self.explore.render()
 
     def close(self) -> None:
@@ -260,12 +255,12 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def is_fused(self) -> bool:
-        """Whether a kernel drives several control periods at once; False before the first reset."""
+        """Whether a kernel drives several control periods at once."""
         return self._is_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why each control period of the episode requires Python; empty if a kernel can drive."""
+        """Reason why control periods require Python; empty if a kernel can drive."""
         env = self.explore
         if env.why_not_fused or not env.robots[0].follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
@@ -283,7 +278,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self.navigator.begin(self.explore.reading, self.belief)
 
     def _choose(self, index: int) -> None:
-        """Drive to a candidate, or turn in place for -1."""
         if index >= 0:
             self.navigator.choose(index)
         else:
@@ -307,7 +301,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.update(robot.reading, robot.belief)
 
     def _control(self, *twists: Twist) -> None:
-        """Drive one control period with one twist per robot."""
         explore = self.explore
         if explore.render_mode == "human":
             explore.render()

@@ -21,9 +21,8 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     ## Description
     Team, shared map and start are those of `ExploreTeam-v0`, decisions those of `ExploreFrontiers-v0`. A step is the
-    decision of the robot that has finished its drive, and lasts until any robot needs a decision. Simultaneous
-    decisions follow each other without simulated time. Policies of `ExploreFrontiers-v0` that ignore `peers` run
-    unchanged. Robots that meet yield as in `rrt_team`.
+    decision of the robot that has finished its drive, and lasts until any robot needs a decision. Policies of
+    `ExploreFrontiers-v0` that ignore `peers` run unchanged. Robots that meet yield as in `rrt_team`.
 
     The visible unknown area of candidates within 2 m of another robot's target counts in proportion to that distance.
 
@@ -44,7 +43,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     | `peers` | `Box(-1, 1, (7 * (num_robots - 1),), float32)` | for each other robot, by index: position ahead and left / 16 m, cosine and sine of the heading; 1 if it drives to a frontier, and frontier position ahead and left / 16 m |
 
     ## Rewards
-    `ExploreTeam-v0` reward, summed over the control steps since the last decision of any robot.
+    `ExploreTeam-v0` reward, summed since the last decision of any robot.
 
     ## Starting State
     As in `ExploreTeam-v0`.
@@ -86,7 +85,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     @property
     def deciding(self) -> Robot:
-        """Robot that decides next."""
         return self.explore.robots[self.navigator.index if isinstance(self.navigator, TeamRobot) else 0]
 
     @property
@@ -132,12 +130,10 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
                 discount(robot.candidates, target)
 
     def _choose(self, index: int) -> None:
-        """Let the robot drive to a candidate, or wait for -1."""
         assert isinstance(self.navigator, TeamRobot)
         self._team.choose([self.navigator], [index])
 
     def _drive(self) -> str:
-        """Drive until a decision is due; return the outcome of the deciding robot's last drive."""
         explore = self.explore
         while not self._due:
             explore.plans[:] = self._team.plans

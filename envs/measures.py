@@ -11,7 +11,7 @@ import numpy as np
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Course:
-    """Recorded `info` of an episode: n samples, one at the reset and one after every step."""
+    """Recorded `info` of an episode: n samples, at the reset and after every step."""
 
     samples: Mapping[str, np.ndarray]
     """Samples by name of an `info` entry, each of shape (n, ...), float64; teams have an axis for robots."""
@@ -23,7 +23,7 @@ class Course:
     """Maximum forward speed of the robot [m/s]."""
 
     def of(self, name: str) -> np.ndarray:
-        """Return the samples of an `info` entry, summed over the robots of a team; shape (n,), float64."""
+        """Return the samples of an `info` entry, summed over robots; shape (n,), float64."""
         samples = self.samples[name]
         return samples.reshape(len(samples), -1).sum(axis=1)
 
@@ -36,14 +36,14 @@ class CourseRecorder:
         self._names: list[str] = []
 
     def watch(self, info: Mapping[str, Any]) -> None:
-        """Record the `info` of a reset or of a step."""
+        """Record the `info` of a reset or step."""
         if not self._rows:
             numbers = {name: value for name, value in info.items() if not isinstance(value, list | tuple | dict)}
             self._names = [name for name, value in numbers.items() if np.asarray(value).dtype.kind in "biuf"]
         self._rows.append([info.get(name, math.nan) for name in self._names])
 
     def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
-        """Return the recorded `Course` of an episode that ended with the info `final`."""
+        """Return the `Course` of an episode that ended with the info `final`."""
         columns = zip(*self._rows, strict=True)
         samples = {name: np.array(column, dtype=np.float64) for name, column in zip(self._names, columns, strict=True)}
         return Course(samples, final, time_limit, max_speed)
@@ -58,24 +58,24 @@ class Measure:
     label: str
     unit: str
     higher_is_better: bool | None
-    """Whether higher values are better; None if the measure does not rank."""
+    """Whether higher values are better; None if neither is better."""
     compute: Callable[[Course], float] = None  # type: ignore[assignment]
-    """Function that computes the measure of an episode; infinite if a threshold was never reached. Default: the entry
+    """Function that computes the measure of an episode, infinite if a threshold was never reached. Default: the entry
     `name` of the last `info`."""
     digits: int = 1
     """Number of decimals in tables."""
     scale: float = 1.0
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
-    """Whether values are 0 or 1, such that the mean is a share of episodes."""
+    """Whether values are 0 or 1, with a share of episodes as the mean."""
     limit: str = ""
-    """Column with the substitute value of episodes that never reach the threshold; empty without a threshold."""
+    """Column with the substitute value if the threshold is never reached; empty without a threshold."""
     is_headline: bool = False
-    """Whether policies are ranked by this measure; every episode must have a value of it."""
+    """Whether policies are ranked by this measure, which must have a value in every episode."""
     is_relative: bool = False
     """Whether values are compared relative to the reference policy from the same start; requires `limit`."""
     note: str = ""
-    """Explanation printed with rankings by this measure, without a final period."""
+    """Explanation printed with rankings, without a final period."""
 
     def __post_init__(self) -> None:
         if self.compute is None:
@@ -95,21 +95,18 @@ class Measure:
 
 
 def final(course: Course, name: str) -> float:
-    """Return an entry of the last `info`, summed over the robots of a team."""
+    """Return an entry of the last `info`, summed over robots."""
     return float(np.sum(course.final[name]))
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` at the first sample with `fraction >= mark`; infinite without such a sample.
-
-    `quantity` and `fraction` have shape (n,).
-    """
+    """Return `quantity`, shape (n,), at the first sample with `fraction >= mark`; infinite without one."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
 
 def when(course: Course, name: str, mark: float, quantity: str = "time") -> float:
-    """Return the time [s], or another quantity, at which an `info` entry first reached the threshold `mark`."""
+    """Return the time [s], or another quantity, at the first sample with an entry of at least `mark`."""
     return first_at(course.of(quantity), course.of(name), mark)
 
 
@@ -119,21 +116,21 @@ def when_successful(course: Course, quantity: str = "time") -> float:
 
 
 def mean_over_limit(course: Course, name: str) -> float:
-    """Return the time average of an `info` entry over the time limit; the last value extends to the limit."""
+    """Return the time average of an entry over the time limit; the last value extends to the limit."""
     values, time, limit = course.of(name), course.of("time"), course.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
 
 
 def root_mean_square(course: Course, name: str, column: int | None = None) -> float:
-    """Return the root mean square of an `info` entry, or of a column of it, over samples and robots."""
+    """Return the root mean square of an entry, or of a column, over samples and robots."""
     means = np.mean(np.square(course.samples[name]), axis=0)
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
 _pose_rmse = partial(root_mean_square, name="pose_error")
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
-"""Success measure of every task: `is_success` of the last `info`."""
+"""Measure of every task: `is_success` of the last `info`."""
 TIME_TO_SUCCESS = Measure("time_to_success", "time to success", "s", False, when_successful, limit="time_limit")
 """Default measure of tasks: time to success [s]."""
 COMMON = (
@@ -170,11 +167,11 @@ EXPLORATION = (
     Measure("map_iou", "map IoU", "%", True, scale=100.0),
     Measure("area_left", "unexplored area", "m²", False),
 )
-"""Measures of exploration: coverage, times and distance to coverage thresholds, and map quality."""
+"""Measures of exploration: coverage, times and distance to coverage thresholds, map quality."""
 
 
 def time_home(course: Course) -> float:
-    """Return the duration of the drive back to the start [s]; infinite if the robot did not return."""
+    """Return the duration of the drive home [s]; infinite if the robot did not return."""
     return final(course, "time_home") if course.final["returned"] else math.inf
 
 
@@ -203,10 +200,7 @@ GOAL = (
 
 
 def time_efficiency(course: Course) -> float:
-    """Return success weighted by time: 0 on failure, else ideal over actual time.
-
-    The ideal time is that of the shortest path at maximum speed.
-    """
+    """Return success weighted by time: 0 on failure, else time at maximum speed on the shortest path / time."""
     ideal = float(course.samples["geodesic_distance"][0]) / course.max_speed
     return float(course.final["is_success"]) * ideal / max(final(course, "time"), ideal, 1e-9)
 
@@ -239,13 +233,13 @@ PEOPLE = (
     Measure("least_gap", "least gap to people", "m", True, digits=2),
     Measure("least_time_to_collision", "least time to collision", "s", True),
 )
-"""Measures of all tasks with people: contacts by cause, time in personal space, minimum gap, and minimum time to
-collision at constant velocities. Personal space is within 0.45 m of a person's surface (Hall, "The Hidden
-Dimension", 1966, intimate distance). Gaps and times are limited to 10 m and 10 s."""
+"""Measures of tasks with people: contacts by cause; time in personal space, within 0.45 m of a person's surface (Hall,
+"The Hidden Dimension", 1966); minimum gap, at most 10 m; minimum time to collision at constant velocities, at most
+10 s."""
 
 
 def route_driven(course: Course) -> float:
-    """Return the completed fraction of the route; 1 on success, which occurs shortly before its end."""
+    """Return the completed fraction of the route; 1 on success, shortly before the end of the line."""
     return max(final(course, "progress"), float(course.final["is_success"]))
 
 

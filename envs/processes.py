@@ -30,7 +30,7 @@ def follow_parent() -> None:
     parent, parent_id = multiprocessing.parent_process(), os.getppid()
     assert parent is not None
 
-    def follow() -> None:  # processes forked later may keep the sentinel open
+    def follow() -> None:  # later processes may keep the sentinel open
         while not multiprocessing.connection.wait([parent.sentinel], timeout=1.0) and os.getppid() == parent_id:
             pass
         os._exit(1)
@@ -40,11 +40,8 @@ def follow_parent() -> None:
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Block Ctrl-C during the start of processes, and in these processes until `start_worker`.
-
-    Ctrl-C during imports would print a traceback.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    """Block Ctrl-C while processes start, and in these processes until `start_worker`."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
     # Started together with the first process, the tracker would unblock interrupts.
@@ -61,7 +58,7 @@ def interrupts_delayed() -> Iterator[None]:
     """Delay the first Ctrl-C to the end of a short block: Numba may crash when interrupted."""
     # `signal.getsignal` takes 10 us to convert each handler to an enumeration.
     before = _signal.getsignal(signal.SIGINT)
-    if before is None or threading.current_thread() is not threading.main_thread():  # no KeyboardInterrupt here
+    if before is None or threading.current_thread() is not threading.main_thread():
         yield
         return
     came = []

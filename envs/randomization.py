@@ -21,8 +21,8 @@ RANDOMIZABLE = (
     *(f"{record}.{name}" for record, names in _RECORDS.items() for name in names),
     *("max_acc_v", "max_acc_w", "max_v", "max_w"),
 )
-"""Attributes of `RobotParams` that may be randomized. Spaces, maps and plans depend on the other attributes, such as
-footprint, number of beams and lidar range."""
+"""Attributes of `RobotParams` that may be randomized. Spaces, maps and plans depend on other attributes, such as
+footprint and lidar range."""
 AT_MOST_NOMINAL = ("max_v", "max_w")
 """Parameters that must not exceed the nominal value, which limits the commands."""
 
@@ -52,7 +52,7 @@ class Randomization:
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Return a sampled value for each parameter, sampled in alphabetical order."""
+        """Return a sampled value for each parameter."""
         return {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
 
     def robot(self, values: Mapping[str, float]) -> RobotParams:
@@ -64,7 +64,6 @@ class Randomization:
 
     @property
     def highest(self) -> dict[str, float]:
-        """Upper limits of the ranges."""
         return {name: high for name, (_, high) in self._ranges.items()}
 
 
@@ -86,6 +85,5 @@ def _check_range(name: str, value: Any, robot: RobotParams) -> tuple[float, floa
 
 
 def _replace_nested(record: Any, name: str, value: float) -> Any:
-    """Return a record with the attribute of a dotted name replaced."""
     first, _, rest = name.partition(".")
     return replace(record, **{first: _replace_nested(getattr(record, first), rest, value) if rest else value})

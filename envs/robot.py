@@ -1,4 +1,4 @@
-"""A robot's readings, pose and map estimates, and its ground truth."""
+"""Readings, estimates and ground truth of a robot."""
 
 import math
 from collections.abc import Hashable, Iterable, Sequence
@@ -25,17 +25,17 @@ from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
-"""Bits of `FLAGS`, the pending work of a robot: process the scan (which corrects the pose), append the estimated
-position to the recorded path, append the true position to the true path."""
+"""Bits of `FLAGS`, pending work of a robot: process the scan, append the estimated position to the recorded path,
+append the true position to the true path."""
 
 ONE = np.ones(1, dtype=np.bool_)
-"""Mask of active robots for a single robot, shape (1,), bool."""
+"""Mask of active robots for a single robot."""
 FAR, LATE = 10.0, 10.0
 """Upper limits of recorded gaps to people [m] and times to collision [s]."""
 
 
 class Setup(NamedTuple):
-    """Settings of odometry and estimator, stored in the row of a robot; all fields are float."""
+    """Settings of odometry and estimator in the row of a robot; all fields are float."""
 
     metres_per_tick: float
     track: float
@@ -50,7 +50,7 @@ class Setup(NamedTuple):
 
 
 class Prior(NamedTuple):
-    """Initial pose and map of a robot at the start of an episode."""
+    """Initial pose and map of a robot."""
 
     pose: Pose2D | None = ORIGIN
     """Initial pose of the base, map frame; None for global localization on a known map."""
@@ -76,8 +76,7 @@ def _follows_odometry(slam: Any) -> bool:
 class Robot:
     """A robot with sensors, odometry and an estimator.
 
-    A view of one row of `Rows` (`lidarnaut.envs.simulation.records`), with a map. Public attributes contain no ground
-    truth; with `slam="truth"` only the estimator receives the true motion.
+    A view of one row of `Rows`, with a map. Public attributes contain no ground truth.
     """
 
     def __init__(
@@ -86,18 +85,18 @@ class Robot:
         """Create a robot; with `uses_true_motion` the estimator receives the true motion instead of odometry."""
         self.params = params
         self.estimator = estimator
-        kind = type(estimator)  # checking built-in estimators would take 5 % of a kinematic step
+        kind = type(estimator)  # checks would take 5 % of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
         """Duration of a control period [s]."""
         self.peers: list[Robot] = []
-        """Other robots of a team, with pose estimates that this robot knows."""
+        """Other robots of a team; their pose estimates are shared."""
         self._peer_filter = PeerFilter(params)
         self.tracker: PeopleTracker | None = None
-        """Tracker of people in the scans, which are excluded from the map; None if people are not tracked."""
+        """Tracker of people, who are excluded from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the estimator processes only key scans (or none) and its pose follows odometry in between."""
-        slam: Any = getattr(estimator, "params", None)  # None for dead reckoning, without key scans
+        """Whether the estimator processes only key scans (or none) and follows odometry in between."""
+        slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
         self._setup = Setup(
@@ -127,7 +126,7 @@ class Robot:
         return row
 
     def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
-        """Return this robot as a `Batch` of one for `RowPart.write_rows`, with the named entries of memory."""
+        """Return this robot as a `Batch` of one, with the named entries of memory."""
         rows = self._rows
         if len(rows.numbers) == 1:
             if self._batch is None or self._batch.numbers is not rows.numbers:
@@ -140,7 +139,7 @@ class Robot:
 
     @property
     def reading(self) -> Reading:
-        """Last sensor reading, created on access."""
+        """Last sensor reading."""
         if self._reading.time != self._row[at.TIME]:
             self._reading = self._rows.reading(self.index)
         return self._reading
@@ -151,7 +150,7 @@ class Robot:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Last scan, as in `Reading.ranges`; a view that the next scan overwrites."""
+        """Last scan, as in `Reading.ranges`; overwritten by the next scan."""
         return self._rows.ranges[self.index]
 
     @property
@@ -161,7 +160,7 @@ class Robot:
 
     @property
     def twist(self) -> Twist:
-        """Velocity estimate: from the estimator if available, otherwise from odometry."""
+        """Velocity estimate from the estimator if available, otherwise from odometry."""
         return Twist(*self._row[at.TWIST_V : at.TWIST_W + 1].tolist())
 
     @property
@@ -186,7 +185,7 @@ class Robot:
 
     @property
     def predicted_pose(self) -> Pose2D:
-        """Pose estimate, map frame: predicted by odometry, and corrected once the last scan is processed."""
+        """Pose estimate, map frame: predicted by odometry until the scan is processed."""
         return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(
@@ -195,12 +194,11 @@ class Robot:
         """Start an episode at rest; `integrate` processes the first scan.
 
         Args:
-            rows: arrays that contain the robot's row.
-            index: index of that row.
+            rows: arrays that contain the robot's row, at `index`.
             reading: first reading.
             prior: initial pose and map.
-            rng: generator of the estimator's noise.
-            shared_map: map shared with another robot of the team; None for a separate map.
+            rng: generator of the estimator.
+            shared_map: map shared with another robot of the team, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
@@ -222,7 +220,7 @@ class Robot:
             self._track(self.tracker, reading.ranges, ORIGIN)
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
-        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # the robot is at rest
+        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)
 
     def track_people(self) -> None:
         """Track people from the next episode on."""
@@ -237,11 +235,7 @@ class Robot:
     def locate(self, flags: int) -> None:
         """Complete a control period after the kernels: process the scan or follow odometry.
 
-        Args:
-            flags: pending work, bits of `FLAGS`.
-
-        Raises:
-            ValueError: if the belief is invalid; see `check_belief`.
+        `flags`: bits of `FLAGS`. Raises ValueError for an invalid belief; see `check_belief`.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
@@ -291,7 +285,6 @@ class Robot:
         self._remember(belief.pose)
 
     def _remember(self, pose: Pose2D) -> None:
-        """Append the position to the path and mark it on the map, if it is far enough from the last one."""
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
             self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
@@ -323,7 +316,7 @@ class GroundTruth:
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
 
     def update(self) -> None:
-        """Update path and distance after the robot was moved by other code than the step kernels."""
+        """Update path and distance after a motion outside of the step kernels."""
         row = self._rows.numbers[self._index]
         row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
         row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]

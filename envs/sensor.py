@@ -1,4 +1,4 @@
-"""Custom sensors, in addition to lidar, wheel encoders, gyroscope, compass and bumper."""
+"""Custom sensors."""
 
 import copy
 from collections.abc import Sequence
@@ -18,7 +18,7 @@ MEMBERS = ("name", "shape", "reset", "measure")
 
 
 class Sensor(Protocol):
-    """Measures ground truth of the simulation and adds noise; readings contain `reading.extra[name]`."""
+    """Custom sensor that measures ground truth with noise; readings contain `reading.extra[name]`."""
 
     name: str
     """Key in `reading.extra`, and name of the observation part with the measurement."""
@@ -26,7 +26,7 @@ class Sensor(Protocol):
     """Shape of a measurement."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
-        """Start an episode in a world; `rng` is the generator for noise."""
+        """Start an episode in a world; draw noise from `rng`."""
         ...
 
     def measure(self, simulator: Simulator, robot: int) -> np.ndarray:
@@ -35,7 +35,7 @@ class Sensor(Protocol):
 
 
 class Measured:
-    """Observation part with the measurement of a custom sensor, float32, unbounded."""
+    """Observation part with the measurement of a custom sensor."""
 
     def __init__(self, sensor: Sensor) -> None:
         self._name, self._shape = sensor.name, tuple(sensor.shape)

@@ -24,23 +24,22 @@ from lidarnaut.envs.worlds import World
 class ObservationPart(Protocol):
     """One entry of the observation, written per robot.
 
-    A part with state has `reset(robot)`, called after the robot has processed the first reading of an episode.
-
-    A part with `uses_ground_truth = True` has `write(robot, out, truth)`, called with the robot's `GroundTruth`.
-    Policies that observe such a part are marked, see `lidarnaut.baselines.explorer.marked`.
+    A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
+    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks policies that observe it;
+    see `lidarnaut.baselines.explorer.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
-        """Return the space of the array that `write` fills."""
+        """Return the space of the part."""
         ...
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write readings or estimates of the robot to `out`, an array of the space's shape and dtype."""
+        """Write readings or estimates of the robot into `out`, an array of the space."""
         ...
 
 
 class RowPart:
-    """Base of built-in parts: the kernel `write_rows(batch, out)` writes the active rows of a `Batch`."""
+    """Base of built-in parts: `write_rows(batch, out)` writes the active rows of a `Batch`."""
 
     _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
     write_rows: Callable[..., None]
@@ -52,7 +51,7 @@ class RowPart:
 class Rewards:
     """Weighted sum of reward terms: each weight times the task quantity of the same name.
 
-    Subclasses may override weights with `changes` and compute other `terms`.
+    Subclasses may override `changes` and `terms`.
     """
 
     changes: Mapping[str, float] = MappingProxyType({})
@@ -68,11 +67,11 @@ class Rewards:
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
-        """Return the reward terms for the weights of a task and the user's `reward` argument.
+        """Return the reward terms of a task.
 
         Args:
             weights: weights of the task.
-            reward: None, a mapping with weights to replace, a subclass of `Rewards`, or `module:attribute` of either.
+            reward: None, mapping of weights to replace, subclass of `Rewards`, or `module:attribute` of either.
 
         Raises:
             ValueError: if a term is unknown, or a weight is not finite.
@@ -88,42 +87,42 @@ class Rewards:
         return Rewards({**weights, **changes})
 
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the weighted terms of a step by name, from the quantities of the task."""
+        """Return the weighted terms of a step by name, from the task's quantities."""
         return {name: weight * quantities[name] for name, weight in self.weights.items()}
 
 
 def total(terms: Mapping[str, Any]) -> Any:
-    """Return the sum of reward terms (numbers or arrays), added in order; `sum` rounds differently."""
+    """Return the sum of reward terms, added in order; `sum` rounds differently."""
     return functools.reduce(operator.add, terms.values(), 0.0)
 
 
 class Task(ABC):
-    """Defines the worlds, start poses, estimators, reward and end of episodes.
+    """Defines worlds, start poses, estimators, reward and end of episodes.
 
-    Constructor parameters of a task become arguments of its environments, in addition to those of
-    `lidarnaut.envs.core.LidarEnv`. Tasks may be dataclasses. A task has access to ground truth. Policies only see its
-    observation parts and the initial information of the robots (`prior`).
+    Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
+    its observation parts and `prior`.
 
-    A task that stores its state in `Rows.memory` may implement `update_rows(batch)`, which does `update` for all
-    environments of `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as arrays with
-    one entry per environment; see `lidarnaut.envs.tasks.reach_goal`.
+    A task with state in `Rows.memory` may implement `update_rows(batch)`, `update` for all environments of
+    `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as arrays with one entry per
+    environment; see `lidarnaut.envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
     """Measures of an episode, in addition to `lidarnaut.envs.measures.COMMON` and `SUCCESS`."""
     progress: ClassVar[str] = "is_success"
-    """Key of the `info` entry with the completed fraction of the task, in [0, 1]; plotted over time."""
+    """Key in `info` of the completed fraction of the task, in [0, 1]."""
     reset_options: ClassVar[tuple[str, ...]] = ()
-    """Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
+    """Keys of `reset(options=...)` that the task reads, besides "world" and "start".
+    Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
     num_robots: int = 1
     """Number of robots."""
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
     """Whether control periods without scan integration change only time and contacts. Kernels may then skip `update`:
-    in `quantities`, "time" and "collision" sum the skipped seconds and the seconds in contact, other entries are 0."""
+    the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
-    """Arrays that `update_rows` reads as `batch.task_arrays`, in addition to rows of memory."""
+    """Arrays that `update_rows` reads as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
@@ -142,11 +141,11 @@ class Task(ABC):
     physics: str
     """Physics engine: "bullet" or "kinematic"."""
     starts: Sequence[Pose2D]
-    """Start poses of the robots, world frame; set by `choose_starts`."""
+    """Start poses of the robots, world frame."""
     map_pose: Pose2D
-    """Pose of the map frame in the world frame; set by `choose_starts` if it depends on the start poses."""
+    """Pose of the map frame in the world frame."""
     end_reason: str | None = None
-    """Reason why the task has ended the episode; None during the episode."""
+    """Reason why the task has ended the episode, or None."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         """Store robot, control period [s] and physics; called once, before all other methods.
@@ -160,26 +159,26 @@ class Task(ABC):
         self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:
-        """Return the names of the default observation parts, including those of the task."""
+        """Return the names of the default observation parts."""
         return ("scan", "map_near", "map_far", "motion", *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the observation parts that the task adds to `lidarnaut.envs.observations.PARTS`, by name."""
+        """Return observation parts to add to `lidarnaut.envs.observations.PARTS`, by name."""
         return {}
 
     @abstractmethod
     def make_estimator(self) -> Estimator:
-        """Return a new estimator of a robot's pose and map; called once per robot."""
+        """Return a new estimator of pose and map; called once per robot."""
 
     @abstractmethod
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode; may be called in advance if `sampler_ahead` is set.
+        """Return the world of the next episode.
 
         `world` is the value of `reset(options={"world": ...})`; None selects the world of the constructor.
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the part of the world that the episode uses; `start` as for `choose_starts`."""
+        """Return the part of the world for the episode; `start` as for `choose_starts`."""
         return world
 
     @abstractmethod
@@ -192,7 +191,7 @@ class Task(ABC):
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
         """Return the initial pose and map of the robot `index`; by default its pose and no map.
 
-        Called after `choose_starts`, with the generator `rng` of the robot's estimator.
+        `rng` is the generator of the robot's estimator.
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
@@ -205,8 +204,8 @@ class Task(ABC):
         Args:
             simulator: ground truth: robot states, contacts and people.
             robots: all robots, with their estimates.
-            rng: generator for the random numbers of the task.
-            options: entries of `reset(options=...)` that `reset_options` names.
+            rng: generator of the task.
+            options: entries of `reset(options=...)` named in `reset_options`.
 
         Returns:
             Default time limit of the episode [s].
@@ -218,12 +217,12 @@ class Task(ABC):
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:
-        """Return the rewarded quantities of the last control period, by the name of the reward term."""
+        """Return the rewarded quantities of the last control period, by reward term."""
 
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return the entries of the task in `info` at every step, including `is_success`."""
+        """Return the task's entries of `info`, including `is_success`."""
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return additional entries of the task in the last `info`."""
+        """Return additional entries of the last `info`."""
         return {}

@@ -66,7 +66,7 @@ class Teleop:
             if event.type == pygame.KEYUP:
                 self._held.discard(event.key)
             elif event.type == pygame.WINDOWFOCUSLOST:
-                self._held.clear()  # another window receives the key release
+                self._held.clear()
             elif event.type == pygame.KEYDOWN and not self._press(event.key):
                 return False
         self._env.step(self._action())
@@ -96,7 +96,6 @@ class Teleop:
             self._message = f"not saved: {error}"
 
     def _action(self) -> np.ndarray:
-        """Return the sum of the held keys as an action."""
         v, w = np.sign(np.sum([DIRECTIONS[key] for key in self._held], axis=0)) if self._held else (0.0, 0.0)
         return np.array([v, w * min(1.0, TURN_RATE / self._env.robot.max_w)], dtype=np.float32)
 

@@ -1,7 +1,4 @@
-"""Kernels for one control period: motion, contacts and odometry. Scan processing is elsewhere.
-
-Rows are described in `lidarnaut.envs.simulation.records`.
-"""
+"""Kernels for one control period: motion, contacts and odometry. Scan processing is elsewhere."""
 
 import math
 
@@ -86,7 +83,7 @@ def _watch_people(row, people):
 def update_robots(rows, people):
     """Update rows after motion and sensing: contacts, odometry, predicted pose and `FLAGS`.
 
-    Between key scans the pose follows odometry; see `KeyScanSlam`. `people`: rows of all people.
+    `people`: rows of all people. Between key scans the pose follows odometry.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -165,7 +162,7 @@ def note_positions(rows, active, positions, counts):
 
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:
-    """Return the metrics about people at the end of an episode, over all robots of a team."""
+    """Return the metrics about people at the end of an episode, over all robots."""
     least = {"least_gap": at.LEAST_GAP, "least_time_to_collision": at.LEAST_TIME}
     total = {"intrusion_time": at.INTRUSION}
     total |= {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}

@@ -1,1 +1,1 @@
-"""Frontier exploration: rules that score frontier candidates, and their explorers."""
+"""Frontier exploration."""

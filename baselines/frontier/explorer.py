@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
-"""`max_time` of explorers that keep a goal until the robot arrives, the frontier disappears or the drive fails [s]."""
+"""`max_time` of explorers that keep a goal until the drive ends [s]."""
 
 
 class FrontierRule(Protocol):
@@ -47,14 +47,13 @@ class RuleExplorer:
         self.end_reason: str | None = None
         """Stop reason, `"no_reachable_frontier"` or `"stuck"`; None before."""
         self.navigator: FrontierNavigator | None = None
-        """Navigator that finds candidates and drives to them; None before the first `reset`."""
+        """Navigator that finds candidates and drives to them."""
         self.scores: np.ndarray | None = None
-        """Scores of the candidates at the last choice, shape (k,), float64; None before."""
+        """Scores of the candidates at the last choice, shape (k,), float64."""
         self._has_begun = False
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Remaining planned path, map frame [m], shape (n, 2), or None."""
         return self.navigator.plan if self.navigator is not None and self._has_begun else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -70,11 +69,10 @@ class RuleExplorer:
             self.rule.reset(robot, rng)
         self._has_begun = False
         self.scores = self.end_reason = None
-        # Frontiers that the robot has turned away from since the last completed drive.
+        # Frontiers that the robot has left since the last completed drive.
         self._left: list[np.ndarray] = []
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; RuntimeError before the first `reset`."""
         navigator = self.navigator
         if navigator is None:
             raise RuntimeError("call reset before act")
@@ -106,7 +104,7 @@ class RuleExplorer:
         return np.asarray(self.rule(navigator.candidates, belief))
 
     def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
-        """Choose a candidate; during a drive, never return to a frontier that the robot turned away from."""
+        """Choose a candidate; during a drive, never return to a frontier that the robot has left."""
         candidates = navigator.candidates
         choice, current = self.choose(navigator, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:

@@ -51,7 +51,6 @@ def is_shorter(lengths, tour, i, k, j, least):
 
 @njit(cache=True, error_model="numpy")
 def _improve(lengths, tour, num_fixed):
-    """Shorten a tour in place by 2-opt and or-opt; the first `num_fixed` indices are fixed."""
     improved = True
     while improved:
         improved = False

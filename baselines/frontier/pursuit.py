@@ -1,7 +1,4 @@
-"""Pursuit driving: steers to a near point on the path, without slowing down in bends.
-
-`ppo:pretrained/twist` starts from the same twists (`lidarnaut.agents.pursuit`).
-"""
+"""Pursuit driving: steers to a near point on the path, without slowing down in bends."""
 
 import math
 
@@ -50,7 +47,7 @@ def pursue(
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:
         return twist
-    path = np.vstack([navigator.plan, np.array(frontiers.target)])  # the frontier lies beyond the path
+    path = np.vstack([navigator.plan, np.array(frontiers.target)])  # frontier
     direction = np.empty(2, dtype=np.float32)
     look_ahead(path, 0, tuple(pose), LOOKAHEADS[:1], direction)
     cosine, sine = direction.tolist()

@@ -1,4 +1,4 @@
-"""Short frontier rules, and their explorers."""
+"""Frontier rules and their explorers."""
 
 import math
 
@@ -12,9 +12,9 @@ from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, 
 from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
-"""Side of the cells in the frontier sizes of published rules [m]."""
+"""Side of a cell in the frontier sizes of published rules [m]."""
 LENGTHS = (8 * CELL, 3 * CELL)
-"""Minimum frontier length, and minimum if no such frontier is reachable [m]; rounded up to planning cells of 0.1 m."""
+"""Minimum frontier length, and minimum if no such frontier is reachable [m]."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:
@@ -52,10 +52,10 @@ class GainOverCostExplorer(RuleExplorer):
 class ExploreLite:
     """Rule of explore_lite (Horner, "Map-merging for multi-robot system", 2016; ROS package m-explore).
 
-    The cost of a frontier is `potential_scale * distance - gain_scale * size`, with the straight distance to its
-    nearest cell. Unlike the package, the goal is the viewpoint nearest to the centroid, unreachable frontiers are
-    excluded, and small frontiers count if no larger ones are left. Defaults are from the launch file; `gain_scale` was
-    tuned on training worlds.
+    The cost is `potential_scale * distance - gain_scale * size`, with the straight distance to the nearest frontier
+    cell. Unlike the package, the goal is the viewpoint nearest to the centroid, unreachable frontiers are excluded, and
+    small frontiers count if no larger ones are left. Defaults are from the launch file; `gain_scale` was tuned on
+    training worlds.
     """
 
     potential_scale: NonNegativeFloat = 3.0
@@ -71,13 +71,13 @@ class ExploreLite:
             cells = np.concatenate([all_cells[k] for k in own])
             distance = np.hypot(*(cells - (x, y)).T).min()
             cost = self.potential_scale * distance - self.gain_scale * candidates["group_size"][own[0]] / CELL
-            # Prefer the part nearest to the centroid of the frontier.
+            # Prefer the part nearest to the centroid.
             costs[own] = cost * CELL + 1e-6 * np.hypot(*(candidates["frontier"][own] - cells.mean(axis=0)).T)
         return failed_last(-costs, candidates)
 
 
 class ExploreLiteExplorer(RuleExplorer):
-    """Explorer with the rule `ExploreLite`, at the planner frequency and minimum length of the package."""
+    """Explorer with the rule `ExploreLite`."""
 
     def __init__(self, params: ExploreLite = ExploreLite()) -> None:
         planning = PlanningParams(min_lengths=(0.75, LENGTHS[-1]), max_extent=0.5)
@@ -113,14 +113,14 @@ class NextBestView:
         scores, drawn = np.full(len(candidates), -np.inf), np.arange(len(candidates))
         if len(drawn) > self._params.num_samples:
             drawn = np.sort(self._rng.choice(drawn, self._params.num_samples, replace=False))
-        # Logarithms keep the order and avoid underflow in large worlds.
+        # Logarithms avoid underflow in large worlds.
         gains = np.log(np.maximum(candidates["visible"][drawn], 1e-9))
         scores[drawn] = gains - self._params.discount * candidates["cost"][drawn]
         return failed_last(scores, candidates)
 
 
 class NextBestViewExplorer(RuleExplorer):
-    """Explorer with the rule `NextBestView` and a viewpoint per metre of frontier."""
+    """Explorer with the rule `NextBestView`."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
         planning = PlanningParams(min_lengths=LENGTHS, max_extent=1.0)
@@ -130,4 +130,4 @@ class NextBestViewExplorer(RuleExplorer):
 PUBLISHED_LITE = ExploreLite(gain_scale=1.0)
 """Parameters in the launch file of explore_lite."""
 PUBLISHED_VIEWS = NextBestViewParams(discount=0.5, max_time=math.inf)
-"""Parameters of the next-best-view paper, without new decisions during a drive."""
+"""Parameters of the next-best-view paper."""

@@ -1,7 +1,7 @@
 """Tour planner: a short tour past all frontiers, with the first stop as the goal.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
-with one level of tours instead of two. Small frontiers are visited last, because they rarely reveal much.
+with one level of tours instead of two.
 """
 
 import math
@@ -68,7 +68,6 @@ class Tour:
         return scores
 
     def _stops(self, candidates: Candidates) -> np.ndarray:
-        """Cover the frontiers with stops; return candidate indices, of failed ones only without others."""
         frontiers, groups = candidates["frontier"], candidates["group"]
         left = candidates["failures"] == candidates["failures"].min()
         stops: list[int] = []
@@ -91,10 +90,8 @@ class TourExplorer(RuleExplorer):
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
     """Return path lengths between a start (x, y) (index 0) and stops, shape (n, 2), float64 [m].
 
-    Paths are searched on cells of the robot's radius with their lowest cost: narrow passages may count as open.
-
-    Returns:
-        Lengths, shape (n + 1, n + 1), float64, symmetric, at most `UNREACHABLE_LENGTH` [m].
+    Cells of the robot's radius are searched: narrow passages may count as open. Returns shape (n + 1, n + 1), float64,
+    symmetric, at most `UNREACHABLE_LENGTH` [m].
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
@@ -116,7 +113,7 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
     """Return the cells of each block of side x side cells, shape (block rows, block columns, side**2).
 
-    Blocks that exceed `costs` (two-dimensional) are padded with `beyond`.
+    Incomplete blocks of `costs` (two-dimensional) are padded with `beyond`.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

@@ -1,12 +1,9 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
-DBSCAN clusters are filtered by clearance, distance and blacklist, and ranked by utility. Details that the report omits
-follow its program: `min_samples` is the minimum frontier size, the radius of the information gain is multiplied by the
-map diagonal / 20 m (at most 2), and a blacklist that covers too much loses its oldest two thirds. A stuck robot
-blacklists its goal. Two differences:
-
-- *Explored share.* Counted in the bounding box of observations, because the map grows ahead of these.
-- *Starvation.* If no candidate passes the filters, `FrontierParams.relaxed` relaxes them step by step.
+DBSCAN clusters are filtered by clearance, distance and blacklist, and ranked by utility. The program of the report
+decides details: `min_samples` is the minimum frontier size, the radius of the information gain is multiplied by the map
+diagonal / 20 m (at most 2). Unlike the report, the explored share refers to the bounding box of observations, and
+`FrontierParams.relaxed` relaxes the filters if no candidate passes.
 """
 
 import logging
@@ -130,7 +127,6 @@ class FrontierUtility:
     def _best(
         self, candidates: Candidates, grid: OccupancyGrid, belief: Belief, params: FrontierParams, share: float
     ) -> tuple[int | None, int]:
-        """Return the candidate of the cluster with the highest utility, and the number of clusters."""
         size = params.min_frontier_size_final if share > params.adaptive_threshold else params.min_frontier_size
         cells, owners, labels = cluster(candidates, params.cluster_tolerance, size)
         num_clusters = int(labels.max(initial=-1)) + 1
@@ -138,7 +134,7 @@ class FrontierUtility:
         keep = np.flatnonzero(is_clear(grid, centroids, params))
         near = self._is_blacklisted(centroids, params.blacklist_radius)
         if 2 * np.count_nonzero(near[keep]) > len(keep):
-            # Most clusters are blacklisted: forget the oldest two thirds of the list.
+            # Most clusters are blacklisted: forget the oldest two thirds.
             del self.blacklist[: max(1, 2 * len(self.blacklist) // 3)]
             near = self._is_blacklisted(centroids, params.blacklist_radius)
         distances = np.hypot(*(centroids - belief.pose[:2]).T)
@@ -155,7 +151,6 @@ class FrontierUtility:
         return None, len(keep)
 
     def _is_blacklisted(self, points: np.ndarray, radius: float) -> np.ndarray:
-        """Return which points, shape (n, 2), are within `radius` of a failed goal [m], shape (n,), bool."""
         gaps = points[:, None] - np.array(self.blacklist).reshape(-1, 2)
         return (np.hypot(gaps[..., 0], gaps[..., 1]) < radius).any(axis=1)
 

@@ -1,1 +1,1 @@
-"""Oracle explorer, which uses ground truth, as an upper bound."""
+"""Oracle explorer, which uses ground truth."""

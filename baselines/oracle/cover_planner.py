@@ -1,4 +1,4 @@
-"""Planner of tours from which a robot with the true map observes the remaining area."""
+"""Planner of coverage tours on the true map."""
 
 import math
 
@@ -13,7 +13,7 @@ MAX_SAMPLES = 8192
 STOP_COST = 0.1
 """Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
 NEAR = 0.5
-"""Fraction of the lidar range in which cells count as visible from a viewpoint that is passed closely."""
+"""Fraction of the lidar range in which a viewpoint passed closely should show cells."""
 MAX_MISSES = 2
 """Number of viewpoints that fail to show a cell before the tour ignores the cell."""
 
@@ -21,19 +21,14 @@ MAX_MISSES = 2
 class CoverPlanner:
     """Keeps a tour of viewpoints, and replans it from the position of the robot.
 
-    Missed cells (for example behind walls of a drifted map) are ignored after `MAX_MISSES`, and other cells must
-    replace them. If the target cannot be reached without them, the tour ends without them.
+    Missed cells, for example behind walls of a drifted map, are ignored after `MAX_MISSES`. Other cells replace them
+    while the target can be reached.
     """
 
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Create a planner without a tour.
-
-        Args:
-            reach: lidar range [m].
-            target: fraction of the area to observe.
-        """
+        """Create a planner without a tour; `reach`: lidar range [m], `target`: fraction to observe."""
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -66,14 +61,11 @@ class CoverPlanner:
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour of a robot at (x, y), world frame [m].
+        """Update the tour of a robot at (x, y), world frame [m]; return True if the target can be reached.
 
         Args:
             seen: known cells, shape of the explorable area, bool.
             num_rounds: number of rounds of the tour search.
-
-        Returns:
-            True if the target coverage can be reached.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:
@@ -89,7 +81,7 @@ class CoverPlanner:
             self.stops = []
             return True
         known = self._sample(wanted)
-        # The same fraction of samples may be omitted as of wanted cells.
+        # The fraction that may be omitted is that of wanted cells.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         cover, target = self._cover(*paths), len(known) - num_left
@@ -103,10 +95,7 @@ class CoverPlanner:
         return self.plan(x, y, seen, num_rounds)
 
     def next_viewpoint(self, x: float, y: float, distance: float) -> int:
-        """Return the next stop, or the first viewpoint on the path from (x, y) beyond `distance` [m].
-
-        Paths between stops lead through viewpoints; a near goal keeps the robot on these paths.
-        """
+        """Return the first viewpoint on the path to the next stop that is `distance` [m] from (x, y)."""
         points, path = self.viewpoints.points, [self.stops[0]]
         while self._predecessors[path[0]] != len(points):
             path.insert(0, int(self._predecessors[path[0]]))
@@ -132,7 +121,6 @@ class CoverPlanner:
         return np.zeros(num_samples, dtype=bool)
 
     def _cover(self, from_robot: np.ndarray, predecessors: np.ndarray) -> Cover:
-        """Return the viewpoints, with the robot as the last one."""
         size = len(self.viewpoints.cells)
         lengths = np.pad(self.viewpoints.lengths, (0, 1))
         lengths[size, :size] = lengths[:size, size] = from_robot

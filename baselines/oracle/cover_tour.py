@@ -1,7 +1,7 @@
 """Search for short tours of viewpoints that observe a given part of an area.
 
-Tours begin at a start and may end anywhere. Views along the paths count. Local search with partial reconstruction
-(Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
+Local search with partial reconstruction (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and
+Recreate Principle", 2000). Views along the paths count; tours may end anywhere.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ LEAST_SAVING = 1e-6
 MAX_REMOVED = 8
 """Maximum number of stops to remove at once."""
 DEVIATION = 0.01
-"""Initial relative excess length at which a tour is accepted; decreases linearly to 0."""
+"""Initial relative excess length of an accepted tour; decreases linearly to 0."""
 NOISE = 0.4
 """Relative amplitude of the noise on the value of viewpoints."""
 SHORT_DETOUR = 0.2
@@ -99,7 +99,7 @@ def shorten(cover, known, target, tour):
 def complete(cover, known, target, tour, noise, rng):
     """Insert stops with the best ratio of gain and detour until `target` samples are observed.
 
-    Noise raises the value of viewpoints by up to this fraction. Other arguments and results as for `search_tour`.
+    `noise`: maximum relative increase of a viewpoint's value. Otherwise as `search_tour`.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -130,7 +130,6 @@ def complete(cover, known, target, tour, noise, rng):
 
 @njit(cache=True, error_model="numpy")
 def _ruin(cover, tour, rng):
-    """Return a tour without a random number of stops near a random stop."""
     num_stops = tour.size - 1
     num_removed = 1 + int(rng.random() * min(MAX_REMOVED, num_stops))
     middle = tour[1 + int(rng.random() * num_stops)]

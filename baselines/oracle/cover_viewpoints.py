@@ -1,4 +1,4 @@
-"""Viewpoints on a known map, their views, and the shortest paths between them."""
+"""Viewpoints on a known map, their views, and shortest paths."""
 
 import math
 from collections.abc import Iterable
@@ -42,9 +42,7 @@ def _find_predecessors(
 ) -> np.ndarray:
     """Return the predecessor of each viewpoint on the path from each origin, shape (m, n), int32.
 
-    Args:
-        from_origins: path lengths from the origins [m], shape (m, n).
-        origins: predecessors for paths without intermediate viewpoints, shape (m,).
+    `from_origins`: path lengths from the origins [m], shape (m, n).
     """
     viewpoints = np.arange(len(near))
     onward = lengths[near, viewpoints[:, None]]
@@ -82,10 +80,9 @@ class Viewpoints:
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Find the shortest paths from a point [m] to all viewpoints; None if they are unreachable.
+        """Return lengths [m] and predecessors of the shortest paths from a point, or None.
 
-        Returns:
-            Path lengths [m], shape (n,), float64, and predecessors, shape (n,), int32, n for the point.
+        Both have shape (n,), float64 and int32; predecessor n is the point.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -96,7 +93,6 @@ class Viewpoints:
 
 
 def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | None:
-    """Return the traversable block (row, column) nearest to a block, at most three blocks away."""
     low = np.maximum(middle - 3, 0)
     window = block_costs[low[0] : max(middle[0] + 4, 0), low[1] : max(middle[1] + 4, 0)]
     blocks = np.argwhere(window < COST_INSCRIBED) + low
@@ -109,7 +105,6 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
 def _path_lengths(
     block_costs: np.ndarray, origins: Iterable[np.ndarray], blocks: np.ndarray, side: float
 ) -> np.ndarray:
-    """Return path lengths from origin blocks to blocks of a side [m], shape (m, n) [m]."""
     weights = step_weights(COST_WEIGHT, False)
     travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in origins)
     costs_to_come = np.array([costs[tuple(blocks.T)] for costs in travel])
@@ -136,7 +131,7 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
     spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
-    # Viewpoints away from walls come first, in four classes of cost, which keeps them on a lattice.
+    # Prefer viewpoints away from walls, in four classes of cost, which keeps them on a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = _spread_out(blocks, max(1, round(spacing / size)) - 1)
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
@@ -155,7 +150,6 @@ def _add_bit(words, bit):
 
 @njit(cache=True, error_model="numpy")
 def _views(free, cells, reach, sample_of, num_words):
-    """Cast rays from each cell to a circle, along the longer axis; see `views_from`."""
     height, width = free.shape
     views = np.zeros((len(cells), num_words), dtype=np.uint64)
     num_lines = max(8, math.ceil(2.0 * math.pi * reach))

@@ -1,7 +1,6 @@
-"""Explorer that uses ground truth and drives a short coverage tour, an upper bound.
+"""Explorer that uses ground truth and drives a short coverage tour.
 
-Tours are planned on the true map, paths on the estimated map completed by the true map. The navigator is that of other
-explorers.
+Tours are planned on the true map, paths on the estimated map completed by the true map.
 """
 
 import numpy as np
@@ -27,7 +26,7 @@ ROUNDS = 4
 LOOKAHEAD = 3.0
 """Maximum distance of a path goal along the tour [m]."""
 ARRIVED = 0.15
-"""Distance at which a stop counts as reached [m]."""
+"""Distance at which a stop is reached [m]."""
 REACH_MARGIN = 0.1
 """Reduction of the lidar range in plans [m]."""
 GOAL_TOLERANCE = 0.4
@@ -84,12 +83,11 @@ class OracleExplorer:
 
     @property
     def end_reason(self) -> str | None:
-        """Stop reason of `NearestExplorer`, which continues after the tour; None before."""
+        """Stop reason of `NearestExplorer`, which continues after the tour."""
         return self._rest.end_reason
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Remaining planned path, map frame [m], shape (n, 2), or None."""
         return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -110,7 +108,6 @@ class OracleExplorer:
         self._truth = TrueMap(coverage.area.walls, coverage.start)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; RuntimeError before `reveal`."""
         if self._coverage is None:
             raise RuntimeError("call reset and then reveal before act; run_episode does")
         if self._is_done:
@@ -131,7 +128,6 @@ class OracleExplorer:
         return navigator.command(belief.pose)
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
-        """Update the tour and drive to its next stops; return False without stops."""
         num_rounds = ROUNDS if self._planner else FIRST_ROUNDS
         planner = self._planner = self._planner or self._prepare(planning, coverage)
         if planner is None:
@@ -157,7 +153,6 @@ class OracleExplorer:
 
     def _prepare(self, planning: PlanningMap, coverage: Coverage) -> CoverPlanner | None:
         """Place viewpoints on the true map, for a smaller footprint if the full footprint reaches too little."""
-        # Stops count as reached from a short distance.
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:
@@ -172,7 +167,6 @@ class OracleExplorer:
         return first
 
     def _drive_on(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
-        """Drive along the tour; return False without a path."""
         x, y, _ = self._start.compose(pose)
         goal = planner.next_viewpoint(x, y, LOOKAHEAD)
         point = self._start.inverse().transform(planner.viewpoints.points[goal])
@@ -180,7 +174,7 @@ class OracleExplorer:
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], tuple(point.tolist()), tolerance=GOAL_TOLERANCE)
             if path is not None:
-                # The progress checker keeps its timers if the goal is unchanged.
+                # The progress checker keeps its timers for an unchanged goal.
                 is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
                 self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
                 self._goal = goal

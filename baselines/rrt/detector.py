@@ -65,14 +65,10 @@ TEAM_PARAMS = RrtParams(eta_global=1.0)
 
 @njit(cache=True, error_model="numpy")
 def _converge(points, bandwidth):
-    """Move each point, shape (n, 2), float64, sorted by x, to the mean of its neighbors until convergence.
-
-    Returns:
-        Means, shape (n, 2), float64, and their numbers of neighbors, shape (n,), int64.
-    """
+    """Return the mean-shift mode and number of neighbors of each point, shape (n, 2), sorted by x."""
     means, counts = points.copy(), np.zeros(len(points), dtype=np.int64)
     xs = points[:, 0].copy()
-    # Only points in this strip can be neighbors; widened against rounding.
+    # Only points in this strip, widened against rounding, can be neighbors.
     strip = bandwidth * (1.0 + 1e-9)
     for k in range(len(points)):
         x, y = points[k]
@@ -95,7 +91,6 @@ def _converge(points, bandwidth):
 
 @njit(cache=True, error_model="numpy")
 def _suppress_near(means, bandwidth):
-    """Return which means, shape (n, 2), are beyond the bandwidth of all kept means before, shape (n,), bool."""
     kept = np.ones(len(means), dtype=np.bool_)
     for k in range(len(means)):
         for j in range(k + 1, len(means) if kept[k] else 0):
@@ -106,11 +101,8 @@ def _suppress_near(means, bandwidth):
 def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
     """Cluster points, shape (n, 2), float64 [m], by flat-kernel mean shift (Comaniciu and Meer 2002).
 
-    Args:
-        bandwidth: kernel radius, and minimum distance between centers [m].
-
-    Returns:
-        Centers, shape (k, 2), float64 [m], by decreasing number of neighbors.
+    `bandwidth`: kernel radius, and minimum distance between centers [m]. Returns centers, shape (k, 2), float64 [m], by
+    decreasing number of neighbors.
     """
     means, counts = _converge(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     means = means[np.lexsort((means[:, 1], means[:, 0], counts))[::-1]]
@@ -130,7 +122,7 @@ class RrtDetector:
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
         """Grow the trees for one control step, and filter their frontier points.
 
-        `robots` are positions (x, y), map frame [m]. The global tree starts at the first robot.
+        `robots`: positions (x, y), map frame [m]; the global tree starts at the first.
         """
         params = self._params
         if not self.trees:

@@ -19,7 +19,6 @@ class RrtRobot(TeamRobot):
         self._params = params
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        """Return frontier cells, shape (k, 2), each as a separate part, shape (k, 4); see `split_groups`."""
         planning, side = self.map, self.map.side
         positions = (self.points[:, ::-1] - planning.origin[::-1]) / side  # row, column
         cells = np.floor(positions).astype(np.int64)

@@ -5,12 +5,8 @@ Based on Multiple Rapidly-exploring Randomized Trees" (2017). Differences from t
 
 - *Region.* Samples come from the observed area and a margin, not from a region clicked by the user.
 - *Navigation cost.* Path length, weighted by proximity to obstacles, not straight distance.
-- *Invalid points.* Unreachable points are dropped, not only those in costly cells. The goal is the frontier cell
-  nearest to a point. Frontiers that stay unobserved from their viewpoint are dropped.
+- *Invalid points.* Unreachable points are dropped, too. The goal is the frontier cell nearest to a point.
 - *End.* Exploration ends after a turn in place and `patience` steps without an assignable point.
-
-A robot keeps its point until it arrives or the frontier disappears. Each robot has a local tree; the global tree,
-filter and assigner are shared.
 """
 
 import math
@@ -76,7 +72,7 @@ def assign(
 
 
 class RrtTeam(TeamExplorer):
-    """Explores with a team by frontier points of random trees; a robot keeps its point."""
+    """Explores with a team by frontier points of random trees."""
 
     def __init__(self, params: RrtParams = TEAM_PARAMS) -> None:
         super().__init__(period=math.inf)
@@ -127,10 +123,9 @@ class RrtTeam(TeamExplorer):
 
 
 def open_goals(candidates: Candidates) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the assignable candidates of a robot, failed ones only without others.
+    """Return frontiers, shape (k, 2), map frame [m], path costs [m] and indices of assignable candidates.
 
-    Returns:
-        Frontiers, shape (k, 2), map frame [m]; path costs [m]; candidate indices.
+    Failed candidates are assignable only without others.
     """
     indices = np.flatnonzero(candidates["failures"] == 0)
     if len(indices) == 0:
@@ -148,7 +143,6 @@ class RrtExplorer(RrtTeam):
 
     @property
     def plan(self) -> np.ndarray | None:  # type: ignore[override]
-        """Remaining planned path, map frame [m], shape (n, 2), or None."""
         return next(iter(self.plans), None)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:  # type: ignore[override]

@@ -1,11 +1,11 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), section 2.1.1, algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on
-Multiple Rapidly-exploring Randomized Trees" (2017). Details that the report omits:
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on Multiple
+Rapidly-exploring Randomized Trees" (2017). Details that the report omits:
 
-- *Frontier point.* The first unknown point of a step, which may be 15 m long.
-- *First cell of a step.* It is not checked: new obstacles on a vertex would block all samples around it.
-- *Vertex spacing.* A minimum spacing limits the number of vertices and the time of nearest-neighbor search.
+- A frontier point is the first unknown point of a step, which may be 15 m long.
+- The first cell of a step is not checked: new obstacles on a vertex would block all samples around it.
+- A minimum vertex spacing limits the time of nearest-neighbor search.
 """
 
 import math
@@ -29,7 +29,7 @@ def nearest(vertices, count, x, y):
     """
     xs, ys = vertices[0, :count], vertices[1, :count]
     best, index = np.float32(np.inf), 0
-    # The minimum of 16 values is vectorized by the compiler, unlike the search for its index.
+    # The compiler vectorizes the minimum of 16 values, but not the search for its index.
     for first in range(0, count, 16):
         last = min(first + 16, count)
         least = np.float32(np.inf)
@@ -126,7 +126,7 @@ class Tree:
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
         """Grow by samples and return the frontier points found, all of shape (n, 2), float64, map frame [m].
 
-        `robot`: position (x, y), map frame [m], where a tree with `resets` restarts.
+        `robot`: position (x, y), map frame [m].
         """
         count, scale, origin = len(self.vertices), grid.resolution, np.array(grid.origin)
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)

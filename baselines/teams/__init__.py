@@ -1,1 +1,1 @@
-"""Teams: assignment of frontiers to robots, and the explorer of teams."""
+"""Exploration by teams."""

@@ -112,8 +112,7 @@ def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
     """Select stops from the candidates of all robots, shape (n,), `CANDIDATE`: the cheapest uncovered first.
 
     Returns:
-        Candidate indices of the stops; stop that covers each candidate, shape (n,), int64, -1 for candidates beyond
-        `MAX_STOPS` and for failed ones.
+        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 if uncovered.
     """
     stops, stop_of = list[int](), np.full(len(table), -1)
     is_left = table["failures"] == table["failures"].min()

@@ -26,7 +26,7 @@ class TeamExplorer:
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
         """Create a team with a rule, evaluated every `period` [s] and when a robot needs a frontier.
 
-        With an infinite `period`, only robots that need a frontier are assigned.
+        An infinite `period` assigns only robots that need a frontier.
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
@@ -38,12 +38,10 @@ class TeamExplorer:
 
     @property
     def end_reason(self) -> str | None:
-        """Reason why the team has stopped exploring; None while a robot explores."""
         return None if self._navigator is None else self._navigator.end_reason
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """Planned path of each robot for rendering, map frame [m], shape (n, 2), or None."""
         return [] if self._navigator is None else self._navigator.plans
 
     @property
@@ -52,7 +50,7 @@ class TeamExplorer:
         return [] if self._navigator is None else self._navigator.targets
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twist of each robot; all beliefs share one map. RuntimeError before the first `reset`."""
+        """Return the twist of each robot; all beliefs share one map."""
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:

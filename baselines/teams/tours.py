@@ -19,7 +19,6 @@ def _length(start, between, work, tour):
 
 @njit(cache=True, error_model="numpy")
 def _insert(starts, between, work, tours, totals, stop):
-    """Insert a stop with the lowest increase of the objective; return the objective."""
     best, best_tour, best_total, best_robot = np.inf, tours[0], 0.0, 0
     for robot in range(len(tours)):
         tour = tours[robot].copy()
