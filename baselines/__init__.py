@@ -64,7 +64,7 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Parameters of goal navigation by policy name, with many recoveries because people may block a path temporarily."""
+"""Parameters of goal navigation by policy name, with many recoveries because people block paths temporarily."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},

@@ -61,7 +61,7 @@ def run(
     """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
 
     Args:
-        observation, info: results of the reset or of the last step.
+        observation, info: results of the reset or last step.
         watch: callback with `info`, called now and after every step.
         max_steps: maximum number of steps.
         clock: timer of decisions [s].
@@ -142,8 +142,8 @@ def begin_episode(
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
     """Return the decision function of a policy in an environment, which also stores planned paths.
 
-    Actions are repeated if the policy has a lower `control_hz`. With `return_home`, a navigator drives home once the
-    policy has stopped or the task calls the robot back.
+    Actions are repeated if the policy has a lower `control_hz`. With `return_home`, a navigator drives home after
+    exploration.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -169,7 +169,6 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
 
 
 def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
-    """Return the function that asks a policy for an action; ValueError for another action space."""
     inner, name = lidar_env_of(env), type(policy).__name__
     outer: Any = env.unwrapped
     if _chooses(env):
@@ -230,13 +229,12 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     Args:
         env: environment, possibly wrapped.
-        policy: explorer, team or observation policy, see `lidarnaut.baselines.explorer`; only an `Omniscient` gets
-            ground truth.
+        policy: explorer, team or observation policy; only an `Omniscient` gets ground truth.
         seed: seed of environment and policy.
         on_step: callback with `info` after the reset and after every step.
     """
     inner, recorder = lidar_env_of(env), CourseRecorder()
-    # Independent of the generators that the environment spawns from the seed.
+    # Independent of the generators that the environment spawns.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
     def watch(info: Info) -> None:

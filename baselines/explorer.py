@@ -84,7 +84,7 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 class OnePerRobot:
     """Team that drives each robot by its own copy of an explorer.
 
-    Teams have `is_team`, `plans` (one path per robot), and an `act` with readings and beliefs of all robots.
+    Teams have `is_team`, `plans` (one path per robot), and an `act` with lists of readings and beliefs.
     """
 
     is_team = True
@@ -96,7 +96,6 @@ class OnePerRobot:
 
     @property
     def end_reason(self) -> str | None:
-        """Stop reason of the first explorer; None until all explorers have stopped."""
         reasons = [explorer.end_reason for explorer in self._explorers]
         return None if None in reasons or not reasons else reasons[0]
 

@@ -1,7 +1,7 @@
 """Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
-Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, starts at an
-unknown pose on this map, localizes by a particle filter, and drives to goals. A GIF shows the particles and the path.
+Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, localizes
+globally on this map by a particle filter, and drives to goals. A GIF shows the particles.
 """
 
 from dataclasses import replace
@@ -27,7 +27,6 @@ from lidarnaut.envs.worlds import save_map
 AMCL = replace(load_preset("default"), lost_fit=0.7)
 """AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
-"""Width and height of the GIF [px]."""
 FRAME_TIMES = {True: 0.1, False: 1.0}
 """Simulated time between frames [s], by whether the robot is lost."""
 FRAME_MS = {True: 400, False: 80}
@@ -35,7 +34,6 @@ FRAME_MS = {True: 400, False: 80}
 TIME_PER_GOAL = 600.0
 """Simulated time per goal [s]; at most half of this time is for localization."""
 MAX_FRAMES = 240
-"""Maximum number of frames of the GIF."""
 
 
 class Animation:
@@ -54,7 +52,7 @@ class Animation:
         self._frames.append((Image.frombytes("RGB", PICTURE_SIZE, pixels), FRAME_MS[scene.belief.is_lost]))
 
     def save(self, path: Path) -> None:
-        """Write the GIF, and a PNG with the first frame, the first localized frame and the last frame."""
+        """Write the GIF, and three of its frames as PNG."""
         kept = self._frames[:: -(-len(self._frames) // MAX_FRAMES)]
         first, *others = (frame.quantize(64, dither=Image.Dither.NONE) for frame, _ in kept)
         durations = [*(duration for _, duration in kept[:-1]), 2000]

@@ -1,4 +1,4 @@
-"""Policies without a map: random, wall following and route following."""
+"""Policies without a map."""
 
 import math
 from itertools import product
@@ -31,7 +31,7 @@ LOOKAHEAD_TIME = 0.75
 MIN_TURN_TIME = 1.0
 """Minimum arc radius / speed [s]; the robot slows down on tighter arcs."""
 ROTATE_FROM = 1.6
-"""Heading error above which the robot turns in place [rad], larger than at a rounded 90 degree corner."""
+"""Heading error above which the robot turns in place [rad], larger than at a rounded right angle."""
 
 
 class RandomExplorer:
@@ -65,8 +65,8 @@ class RandomChooser(RuleExplorer):
 class WallFollower:
     """Follows walls on its right by the scan alone.
 
-    Drives the rightmost collision-free arc, which follows walls, rounds corners and leaves dead ends. After a net
-    rotation of a full turn it drives straight to another wall, instead of circling forever.
+    Drives the rightmost collision-free arc. After a net rotation of a full turn it drives straight to another wall,
+    instead of circling forever.
     """
 
     end_reason = plan = None

@@ -1,7 +1,4 @@
-"""Gymnasium environments for exploration and navigation by lidar robots.
-
-Importing this package registers the environments under the namespace `lidarnaut`.
-"""
+"""Gymnasium environments of lidar robots, registered in the namespace `lidarnaut` on import."""
 
 from typing import Any
 

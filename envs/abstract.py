@@ -1,4 +1,4 @@
-"""Frontier exploration without driving: the robot moves along planned paths."""
+"""Frontier exploration without driving."""
 
 import math
 from collections.abc import Iterator

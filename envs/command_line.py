@@ -35,8 +35,8 @@ Count = Annotated[
 
 
 def program_name() -> str:
-    """Return the program name: `python -m MODULE`, or the name of the file or installed command."""
-    spec = sys.modules["__main__"].__spec__  # None for a program that is run by its path
+    """Return the program name as the user called it."""
+    spec = sys.modules["__main__"].__spec__  # None if run by its path
     return f"python -m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
 
 
@@ -69,7 +69,7 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
 
 
 def fail(error: object) -> int:
-    """Print an error to standard error; return the exit status of wrong arguments."""
+    """Print an error to standard error; return exit status 2."""
     sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {printable(error)}\n")
     return 2
 
@@ -114,7 +114,7 @@ def run_command(
     Args:
         main: function; the docstring of its module is the help text.
         arguments: command line; None for that of the process.
-        options: class of the function's argument; None for a function with options as arguments.
+        options: class of the function's argument; None to parse the function's arguments.
         status: exit status after errors of the function.
     """
     arguments = begin_command(arguments)

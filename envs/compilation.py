@@ -32,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times for a process that compiles the same kernel, until a warning and until this process compiles too [s]."""
+"""Waiting times for another process that compiles a kernel: until a warning, and until compiling it here too [s]."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -44,13 +44,13 @@ _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*
 class KernelCache(caching.NullCache):
     """Kernel cache with one file per signature: a hash, then key and code, pickled.
 
-    Unlike Numba's cache, it is shared between checkouts and depends on called kernels. The folder is `NUMBA_CACHE_DIR`,
-    or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the
-    file: other users must not have write access.
+    Unlike Numba's cache, it depends on called kernels, too. The folder is `NUMBA_CACHE_DIR`, or `lidarnaut` in
+    `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file: other users must
+    not have write access.
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the folder; OSError if none is usable or a source file is unreadable."""
+        """Choose the folder; OSError if none is usable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -69,7 +69,7 @@ class KernelCache(caching.NullCache):
                 _warn("compiled kernels are kept in %s: %s", self._base, error)
 
     def path(self, key: Any = None) -> str:
-        """Return the path of a key's file, or of the lock; OSError if the folder is unsafe or missing."""
+        """Return the path of a key's file, or of the lock; OSError if the folder is unsafe."""
         for folder in (self._base, os.path.join(self._base, self._module)):
             os.makedirs(folder, 0o755 & ~self._closed, exist_ok=True)
             state = os.lstat(folder)
@@ -92,7 +92,7 @@ class KernelCache(caching.NullCache):
                 raise ValueError("it is damaged")
             kept, code = pickle.loads(content)
             return CompileResult._rebuild(target_context, *code) if kept == key else None
-        except (FileNotFoundError, ImportError, AttributeError):  # or a pickled class was moved
+        except (FileNotFoundError, ImportError, AttributeError):  # or a class was moved
             pass
         except Exception as error:
             _warn("%s is compiled again: %s", path, error)
@@ -187,7 +187,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
     """Compile a kernel in one process; other processes wait and load it."""
     if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
-    with global_compiler_lock, _lock(dispatcher, sig):  # the same order of locks in all threads
+    with global_compiler_lock, _lock(dispatcher, sig):
         is_on = gc.isenabled()
         gc.disable()
         try:
@@ -199,7 +199,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 
 @contextlib.contextmanager
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
-    """Hold the lock of a kernel until it is cached; continue if locks are unavailable.
+    """Hold the lock of a kernel until it is cached, if locks are available.
 
     `lidarnaut.envs.files.Lock` is not used: edits of that module would recompile all kernels.
     """

@@ -140,7 +140,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
-            # Reserve space for any episode.
             self.simulator.set_robot(self._randomization.robot(self._randomization.highest))
         self.time_limit = time_limit or math.inf
         """Maximum duration of the episode [s]."""
@@ -209,12 +208,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if unknown := sorted(map(str, set(options) - set(allowed))):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
-        self.has_begun = False  # until the reset has succeeded
+        self.has_begun = False
         self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         if self._randomization is not None:
-            # Spawned last: randomization does not change world, starts and task of a seed.
+            # Spawned last: randomization does not change other parts of the episode.
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
         # Spawned last: sensors and people do not change other parts of the episode.
@@ -263,7 +262,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return observation, *outcome
 
     def apply(self, action: Any) -> None:
-        """Do `step` without observation, reward and info."""
         commands = self.twists(action)
         with self.whole_step:
             self.advance(commands)
@@ -298,7 +296,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             raise gymnasium.error.ResetNeeded(message)
 
     def advance(self, commands: Sequence[Twist]) -> None:
-        """Simulate one control period without observation, reward and info."""
         self.simulator.move(commands)  # world -> physics -> sensors
         update_robots(self.rows.numbers, self.simulator.crowd.rows)  # odometry -> predicted poses
         self.finish()
@@ -330,14 +327,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the control period; `is_last` truncates."""
+        """Return reward, terminated, truncated and info; `is_last` truncates."""
         rewards = self.task.rewards.terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
 
     def judge(
         self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
     ) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return the outcome of a step; a `reason` terminates an episode that the task has not ended."""
         terminated, truncated = self.is_over
         if terminated or truncated:
             reason = self.task.end_reason
@@ -383,7 +379,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return dict(out)
 
     def write_part(self, name: str, out: np.ndarray) -> None:
-        """Write the observation part `name` into `out`."""
         part: Any = self.parts[name]
         shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
         if not (shows_truth or self._is_team):
@@ -393,7 +388,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             part.write(robot, row, *(truth,) * shows_truth)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
-        """Return the info of the current step."""
         info: dict[str, Any] = self._blank | self.task.metrics()
         rows = self.rows.numbers
         if self._randomization is not None:
@@ -410,8 +404,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def prepare(self) -> None:
         """Draw the next world in advance if the task has a `sampler_ahead`.
 
-        May run in another thread between two resets. A `reset` with a seed or a world, or a new sampler, discards the
-        world.
+        May run in another thread between two resets. Unused if `reset` gets a seed or a world.
         """
         sampler = self.task.sampler_ahead
         if sampler is not None and self._root is self.np_random:
@@ -445,7 +438,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Planned path of the first robot for rendering; see `plans`."""
         return self.plans[0]
 
     @plan.setter
@@ -465,7 +457,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._renderer.draw(self.scene())
 
     def scene(self) -> Scene:
-        """Return ground truth and estimates for rendering."""
         first, *peers = (scene_of(self, k) for k in range(len(self.robots)))
         first.peers = tuple(peers)
         return first
@@ -493,7 +484,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan = None
 
     def _next_world(self, wanted: Any) -> World:
-        """Return the next world; only the first world after a seed comes from `np_random`."""
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
         if self._root is not self.np_random:
             self._root, root = self.np_random, self.np_random.bit_generator.seed_seq

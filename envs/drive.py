@@ -1,4 +1,4 @@
-"""Kernel that drives one robot for several control periods."""
+"""Drives of one robot in a kernel."""
 
 from numba import njit
 
@@ -27,11 +27,11 @@ def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
         navigator: arrays of the navigator, written.
         noted: `positions` and `counts` of `note_positions`, written.
         max_steps: maximum number of control periods.
-        check_from: control period from which Python checks every period.
+        check_from: control period from which Python checks progress.
 
     Returns:
-        Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of periods that ended in
-        contact, without the last one.
+        Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the
+        last one that ended in contact.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
     segments, circles, crowd = around

@@ -1,4 +1,4 @@
-"""Frontier exploration by decisions: each step drives to a chosen frontier."""
+"""Frontier exploration by decisions."""
 
 import math
 from collections.abc import Mapping
@@ -186,7 +186,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
-        """Drive until the next decision is due, without observation and reward; errors as for `step`."""
+        """Drive until the next decision is due, without observation; errors as for `step`."""
         self.explore.check_begun()
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
@@ -291,7 +291,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 return result
 
     def _advance(self) -> str | None:
-        """Drive one control period; return the outcome if a decision is due."""
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         explore.plan = navigator.plan
         self._control(navigator.command(robot.belief))

@@ -1,4 +1,4 @@
-"""Frontier exploration by a team: each step is the decision of one robot."""
+"""Frontier exploration by decisions for a team."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -40,7 +40,7 @@ def find_spec(id: str) -> EnvSpec:
 def arguments_of(id: str) -> dict[str, Any]:
     """Return all arguments of an environment by name, with their defaults or the values of its id.
 
-    Includes arguments of base classes and of the task. Unresolved `**kwargs` are those of `EXPLORE`.
+    Includes arguments of base classes and of the task; unresolved `**kwargs` are those of `EXPLORE`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

@@ -1,4 +1,4 @@
-"""Measures of an episode: declaration, computation and format."""
+"""Measures of an episode."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -36,7 +36,6 @@ class CourseRecorder:
         self._names: list[str] = []
 
     def watch(self, info: Mapping[str, Any]) -> None:
-        """Record the `info` of a reset or step."""
         if not self._rows:
             numbers = {name: value for name, value in info.items() if not isinstance(value, list | tuple | dict)}
             self._names = [name for name, value in numbers.items() if np.asarray(value).dtype.kind in "biuf"]
@@ -83,7 +82,6 @@ class Measure:
 
     @property
     def title(self) -> str:
-        """Column heading: label and unit."""
         return f"{self.label} {self.unit}".strip()
 
     def text(self, value: float, sign: str = "") -> str:
@@ -200,7 +198,7 @@ GOAL = (
 
 
 def time_efficiency(course: Course) -> float:
-    """Return success weighted by time: 0 on failure, else time at maximum speed on the shortest path / time."""
+    """Return success weighted by time: 0 on failure, else ideal time (shortest path, full speed) / time."""
     ideal = float(course.samples["geodesic_distance"][0]) / course.max_speed
     return float(course.final["is_success"]) * ideal / max(final(course, "time"), ideal, 1e-9)
 
@@ -209,8 +207,7 @@ def barn_metric(is_success: bool, time: float, ideal: float) -> float:
     """Return the metric of the BARN challenge: success x OT / clip(AT, 2 OT, 8 OT), at most 0.5.
 
     AT is the time since the robot first moved [s], OT the ideal time [s]. Daffan/the-barn-challenge (README), after
-    Xiao et al., "Autonomous Ground Navigation in Highly Constrained Spaces: Lessons Learned From the BARN Challenge at
-    ICRA 2022" (2022), with the limit 4 OT.
+    Xiao et al., "Autonomous Ground Navigation in Highly Constrained Spaces" (2022), with the limit 4 OT.
     """
     return is_success * ideal / min(max(time, 2.0 * ideal), 8.0 * ideal) if ideal > 0.0 else 0.0
 

@@ -44,7 +44,7 @@ def interrupts_held() -> Iterator[None]:
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # Started together with the first process, the tracker would unblock interrupts.
+    # Otherwise the first process starts the tracker, which unblocks interrupts.
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:

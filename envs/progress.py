@@ -1,4 +1,4 @@
-"""Progress bars that write whole lines to files and pipes."""
+"""Progress bars for terminals, files and pipes."""
 
 import os
 import threading
@@ -35,7 +35,7 @@ class Progress(tqdm):
 
 
 def _make_lock() -> None:
-    """Use a lock of this process only: a killed process would never release tqdm's lock."""
+    """Use a lock of this process: a killed process would never release tqdm's lock."""
     Progress.set_lock(threading.RLock())
 
 

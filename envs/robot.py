@@ -35,7 +35,7 @@ FAR, LATE = 10.0, 10.0
 
 
 class Setup(NamedTuple):
-    """Settings of odometry and estimator in the row of a robot; all fields are float."""
+    """Settings of odometry and estimator in the row of a robot, all float."""
 
     metres_per_tick: float
     track: float
@@ -61,7 +61,6 @@ class Prior(NamedTuple):
 
 
 def _follows_odometry(slam: Any) -> bool:
-    """Return True if the pose estimate follows odometry between key scans; see `KeyScanSlam`."""
     kind = type(slam)
     if kind is DeadReckoning:
         return True
@@ -88,7 +87,6 @@ class Robot:
         kind = type(estimator)  # checks would take 5 % of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
-        """Duration of a control period [s]."""
         self.peers: list[Robot] = []
         """Other robots of a team; their pose estimates are shared."""
         self._peer_filter = PeerFilter(params)
@@ -126,7 +124,6 @@ class Robot:
         return row
 
     def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
-        """Return this robot as a `Batch` of one, with the named entries of memory."""
         rows = self._rows
         if len(rows.numbers) == 1:
             if self._batch is None or self._batch.numbers is not rows.numbers:
@@ -235,7 +232,7 @@ class Robot:
     def locate(self, flags: int) -> None:
         """Complete a control period after the kernels: process the scan or follow odometry.
 
-        `flags`: bits of `FLAGS`. Raises ValueError for an invalid belief; see `check_belief`.
+        `flags`: bits of `FLAGS`. Raises ValueError for an invalid belief.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
@@ -260,7 +257,6 @@ class Robot:
         self.follow(estimator.update(reading, self.motion))
 
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
-        """Return a scan with NaN for beams that hit peers or people."""
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
                 self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)

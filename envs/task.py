@@ -112,8 +112,7 @@ class Task(ABC):
     progress: ClassVar[str] = "is_success"
     """Key in `info` of the completed fraction of the task, in [0, 1]."""
     reset_options: ClassVar[tuple[str, ...]] = ()
-    """Keys of `reset(options=...)` that the task reads, besides "world" and "start".
-    Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
+    """Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
     num_robots: int = 1
     """Number of robots."""
     is_team: ClassVar[bool] = False

@@ -119,9 +119,9 @@ def step_rows(rows, draws, ranges, active, num_robots, around):
     """Simulate one control period of active environments with `num_robots` rows each.
 
     Args:
-        rows, draws, ranges: as for `step_robots`, for all environments in order.
+        rows, draws, ranges: as for `step_robots`, environment by environment.
         active: environments to step, shape (num_envs,), bool.
-        world_arrays: list with the other arguments of `step_robots` for each environment.
+        world_arrays: other arguments of `step_robots`, by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
@@ -133,15 +133,12 @@ def step_rows(rows, draws, ranges, active, num_robots, around):
 
 @njit(cache=True, error_model="numpy")
 def note_positions(rows, active, positions, counts):
-    """Append the positions requested by `FLAGS` to arrays, and clear the flags.
+    """Append the positions requested by `FLAGS` to arrays, and clear the flags; True if an array is full.
 
     Args:
         active: rows to process, shape (n,), bool.
         positions: estimated and true positions, shape (n, k, 4), float64 [m], written.
         counts: numbers of estimated and true positions, shape (n, 2), int64, written.
-
-    Returns:
-        True if the array of a row is full.
     """
     is_full = False
     for k in range(rows.shape[0]):

@@ -1,4 +1,4 @@
-"""Explorer that drives to the frontier candidate with the highest score of a rule."""
+"""Explorer of frontier rules."""
 
 import math
 from typing import Protocol

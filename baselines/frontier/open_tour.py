@@ -1,4 +1,4 @@
-"""Short open tours from a start past all stops, by 2-opt and or-opt."""
+"""Short open tours from a start past all stops."""
 
 import numpy as np
 from numba import njit

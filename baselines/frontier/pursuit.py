@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Gain from the direction of the path to the yaw rate, as a fraction of the maximum yaw rate [1/rad]."""
+"""Yaw rate per angle to the path, as a fraction of the maximum yaw rate [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):

@@ -54,8 +54,7 @@ class ExploreLite:
 
     The cost is `potential_scale * distance - gain_scale * size`, with the straight distance to the nearest frontier
     cell. Unlike the package, the goal is the viewpoint nearest to the centroid, unreachable frontiers are excluded, and
-    small frontiers count if no larger ones are left. Defaults are from the launch file; `gain_scale` was tuned on
-    training worlds.
+    small frontiers count if no larger ones are left. Defaults are from the launch file, except for `gain_scale`.
     """
 
     potential_scale: NonNegativeFloat = 3.0
@@ -71,7 +70,6 @@ class ExploreLite:
             cells = np.concatenate([all_cells[k] for k in own])
             distance = np.hypot(*(cells - (x, y)).T).min()
             cost = self.potential_scale * distance - self.gain_scale * candidates["group_size"][own[0]] / CELL
-            # Prefer the part nearest to the centroid.
             costs[own] = cost * CELL + 1e-6 * np.hypot(*(candidates["frontier"][own] - cells.mean(axis=0)).T)
         return failed_last(-costs, candidates)
 

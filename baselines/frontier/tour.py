@@ -1,7 +1,7 @@
 """Tour planner: a short tour past all frontiers, with the first stop as the goal.
 
 After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
-with one level of tours instead of two.
+with a single level of tours.
 """
 
 import math
@@ -80,7 +80,7 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Explorer with the rule `Tour`; short frontiers, often corners behind furniture, come last."""
+    """Explorer with the rule `Tour`; short frontiers come last."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
         planning = PlanningParams(min_lengths=(2 * LENGTHS[0], *LENGTHS), max_extent=SPACING)
@@ -90,8 +90,8 @@ class TourExplorer(RuleExplorer):
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
     """Return path lengths between a start (x, y) (index 0) and stops, shape (n, 2), float64 [m].
 
-    Cells of the robot's radius are searched: narrow passages may count as open. Returns shape (n + 1, n + 1), float64,
-    symmetric, at most `UNREACHABLE_LENGTH` [m].
+    Returns shape (n + 1, n + 1), float64, symmetric, at most `UNREACHABLE_LENGTH` [m]. The search on coarse cells may
+    count narrow passages as open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
     reach, size = math.ceil(MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))

@@ -1,9 +1,8 @@
 """Frontier explorer of the report "Hệ thống AGV tự động khám phá map cho smart warehouse", 2024.
 
-DBSCAN clusters are filtered by clearance, distance and blacklist, and ranked by utility. The program of the report
-decides details: `min_samples` is the minimum frontier size, the radius of the information gain is multiplied by the map
-diagonal / 20 m (at most 2). Unlike the report, the explored share refers to the bounding box of observations, and
-`FrontierParams.relaxed` relaxes the filters if no candidate passes.
+DBSCAN clusters are filtered by clearance, distance and blacklist, and ranked by utility. Unlike the report, the
+explored share refers to the bounding box of observations, and `FrontierParams.relaxed` relaxes the filters if no
+candidate passes.
 """
 
 import logging
@@ -64,16 +63,11 @@ class FrontierParams:
             raise ValueError(f"min_frontier_size_final must lie in [1, min_frontier_size], got {sizes}")
 
     def gain_radius(self, grid: OccupancyGrid) -> float:
-        """Return the radius for counting unknown cells of a map [m]."""
         diagonal = math.hypot(*grid.data.shape) * grid.resolution
         return self.information_gain_radius * (min(2.0, diagonal / 20.0) if self.scale_radius_with_map else 1.0)
 
     def relaxed(self) -> list["FrontierParams"]:
-        """Return these parameters, followed by those of each relaxation step.
-
-        Steps: final cluster size; no clearance beyond the footprint; near goals; viewpoints up to 1 m away; failed
-        goals.
-        """
+        """Return these parameters, followed by those of each relaxation step."""
         steps: tuple[dict[str, Any], ...] = (
             {"min_frontier_size": self.min_frontier_size_final},
             {"obstacle_clearance": 0.0},
@@ -172,8 +166,7 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
         size: minimum number of 5 cm cells in a dense cluster.
 
     Returns:
-        Cell centers [m], shape (n, 2), float64; candidate of each cell, shape (n,), int64; cluster of each cell, shape
-        (n,), int64, -1 for noise.
+        Cells [m], shape (n, 2), float64; candidate and cluster of each cell, shape (n,), int64, -1 for noise.
     """
     from sklearn.cluster import DBSCAN  # slow import
 

@@ -21,8 +21,7 @@ MAX_MISSES = 2
 class CoverPlanner:
     """Keeps a tour of viewpoints, and replans it from the position of the robot.
 
-    Missed cells, for example behind walls of a drifted map, are ignored after `MAX_MISSES`. Other cells replace them
-    while the target can be reached.
+    Cells that were missed `MAX_MISSES` times are ignored. Other cells replace them while the target can be reached.
     """
 
     def __init__(
@@ -43,7 +42,6 @@ class CoverPlanner:
         """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
-        """Remove a viewpoint from the tour for good."""
         self._used[viewpoint] = True
         self._sees[viewpoint] = 0
         self.stops = [stop for stop in self.stops if stop != viewpoint]
@@ -63,9 +61,7 @@ class CoverPlanner:
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
         """Update the tour of a robot at (x, y), world frame [m]; return True if the target can be reached.
 
-        Args:
-            seen: known cells, shape of the explorable area, bool.
-            num_rounds: number of rounds of the tour search.
+        `seen`: known cells, shape of the explorable area, bool. `num_rounds`: see `search_tour`.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:
@@ -81,7 +77,6 @@ class CoverPlanner:
             self.stops = []
             return True
         known = self._sample(wanted)
-        # The fraction that may be omitted is that of wanted cells.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         cover, target = self._cover(*paths), len(known) - num_left
@@ -108,7 +103,6 @@ class CoverPlanner:
         return path[-1]
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
-        """Return which sample cells need not be observed, shape (s,), bool; resample if few are left."""
         known: np.ndarray = ~wanted[tuple(self._samples.T)]
         num_left = np.count_nonzero(~known)
         if num_left > len(known) // 2 or (0 < len(known) < MAX_SAMPLES and num_left > 0):
@@ -124,7 +118,6 @@ class CoverPlanner:
         size = len(self.viewpoints.cells)
         lengths = np.pad(self.viewpoints.lengths, (0, 1))
         lengths[size, :size] = lengths[:size, size] = from_robot
-        # No path leads back to the robot.
         chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
         return Cover(lengths + STOP_COST, chain, np.pad(self._sees, ((0, 1), (0, 0))))

@@ -1,7 +1,7 @@
 """Search for short tours of viewpoints that observe a given part of an area.
 
 Local search with partial reconstruction (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and
-Recreate Principle", 2000). Views along the paths count; tours may end anywhere.
+Recreate Principle", 2000).
 """
 
 from typing import NamedTuple
@@ -148,7 +148,7 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
         num_rounds: number of rounds of removal and reinsertion.
 
     Returns:
-        Tour, shape (m,), int64, and whether it observes `target` samples.
+        Tour, shape (m,), int64, and whether it suffices.
     """
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:

@@ -1,4 +1,4 @@
-"""Viewpoints on a known map, their views, and shortest paths."""
+"""Viewpoints on a known map."""
 
 import math
 from collections.abc import Iterable
@@ -40,10 +40,7 @@ def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
 def _find_predecessors(
     from_origins: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray
 ) -> np.ndarray:
-    """Return the predecessor of each viewpoint on the path from each origin, shape (m, n), int32.
-
-    `from_origins`: path lengths from the origins [m], shape (m, n).
-    """
+    """Return the predecessor of each viewpoint on the path from each origin, shape (m, n), int32."""
     viewpoints = np.arange(len(near))
     onward = lengths[near, viewpoints[:, None]]
     predecessors = np.empty(from_origins.shape, dtype=np.int32)
@@ -131,7 +128,7 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
     spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
-    # Prefer viewpoints away from walls, in four classes of cost, which keeps them on a lattice.
+    # Prefer viewpoints away from walls; four classes of cost keep a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = _spread_out(blocks, max(1, round(spacing / size)) - 1)
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))

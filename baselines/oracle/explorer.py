@@ -1,7 +1,4 @@
-"""Explorer that uses ground truth and drives a short coverage tour.
-
-Tours are planned on the true map, paths on the estimated map completed by the true map.
-"""
+"""Explorer that uses ground truth and drives a short coverage tour."""
 
 import numpy as np
 
@@ -37,7 +34,7 @@ class TrueMap:
     """True map in the map frame, used to complete an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Store the true map, world frame, and the pose of the map frame in the world frame."""
+        """Store the true map, world frame, and the pose of the map frame."""
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
@@ -55,7 +52,7 @@ class TrueMap:
         return OccupancyGrid(data, truth.resolution, truth.origin)
 
     def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the true map on the cells of an estimated map; computed once, as maps grow by whole cells."""
+        """Return the true map on the cells of an estimated map; computed once."""
         if self._grid is None:
             x_min, y_min, x_max, y_max = self._walls.bounds
             corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])
@@ -74,7 +71,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Explorer with the true map; an `Omniscient`."""
+    """Explorer that plans tours on the true map, and paths on the map completed by it; an `Omniscient`."""
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()
@@ -152,7 +149,6 @@ class OracleExplorer:
                 planner.leave_out(stop)
 
     def _prepare(self, planning: PlanningMap, coverage: Coverage) -> CoverPlanner | None:
-        """Place viewpoints on the true map, for a smaller footprint if the full footprint reaches too little."""
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:

@@ -65,10 +65,9 @@ TEAM_PARAMS = RrtParams(eta_global=1.0)
 
 @njit(cache=True, error_model="numpy")
 def _converge(points, bandwidth):
-    """Return the mean-shift mode and number of neighbors of each point, shape (n, 2), sorted by x."""
     means, counts = points.copy(), np.zeros(len(points), dtype=np.int64)
     xs = points[:, 0].copy()
-    # Only points in this strip, widened against rounding, can be neighbors.
+    # Neighbors are in this strip, widened against rounding.
     strip = bandwidth * (1.0 + 1e-9)
     for k in range(len(points)):
         x, y = points[k]
@@ -80,7 +79,7 @@ def _converge(points, bandwidth):
                 sum_y += points[j, 1] if inside else 0.0
                 count += inside
             if count == 0:
-                break  # rounding: all points are at exactly the bandwidth
+                break  # rounding: all points are exactly on the circle
             moved = np.hypot(sum_x / count - x, sum_y / count - y)
             x, y, counts[k] = sum_x / count, sum_y / count, count
             if moved <= TOLERANCE * bandwidth:
@@ -101,8 +100,8 @@ def _suppress_near(means, bandwidth):
 def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
     """Cluster points, shape (n, 2), float64 [m], by flat-kernel mean shift (Comaniciu and Meer 2002).
 
-    `bandwidth`: kernel radius, and minimum distance between centers [m]. Returns centers, shape (k, 2), float64 [m], by
-    decreasing number of neighbors.
+    `bandwidth`: kernel radius, and minimum distance between centers [m]. Returns centers, shape (k, 2), float64 [m],
+    the densest first.
     """
     means, counts = _converge(points[np.argsort(points[:, 0], kind="stable")], bandwidth)
     means = means[np.lexsort((means[:, 1], means[:, 0], counts))[::-1]]
@@ -110,7 +109,7 @@ def mean_shift(points: np.ndarray, bandwidth: float) -> np.ndarray:
 
 
 class RrtDetector:
-    """Local trees, one per robot, a global tree, and the filter of their frontier points."""
+    """Local trees, a global tree, and the filter of their frontier points."""
 
     def __init__(self, params: RrtParams, rng: np.random.Generator) -> None:
         self._params, self._rng = params, rng
@@ -122,7 +121,7 @@ class RrtDetector:
     def detect(self, grid: OccupancyGrid, robots: Sequence[tuple[float, float]]) -> None:
         """Grow the trees for one control step, and filter their frontier points.
 
-        `robots`: positions (x, y), map frame [m]; the global tree starts at the first.
+        `robots`: positions (x, y), map frame [m].
         """
         params = self._params
         if not self.trees:

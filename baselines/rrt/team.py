@@ -1,12 +1,9 @@
 """Explorers of Nguyen et al. (2022): random trees find frontier points, revenues assign the points to robots.
 
 Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), after Umari and Mukhopadhyay, "Autonomous Robotic Exploration
-Based on Multiple Rapidly-exploring Randomized Trees" (2017). Differences from their program:
-
-- *Region.* Samples come from the observed area and a margin, not from a region clicked by the user.
-- *Navigation cost.* Path length, weighted by proximity to obstacles, not straight distance.
-- *Invalid points.* Unreachable points are dropped, too. The goal is the frontier cell nearest to a point.
-- *End.* Exploration ends after a turn in place and `patience` steps without an assignable point.
+Based on Multiple Rapidly-exploring Randomized Trees" (2017). Unlike in their program, samples come from the observed
+area and a margin, navigation costs are path lengths, unreachable points are dropped, and exploration ends after
+`patience` steps without an assignable point.
 """
 
 import math
@@ -41,7 +38,7 @@ def assign(
     """Assign points by descending revenue until robots or points are used up (section 2.1.3).
 
     The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with lambda = `info_multiplier`, and h = `hysteresis_gain`
-    within `hysteresis_radius` and 1 beyond. Unknown cells within `info_radius` of an assigned point do not count again.
+    within `hysteresis_radius` and 1 beyond. Unknown cells near assigned points do not count again.
 
     Args:
         robots: positions x_r, shape (n, 2), map frame [m].
@@ -50,7 +47,7 @@ def assign(
         taken: points of other robots, shape (k, 2), map frame [m].
 
     Returns:
-        Index of the point of each robot, shape (n,), int64; `UNASSIGNED` without a reachable point.
+        Index of the point of each robot, shape (n,), int64, or `UNASSIGNED`.
     """
     chosen = np.full(len(robots), UNASSIGNED, dtype=np.int64)
     gains = information_gain(grid, points, params.info_radius)

@@ -1,11 +1,7 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on Multiple
-Rapidly-exploring Randomized Trees" (2017). Details that the report omits:
-
-- A frontier point is the first unknown point of a step, which may be 15 m long.
-- The first cell of a step is not checked: new obstacles on a vertex would block all samples around it.
-- A minimum vertex spacing limits the time of nearest-neighbor search.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The first cell of a step is not checked: new
+obstacles on a vertex would block all samples around it.
 """
 
 import math
@@ -61,7 +57,7 @@ def grid_check(data, u0, v0, u1, v1):
 
     Args:
         data: occupancy, shape (height, width), int8; cells outside are unknown.
-        u0, v0, u1, v1: ends of the line (column, row) [cells]; cell c covers [c, c + 1).
+        u0, v0, u1, v1: ends of the line (column, row) [cells].
 
     Returns:
         `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center (column, row) of the cell found, or end of the line.
@@ -109,7 +105,7 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 
 
 class Tree:
-    """Tree that grows through free space and detects frontier points, where it would enter unknown space."""
+    """Tree that grows through free space and reports where it enters unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
         """Create a tree with its root at (x, y), map frame [m].
@@ -117,7 +113,7 @@ class Tree:
         Args:
             eta: maximum step [m].
             spacing: minimum distance of a new vertex from the nearest vertex [m].
-            resets: whether the tree restarts at the robot after each frontier point (local detector).
+            resets: whether the tree restarts at the robot after each frontier point.
         """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)

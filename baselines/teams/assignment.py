@@ -1,4 +1,4 @@
-"""Rules that assign frontiers to the robots of a team."""
+"""Assignment of frontiers to robots."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -99,7 +99,7 @@ class MinMaxTours:
         for k, candidates in enumerate(offers):
             own = np.flatnonzero(stop_of[firsts[k] : firsts[k] + len(candidates)] == tours[k, 0])
             if tours[k, 0] >= 0 and len(own):
-                chosen[k] = int(own[0])  # the cheapest
+                chosen[k] = int(own[0])
         left = [k for k, index in enumerate(chosen) if index == UNASSIGNED]
         goals = [offers[k]["frontier"][index] for k, index in enumerate(chosen) if index != UNASSIGNED]
         rest = self._auction([offers[k] for k in left], np.vstack([taken, *goals]), [beliefs[k] for k in left])

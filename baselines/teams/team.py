@@ -1,4 +1,4 @@
-"""Explorer of teams: assigns frontiers by a rule and drives the robots."""
+"""Explorer of teams."""
 
 import math
 from collections.abc import Sequence

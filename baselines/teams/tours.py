@@ -1,4 +1,4 @@
-"""Open tours of several robots past all stops, with a short longest tour."""
+"""Open tours of several robots past all stops."""
 
 import numpy as np
 from numba import njit
@@ -41,7 +41,7 @@ def _insert(starts, between, work, tours, totals, stop):
 
 @njit(cache=True, error_model="numpy")
 def min_max_tours(starts, between, work):
-    """Distribute stops over robots: insert the farthest first, then move stops while this helps.
+    """Distribute stops over robots such that the longest tour is short.
 
     Args:
         starts: path lengths from robots to stops [m], shape (n, m), float64.
