@@ -47,22 +47,22 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--ray")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
-    given, others = parser.parse_known_args(begin_command(arguments))
-    if given.help:
+    args, others = parser.parse_known_args(begin_command(arguments))
+    if args.help:
         for kind in (TrainingConfig, EvolutionConfig):
             with contextlib.suppress(SystemExit):
                 read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
         changes, data, source = read_changes(others), PLAIN, "the command line"
-        if given.resume is None and given.config is None and "algorithm" not in changes:
+        if args.resume is None and args.config is None and "algorithm" not in changes:
             raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
-        if given.resume is not None or given.config is not None:
-            path = find_configuration(given.config) if given.resume is None else find_config(given.resume)
+        if args.resume is not None or args.config is not None:
+            path = find_configuration(args.config) if args.resume is None else find_config(args.resume)
             data, source = read_mapping(path), str(path)
-            if given.resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
-                check_names(data, source, [*given.trust, *named_code(changes)])
-        run = start(change(data, changes), source, given)
+            if args.resume is not None or path.name == SWEEP or any((path.parent / name).exists() for name in RECORDS):
+                check_names(data, source, [*args.trust, *named_code(changes)])
+        run = start(change(data, changes), source, args)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -72,23 +72,23 @@ def main(arguments: list[str] | None = None) -> int:
     return 0
 
 
-def start(data: dict[str, Any], source: str, given: argparse.Namespace) -> Path:
+def start(data: dict[str, Any], source: str, args: argparse.Namespace) -> Path:
     """Start or resume a training, sweep or evolution; return the folder of results."""
     # Torch takes seconds to import: check the configuration first.
     if {"sweep", "seeds"} & data.keys():
         from lidarnaut.agents.sweep import run_sweep
 
-        return run_sweep(data, source, resume=given.resume, ray=given.ray, jobs=given.jobs)
+        return run_sweep(data, source, resume=args.resume, ray=args.ray, jobs=args.jobs)
     config = parse_config(data, source)
     if isinstance(config, EvolutionConfig):
         from lidarnaut.agents.frontiers.evolution import evolve
 
-        return evolve(config, resume=given.resume, ray=given.ray)
-    if given.ray is not None:
+        return evolve(config, resume=args.resume, ray=args.ray)
+    if args.ray is not None:
         raise ValueError("--ray is for sweeps and evolutions: a training by itself runs in one place")
     from lidarnaut.agents.training import train
 
-    return train(config, resume=given.resume, trust=given.trust)
+    return train(config, resume=args.resume, trust=args.trust)
 
 
 def read_changes(words: Sequence[str]) -> dict[str, Any]:

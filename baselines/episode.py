@@ -60,11 +60,8 @@ def run(
 ) -> Ended:
     """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
 
-    Args:
-        observation, info: results of the reset or last step.
-        watch: callback with `info`, called now and after every step.
-        max_steps: maximum number of steps.
-        clock: timer of decisions [s].
+    `observation` and `info` are results of the reset or last step. `watch` is called with `info` now and after every
+    step. `max_steps` is the maximum number of steps, and `clock` the timer of decisions [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)

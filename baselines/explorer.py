@@ -35,9 +35,7 @@ class Policy(Protocol):
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         """Prepare for an episode.
 
-        Args:
-            control_period: time between calls of `act` [s].
-            rng: generator of the policy.
+        `control_period` is the time between calls of `act` [s], `rng` the generator of the policy.
         """
 
 

@@ -16,11 +16,11 @@ CURVATURES = (-4.0, -2.0, -1.0, -0.5, -0.2, 0.0, 0.2, 0.5, 1.0, 2.0, 4.0)
 """Candidate curvatures from right to left, for a robot radius of 0.1 m; lower for larger robots [1/m]."""
 REFERENCE_RADIUS = 0.1
 """Robot radius of `CURVATURES` [m]."""
-MARGIN = 0.12
+WALL_MARGIN = 0.12
 """Preferred gap between footprint and wall [m]."""
-TIGHT_MARGIN = 0.02
+MIN_WALL_MARGIN = 0.02
 """Gap between footprint and wall in narrow passages [m]."""
-REACH = 0.8
+ARC_LENGTH = 0.8
 """Collision-free length that an arc needs, beyond the robot's radius [m]."""
 SPEED = 0.8
 """Speed as a fraction of the maximum speed."""
@@ -74,7 +74,7 @@ class WallFollower:
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period, self._rng = robot, control_period, rng
         self._curvatures = (np.array(CURVATURES) * REFERENCE_RADIUS / max(robot.radius, REFERENCE_RADIUS)).tolist()
-        self._reach = robot.radius + REACH
+        self._reach = robot.radius + ARC_LENGTH
         self._navigator = Navigator(robot, control_period)
         self._has_begun = self._is_following = False
         self._turned = 0.0
@@ -98,10 +98,10 @@ class WallFollower:
             self._navigator.spin(self._rng.uniform(0.4, 1.8))
             return turn
         if not self._is_following:
-            if self._is_free(obstacles, 0.0, MARGIN):
+            if self._is_free(obstacles, 0.0, WALL_MARGIN):
                 return self._drive(0.0)
             self._is_following, self._turned = True, 0.0
-        arcs = product((MARGIN, TIGHT_MARGIN), self._curvatures)
+        arcs = product((WALL_MARGIN, MIN_WALL_MARGIN), self._curvatures)
         return next((self._drive(arc) for margin, arc in arcs if self._is_free(obstacles, arc, margin)), turn)
 
     def _is_free(self, obstacles: np.ndarray, curvature: float, margin: float) -> bool:

@@ -41,7 +41,6 @@ def program_name() -> str:
 
 
 class _Output(io.FileIO):
-
     def write(self, data: Any) -> int:
         try:
             return super().write(data)

@@ -116,7 +116,6 @@ class KernelCache(caching.NullCache):
 
 
 class _Progress(event.Listener):
-
     def __init__(self) -> None:
         self._depth = 0
         self._bar: Any = None

@@ -37,7 +37,7 @@ NO_TRACKS = np.empty((0, 5))
 """Empty array of people tracks, shape (0, 5): x, y, vx, vy, radius."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
 """Methods that the batched path replaces. An environment that overrides one is stepped alone."""
-WORLDS = 2**32 - 1
+WORLD_SPAWN_KEY = 2**32 - 1
 """Spawn key of the generator of worlds; `Generator.spawn` does not reach this key."""
 
 
@@ -109,11 +109,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         fixed_info: bool = False,
         **settings: Any,
     ) -> None:
-        """Create an environment; the class docstring describes the other arguments.
+        """Create an environment from a subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one.
 
-        Args:
-            task: subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one.
-            settings: arguments of the task.
+        `settings` are arguments of the task; the class docstring describes the other arguments.
 
         Raises:
             ValueError: if the value of an argument is not allowed.
@@ -487,7 +485,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
         if self._root is not self.np_random:
             self._root, root = self.np_random, self.np_random.bit_generator.seed_seq
-            key = (*root.spawn_key, WORLDS)  # type: ignore[attr-defined]
+            key = (*root.spawn_key, WORLD_SPAWN_KEY)  # type: ignore[attr-defined]
             self._world_rng = np.random.default_rng(np.random.SeedSequence(root.entropy, spawn_key=key))  # type: ignore[attr-defined]
             return self.task.draw_world(wanted, self.np_random)
         if wanted is None and before is self._world_rng and sampler is self.task.sampler_ahead:

@@ -8,7 +8,7 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     compute_velocity_command,
     update_obstacles,
 )
-from lidarnaut.envs.robot import ONE, SCAN
+from lidarnaut.envs.robot import ONE_ACTIVE, SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import note_positions, update_robots
@@ -18,23 +18,20 @@ UNCHECKED = -1
 
 
 @njit(cache=True, error_model="numpy")
-def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
+def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
     """Drive a robot until a scan is due, the noise is used up, or Python must handle the progress.
 
-    Args:
-        rows, draws, ranges: as for `step_robots`, of one robot.
-        world_arrays: segments and circles of the world, and `People.arrays`.
-        navigator: arrays of the navigator, written.
-        noted: `positions` and `counts` of `note_positions`, written.
-        max_steps: maximum number of control periods.
-        check_from: control period from which Python checks progress.
+    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot. `world_arrays`: segments and circles of the world,
+    and `People.arrays`. `navigator`: arrays of the navigator, written. `noted`: `positions` and `counts` of
+    `note_positions`, written. `max_steps`: maximum number of control periods. `check_from`: control period from which
+    Python checks progress.
 
     Returns:
         Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the
         last one that ended in contact.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
-    segments, circles, crowd = around
+    segments, circles, crowd = world_arrays
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
     noted[1][:] = contacts = 0
     num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
@@ -45,7 +42,7 @@ def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
         step_robots(rows, draws, ranges, segments, circles, crowd)
         update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
-        note_positions(rows, ONE, *noted)
+        note_positions(rows, ONE_ACTIVE, *noted)
         motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
         sensors = (ranges[0], navigator.directions, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)

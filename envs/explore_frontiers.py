@@ -52,7 +52,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     | key | space | meaning |
     |---|---|---|
     | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | one row per candidate; unused rows are 0 |
-    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from the viewpoint: 24 free ranges, 24 unknown fractions |
+    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
     | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between candidates; h = 5 m |
     | `action_mask` | `MultiBinary(max_candidates)` | 1 for valid candidates |
     | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `Explore-v0` |
@@ -329,9 +329,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
-        around = env.world.segments, env.world.circles, simulator.crowd.arrays
+        world_arrays = env.world.segments, env.world.circles, simulator.crowd.arrays
         check_from = min(navigator.check_from, 1 << 40)
-        arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, self._noted
+        arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.navigator.arrays, self._noted
         count, progress, num_contacts = drive(*arrays, max(left, 1), check_from)
         v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
         robot.action = v / robot.params.max_v, w / robot.params.max_w

@@ -28,9 +28,9 @@ SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
 """Bits of `FLAGS`, pending work of a robot: process the scan, append the estimated position to the recorded path,
 append the true position to the true path."""
 
-ONE = np.ones(1, dtype=np.bool_)
+ONE_ACTIVE = np.ones(1, dtype=np.bool_)
 """Mask of active robots for a single robot."""
-FAR, LATE = 10.0, 10.0
+MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 """Upper limits of recorded gaps to people [m] and times to collision [s]."""
 
 
@@ -127,11 +127,11 @@ class Robot:
         rows = self._rows
         if len(rows.numbers) == 1:
             if self._batch is None or self._batch.numbers is not rows.numbers:
-                self._batch = SimpleNamespace(robots=[self], active=ONE, **vars(rows))
+                self._batch = SimpleNamespace(robots=[self], active=ONE_ACTIVE, **vars(rows))
             return self._batch
         kept = {name: rows.memory[name][self.index, None] for name in memory}
         return SimpleNamespace(
-            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE
+            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE_ACTIVE
         )
 
     @property
@@ -190,12 +190,8 @@ class Robot:
     ) -> None:
         """Start an episode at rest; `integrate` processes the first scan.
 
-        Args:
-            rows: arrays that contain the robot's row, at `index`.
-            reading: first reading.
-            prior: initial pose and map.
-            rng: generator of the estimator.
-            shared_map: map shared with another robot of the team, or None.
+        `rows` contains the robot's row, at `index`. `rng` is the generator of the estimator. `shared_map` is a map
+        shared with another robot of the team, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
@@ -211,7 +207,7 @@ class Robot:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
-        row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
+        row[at.LEAST_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
         if self.tracker is not None:
             self.tracker.reset()
             self._track(self.tracker, reading.ranges, ORIGIN)

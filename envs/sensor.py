@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import World
 
-MEMBERS = ("name", "shape", "reset", "measure")
+SENSOR_MEMBERS = ("name", "shape", "reset", "measure")
 """Required attributes and methods of a sensor."""
 
 
@@ -56,11 +56,11 @@ def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
     if isinstance(sensors, str) or not isinstance(sensors, Sequence):
         raise ValueError(f"sensors must be a sequence of sensors or module:attribute, got {sensors!r}")
     made: list[Sensor] = []
-    for given in sensors:
-        found = resolve(given, {}, "sensor")
+    for item in sensors:
+        found = resolve(item, {}, "sensor")
         sensor = found() if isinstance(found, type) else copy.deepcopy(found)
-        if missing := [name for name in MEMBERS if not hasattr(sensor, name)]:
-            raise ValueError(f"sensor {given!r} lacks {', '.join(missing)}; see lidarnaut.envs.sensor.Sensor")
+        if missing := [name for name in SENSOR_MEMBERS if not hasattr(sensor, name)]:
+            raise ValueError(f"sensor {item!r} lacks {', '.join(missing)}; see lidarnaut.envs.sensor.Sensor")
         made.append(sensor)
     names = [sensor.name for sensor in made]
     if len(set(names)) < len(names):

@@ -21,7 +21,7 @@ from lidarnaut.envs.worlds.map_files import map_paths
 HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
 TURN_RATE = 1.0
 """Maximum yaw rate of keyboard commands [rad/s]."""
-STRIP = 32
+HELP_HEIGHT = 32
 """Height of the help line below the image [px]."""
 DIRECTIONS = {
     pygame.K_UP: (1.0, 0.0),
@@ -51,7 +51,7 @@ class Teleop:
         self._map_path = map_path
         self._held: set[int] = set()
         self._message = ""
-        self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + STRIP))
+        self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + HELP_HEIGHT))
         self._text = Typesetter()
         env.reset(seed=seed)
         if env.world.map is not None:
@@ -106,8 +106,8 @@ class Teleop:
         surface = self._window.get_surface()
         surface.fill(PAPER)
         surface.blit(pygame.image.frombuffer(frame.tobytes(), (width, height), "RGB"), (0, 0))
-        self._text.write(surface, HELP, midleft=(GAP, height + STRIP // 2 - 4))
-        self._text.write(surface, self._message, midright=(width - GAP, height + STRIP // 2 - 4))
+        self._text.write(surface, HELP, midleft=(GAP, height + HELP_HEIGHT // 2 - 4))
+        self._text.write(surface, self._message, midright=(width - GAP, height + HELP_HEIGHT // 2 - 4))
         self._window.flip()
 
 

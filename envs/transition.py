@@ -9,7 +9,7 @@ from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
-from lidarnaut.envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, Setup
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import drove_into
 from lidarnaut.envs.simulation.crowd import records as crowd_at
@@ -55,7 +55,7 @@ def _watch_people(row, people):
     """Update gaps to people, times to collision, intrusion time, and the cause of a contact."""
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
-    gap, time = FAR, LATE
+    gap, time = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
     for i in range(people.shape[0]):
         dx, dy = people[i, crowd_at.X] - x, people[i, crowd_at.Y] - y
         reach, away = radius + people[i, crowd_at.RADIUS], distance(dx, dy)
@@ -115,18 +115,16 @@ def update_robots(rows, people):
 
 
 @njit(cache=True, error_model="numpy")
-def step_rows(rows, draws, ranges, active, num_robots, around):
+def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
     """Simulate one control period of active environments with `num_robots` rows each.
 
-    Args:
-        rows, draws, ranges: as for `step_robots`, environment by environment.
-        active: environments to step, shape (num_envs,), bool.
-        world_arrays: other arguments of `step_robots`, by environment.
+    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment. `active`: environments to step, shape
+    (num_envs,), bool. `world_arrays`: other arguments of `step_robots`, by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
-            own, (segments, circles, crowd) = rows[first:last], around[i]
+            own, (segments, circles, crowd) = rows[first:last], world_arrays[i]
             step_robots(own, draws[first:last], ranges[first:last], segments, circles, crowd)
             update_robots(own, crowd[0])
 
@@ -135,10 +133,8 @@ def step_rows(rows, draws, ranges, active, num_robots, around):
 def note_positions(rows, active, positions, counts):
     """Append the positions requested by `FLAGS` to arrays, and clear the flags; True if an array is full.
 
-    Args:
-        active: rows to process, shape (n,), bool.
-        positions: estimated and true positions, shape (n, k, 4), float64 [m], written.
-        counts: numbers of estimated and true positions, shape (n, 2), int64, written.
+    `active`: rows to process, shape (n,), bool. `positions`: estimated and true positions, shape (n, k, 4), float64
+    [m], written. `counts`: numbers of estimated and true positions, shape (n, 2), int64, written.
     """
     is_full = False
     for k in range(rows.shape[0]):

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-IMPROVEMENT = 1e-9
+MIN_SAVING = 1e-9
 """Minimum saving of a change, above rounding errors."""
 
 
@@ -58,7 +58,7 @@ def _improve(lengths, tour, num_fixed):
             for i in range(num_fixed, len(tour) - 1):
                 for j in range(i + 1, len(tour)):
                     for k in range(i if swaps else i - 1, j if swaps else i):
-                        if is_shorter(lengths, tour, i, k, j, IMPROVEMENT):
+                        if is_shorter(lengths, tour, i, k, j, MIN_SAVING):
                             tour[:] = changed(tour, i, k, j)
                             improved = True
 

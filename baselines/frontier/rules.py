@@ -13,7 +13,7 @@ from lidarnaut.envs.robots import RobotParams
 
 CELL = 0.05
 """Side of a cell in the frontier sizes of published rules [m]."""
-LENGTHS = (8 * CELL, 3 * CELL)
+MIN_LENGTHS = (8 * CELL, 3 * CELL)
 """Minimum frontier length, and minimum if no such frontier is reachable [m]."""
 
 
@@ -26,7 +26,7 @@ class NearestExplorer(RuleExplorer):
     """Drives to the frontier with the lowest path cost."""
 
     def __init__(self) -> None:
-        super().__init__(nearest, max_candidates=4, planning=PlanningParams(min_lengths=LENGTHS))
+        super().__init__(nearest, max_candidates=4, planning=PlanningParams(min_lengths=MIN_LENGTHS))
 
 
 def greedy_gain(candidates: Candidates, belief: Belief) -> np.ndarray:
@@ -78,7 +78,7 @@ class ExploreLiteExplorer(RuleExplorer):
     """Explorer with the rule `ExploreLite`."""
 
     def __init__(self, params: ExploreLite = ExploreLite()) -> None:
-        planning = PlanningParams(min_lengths=(0.75, LENGTHS[-1]), max_extent=0.5)
+        planning = PlanningParams(min_lengths=(0.75, MIN_LENGTHS[-1]), max_extent=0.5)
         super().__init__(params, max_time=1.0 / 0.33, planning=planning)
 
 
@@ -121,7 +121,7 @@ class NextBestViewExplorer(RuleExplorer):
     """Explorer with the rule `NextBestView`."""
 
     def __init__(self, params: NextBestViewParams = NextBestViewParams()) -> None:
-        planning = PlanningParams(min_lengths=LENGTHS, max_extent=1.0)
+        planning = PlanningParams(min_lengths=MIN_LENGTHS, max_extent=1.0)
         super().__init__(NextBestView(params), max_time=params.max_time, planning=planning)
 
 

@@ -12,21 +12,21 @@ from pydantic.dataclasses import dataclass
 
 from lidarnaut.baselines.frontier.explorer import RuleExplorer
 from lidarnaut.baselines.frontier.open_tour import best_tours
-from lidarnaut.baselines.frontier.rules import LENGTHS
+from lidarnaut.baselines.frontier.rules import MIN_LENGTHS
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
 from lidarnaut.envs.robots import RobotParams
 
-FAR = 1e4
+UNREACHABLE_LENGTH = 1e4
 """Path length between stops that are not connected [m]."""
-MARGIN = 10.0
+SEARCH_MARGIN = 10.0
 """Margin of the path search around the bounding box of all stops [m]."""
-SPACING = 1.0
+VIEWPOINT_SPACING = 1.0
 """Maximum length of a frontier with a single viewpoint [m]."""
 MAX_CANDIDATES = 64
 """Maximum number of candidates, the cheapest first."""
-PERIOD = 2.0
+TOUR_PERIOD = 2.0
 """Time between two tours [s]."""
 
 
@@ -83,8 +83,8 @@ class TourExplorer(RuleExplorer):
     """Explorer with the rule `Tour`; short frontiers come last."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        planning = PlanningParams(min_lengths=(2 * LENGTHS[0], *LENGTHS), max_extent=SPACING)
-        super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
+        planning = PlanningParams(min_lengths=(2 * MIN_LENGTHS[0], *MIN_LENGTHS), max_extent=VIEWPOINT_SPACING)
+        super().__init__(Tour(params), max_time=TOUR_PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
@@ -94,7 +94,7 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
     count narrow passages as open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
-    reach, size = math.ceil(MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
+    reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
     cells = grid.cells(points)
     top, left = np.maximum(cells.min(axis=0) - reach, 0)
     bottom, right = cells.max(axis=0) + reach + 1
@@ -107,7 +107,7 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
         field = travel_field(coarse, (float(points[k, 0]), float(points[k, 1])))
         paths = np.full(len(points) - k - 1, np.inf) if field is None else field.cost(cells[k + 1 :])
         lengths[k, k + 1 :] = lengths[k + 1 :, k] = paths
-    return np.minimum(lengths, FAR)
+    return np.minimum(lengths, UNREACHABLE_LENGTH)
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:

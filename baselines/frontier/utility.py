@@ -161,9 +161,7 @@ class FrontierExplorer(RuleExplorer):
 def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Cluster the frontier cells of candidates by DBSCAN (Ester, Kriegel, Sander, Xu, 1996).
 
-    Args:
-        tolerance: maximum distance of neighbors [m].
-        size: minimum number of 5 cm cells in a dense cluster.
+    `tolerance` is the maximum distance of neighbors [m], `size` the minimum number of 5 cm cells in a dense cluster.
 
     Returns:
         Cells [m], shape (n, 2), float64; candidate and cluster of each cell, shape (n,), int64, -1 for noise.

@@ -12,7 +12,7 @@ MAX_SAMPLES = 8192
 """Maximum number of sample cells of the area to observe."""
 STOP_COST = 0.1
 """Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
-NEAR = 0.5
+PASSED_SHARE = 0.5
 """Fraction of the lidar range in which a viewpoint passed closely should show cells."""
 MAX_MISSES = 2
 """Number of viewpoints that fail to show a cell before the tour ignores the cell."""
@@ -54,7 +54,7 @@ class CoverPlanner:
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:
-            missed = missed[np.hypot(*(missed - self.viewpoints.cells[viewpoint]).T) <= NEAR * self._reach]
+            missed = missed[np.hypot(*(missed - self.viewpoints.cells[viewpoint]).T) <= PASSED_SHARE * self._reach]
         self._misses[tuple(missed.T)] += 1
         self.leave_out(viewpoint)
 

@@ -11,15 +11,15 @@ from numba import njit
 
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
-LEAST_SAVING = 1e-6
+MIN_SAVING = 1e-6
 """Minimum saving of a change, above rounding errors [m]."""
 MAX_REMOVED = 8
 """Maximum number of stops to remove at once."""
-DEVIATION = 0.01
+MAX_EXCESS_LENGTH = 0.01
 """Initial relative excess length of an accepted tour; decreases linearly to 0."""
-NOISE = 0.4
+VALUE_NOISE = 0.4
 """Relative amplitude of the noise on the value of viewpoints."""
-SHORT_DETOUR = 0.2
+DETOUR_OFFSET = 0.2
 """Added to detours [m], such that gains are never divided by 0."""
 
 
@@ -29,7 +29,7 @@ class Cover(NamedTuple):
     lengths: np.ndarray
     """Path lengths between viewpoints [m], shape (n, n), float64, finite, symmetric."""
     predecessors: np.ndarray
-    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i."""
+    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
     sees: np.ndarray
     """Samples visible from each viewpoint, one bit per sample, shape (n, words), uint64."""
 
@@ -80,7 +80,7 @@ def shorten(cover, known, target, tour):
         for i in range(1, tour.size - 1):
             for j in range(i + 1, tour.size):
                 for k in range(i - 1, j):
-                    if is_shorter(cover.lengths, tour, i, k, j, LEAST_SAVING):
+                    if is_shorter(cover.lengths, tour, i, k, j, MIN_SAVING):
                         other = changed(tour, i, k, j)
                         if count_bits(seen_on(cover, known, other)) >= target:
                             tour[:] = other
@@ -120,7 +120,7 @@ def complete(cover, known, target, tour, noise, rng):
                 more -= cover.lengths[tour[k], tour[k + 1]]
                 if more < detour:
                     detour, at = more, k + 1
-            value = min(gain, missing) / (max(detour, 0.0) + SHORT_DETOUR) * (1.0 + noise * rng.random())
+            value = min(gain, missing) / (max(detour, 0.0) + DETOUR_OFFSET) * (1.0 + noise * rng.random())
             if value > best_value:
                 best, best_at, best_value = viewpoint, at, value
         if best < 0:
@@ -142,10 +142,8 @@ def _ruin(cover, tour, rng):
 def search_tour(cover, known, target, tour, num_rounds, rng):
     """Search for a short tour that observes `target` samples, or as many as possible.
 
-    Args:
-        known: samples known before the tour, shape (words,), uint64.
-        tour: initial tour, shape (size,), int64: start, then any stops.
-        num_rounds: number of rounds of removal and reinsertion.
+    `known`: samples known before the tour, shape (words,), uint64. `tour`: initial tour, shape (size,), int64: start,
+    then any stops. `num_rounds`: rounds of removal and reinsertion of stops.
 
     Returns:
         Tour, shape (m,), int64, and whether it suffices.
@@ -158,13 +156,13 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
     for k in range(num_rounds):
         if present.size < 2:
             break
-        other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), NOISE, rng)
+        other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), VALUE_NOISE, rng)
         if not other_enough:
             continue
         other = shorten(cover, known, target, other)
         length = tour_length(cover.lengths, other)
-        if length < best_length - LEAST_SAVING:
+        if length < best_length - MIN_SAVING:
             best, best_length = other, length
-        if length <= best_length * (1.0 + DEVIATION * (1.0 - k / num_rounds)):
+        if length <= best_length * (1.0 + MAX_EXCESS_LENGTH * (1.0 - k / num_rounds)):
             present = other
     return best, enough

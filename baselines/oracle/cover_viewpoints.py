@@ -20,9 +20,9 @@ MIN_SPACING = 0.3
 """Minimum distance between viewpoints [m]."""
 MAX_BLOCK = 4
 """Maximum side of the blocks for path search [cells]."""
-NUM_NEAR = 12
+NUM_NEIGHBORS = 12
 """Number of neighbors of a viewpoint."""
-DETOUR = 1.1
+MAX_DETOUR_RATIO = 1.1
 """Maximum relative length of a path through an intermediate viewpoint."""
 
 
@@ -48,7 +48,7 @@ def _find_predecessors(
         through = travelled[near] + onward
         through[(travelled[near] >= travelled[:, None]) | (near == origin)] = np.inf
         best = through.argmin(axis=1)
-        is_between = through[viewpoints, best] < DETOUR * travelled
+        is_between = through[viewpoints, best] < MAX_DETOUR_RATIO * travelled
         predecessors[row] = np.where(is_between, near[viewpoints, best], origin)
     return predecessors
 
@@ -65,7 +65,7 @@ class Viewpoints:
     near: np.ndarray
     """Nearest neighbors of each viewpoint, shape (n, k), int32."""
     predecessors: np.ndarray
-    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i."""
+    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
     block_costs: np.ndarray
     """Traversal costs of blocks of cells, uint8."""
     side: int
@@ -134,7 +134,7 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
     lengths = _path_lengths(block_costs, blocks, blocks, size)
     lengths = np.minimum(lengths, lengths.T)
-    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
+    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEIGHBORS + 1].astype(np.int32)
     predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
     return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)
 
@@ -166,10 +166,8 @@ def _views(free, cells, reach, sample_of, num_words):
 def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
     """Return the samples visible from cells for a 360 degree lidar of range `reach` [cells].
 
-    Args:
-        free: free cells, shape (height, width), bool.
-        cells: viewpoints (row, column), shape (n, 2), int64.
-        samples: sample cells (row, column), shape (s, 2), int64.
+    `free`: free cells, shape (height, width), bool. `cells`, `samples`: cells (row, column), shapes (n, 2) and (s, 2),
+    int64.
 
     Returns:
         Visibility, shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 for sample i.

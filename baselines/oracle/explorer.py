@@ -16,13 +16,13 @@ from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
 """Time between two updates of the tour [s]."""
-FIRST_ROUNDS = 300
+NUM_FIRST_ROUNDS = 300
 """Number of search rounds for the first tour; see `search_tour`."""
-ROUNDS = 4
+NUM_ROUNDS = 4
 """Number of search rounds for later tours; see `search_tour`."""
 LOOKAHEAD = 3.0
 """Maximum distance of a path goal along the tour [m]."""
-ARRIVED = 0.15
+ARRIVAL_RADIUS = 0.15
 """Distance at which a stop is reached [m]."""
 REACH_MARGIN = 0.1
 """Reduction of the lidar range in plans [m]."""
@@ -125,7 +125,7 @@ class OracleExplorer:
         return navigator.command(belief.pose)
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
-        num_rounds = ROUNDS if self._planner else FIRST_ROUNDS
+        num_rounds = NUM_ROUNDS if self._planner else NUM_FIRST_ROUNDS
         planner = self._planner = self._planner or self._prepare(planning, coverage)
         if planner is None:
             return False
@@ -133,11 +133,11 @@ class OracleExplorer:
         planning.update(self._truth.complete(belief.grid), None)
         if self._progress == FAILED and planner.stops:
             planner.leave_out(planner.stops[0])
-        for viewpoint in np.flatnonzero(np.hypot(*(planner.viewpoints.points - (x, y)).T) < ARRIVED):
+        for viewpoint in np.flatnonzero(np.hypot(*(planner.viewpoints.points - (x, y)).T) < ARRIVAL_RADIUS):
             planner.use_up(int(viewpoint), coverage.explored)
         while True:
             planner.plan(x, y, coverage.explored, num_rounds)
-            num_rounds = ROUNDS
+            num_rounds = NUM_ROUNDS
             if not planner.stops:
                 return False
             stop = planner.stops[0]

@@ -38,10 +38,10 @@ class RrtRobot(TeamRobot):
         frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
         reach = int(np.ceil(radius))
         window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
-        around = np.floor(positions).astype(np.int64)[:, None] + window
-        gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
-        inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
-        rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
+        neighbors = np.floor(positions).astype(np.int64)[:, None] + window
+        gaps = np.hypot(*np.moveaxis(neighbors + 0.5 - positions[:, None], -1, 0))
+        inside = ((neighbors >= 0) & (neighbors < frontier.shape)).all(axis=-1)
+        rows, cols = np.moveaxis(np.where(inside[..., None], neighbors, 0), -1, 0)
         gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
         nearest = np.arange(len(gaps)), gaps.argmin(axis=1)
-        return around[nearest][np.isfinite(gaps[nearest])]
+        return neighbors[nearest][np.isfinite(gaps[nearest])]

@@ -23,7 +23,7 @@ from lidarnaut.envs.navigation.team_robot import TeamRobot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
-SAME_POINT = 0.4
+TAKEN_RADIUS = 0.4
 """Radius around the target of another robot in which points are not assigned [m]."""
 
 
@@ -40,11 +40,8 @@ def assign(
     The revenue is R = lambda h(x_fp, x_r) I(x_fp) - N(x_fp), with lambda = `info_multiplier`, and h = `hysteresis_gain`
     within `hysteresis_radius` and 1 beyond. Unknown cells near assigned points do not count again.
 
-    Args:
-        robots: positions x_r, shape (n, 2), map frame [m].
-        points: frontier points x_fp, shape (m, 2), map frame [m].
-        costs: path costs N, shape (n, m) [m], inf without a path.
-        taken: points of other robots, shape (k, 2), map frame [m].
+    `robots`: positions x_r, shape (n, 2). `points`: frontier points x_fp, shape (m, 2). `taken`: points of other
+    robots, shape (k, 2), all map frame [m]. `costs`: path costs N [m], shape (n, m), inf without a path.
 
     Returns:
         Index of the point of each robot, shape (n,), int64, or `UNASSIGNED`.
@@ -110,7 +107,7 @@ class RrtTeam(TeamExplorer):
         points = np.array(list(columns)).reshape(-1, 2)
         taken = np.array([target for target in self.targets if target]).reshape(-1, 2)
         gaps = points[:, None] - taken
-        costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= SAME_POINT).any(axis=1)] = np.inf
+        costs[:, (np.hypot(gaps[..., 0], gaps[..., 1]) <= TAKEN_RADIUS).any(axis=1)] = np.inf
         positions = np.array([beliefs[robot.index].pose[:2] for robot in due]).reshape(-1, 2)
         chosen = assign(beliefs[0].grid, positions, points, costs, self._params, taken)
         return [

@@ -55,9 +55,8 @@ def steer(x0, y0, x, y, eta):
 def grid_check(data, u0, v0, u1, v1):
     """Find the first unknown or occupied cell on a line, without its first cell.
 
-    Args:
-        data: occupancy, shape (height, width), int8; cells outside are unknown.
-        u0, v0, u1, v1: ends of the line (column, row) [cells].
+    `data`: occupancy, shape (height, width), int8; cells outside are unknown. The line leads from (`u0`, `v0`) to
+    (`u1`, `v1`), (column, row) [cells].
 
     Returns:
         `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center (column, row) of the cell found, or end of the line.
@@ -78,10 +77,8 @@ def grid_check(data, u0, v0, u1, v1):
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
     """Grow a tree by samples (column, row), shape (n, 2), in order (algorithm 2.1); lengths in cells.
 
-    Args:
-        resets: whether the tree restarts at `robot` (column, row) after each frontier point.
-        vertices: shape (2, capacity), float32, written after the first `count`.
-        found: frontier points (column, row), shape (n, 2), float64, written.
+    A tree with `resets` restarts at `robot` (column, row) after each frontier point. `vertices`: shape (2, capacity),
+    float32, written after the first `count`. `found`: frontier points (column, row), shape (n, 2), float64, written.
 
     Returns:
         Number of vertices, and number of frontier points.
@@ -110,10 +107,8 @@ class Tree:
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
         """Create a tree with its root at (x, y), map frame [m].
 
-        Args:
-            eta: maximum step [m].
-            spacing: minimum distance of a new vertex from the nearest vertex [m].
-            resets: whether the tree restarts at the robot after each frontier point.
+        `eta` is the maximum step, `spacing` the minimum distance of a new vertex from the nearest vertex [m]. A tree
+        with `resets` restarts at the robot after each frontier point.
         """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)

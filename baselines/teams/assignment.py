@@ -7,19 +7,19 @@ from typing import Protocol
 import numpy as np
 
 from lidarnaut.baselines.frontier.explorer import FrontierRule
-from lidarnaut.baselines.frontier.tour import FAR, path_lengths
+from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
-COVER = 2.0
+COVER_RADIUS = 2.0
 """Radius of the frontiers that a stop covers [m]."""
 MAX_STOPS = 32
 """Maximum number of stops of all tours, the cheapest first."""
-WORK = 0.3
+WORK_PER_AREA = 0.3
 """Path length that counts for a unit of unknown area at a stop [1/m]."""
-KEEP = 6.0
+STOP_HYSTERESIS = 6.0
 """Length subtracted for the current stop of a robot, against oscillation [m]."""
 
 
@@ -29,10 +29,8 @@ class Assignment(Protocol):
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
         """Return the candidate index of each robot, or `UNASSIGNED`.
 
-        Args:
-            offers: candidates of the robots to be assigned.
-            taken: frontiers of other robots, shape (k, 2), map frame [m].
-            beliefs: estimates of the robots to be assigned.
+        `offers` and `beliefs` are those of the robots to be assigned. `taken`: frontiers of other robots, shape (k, 2),
+        map frame [m].
         """
 
 
@@ -85,13 +83,13 @@ class MinMaxTours:
         firsts = np.searchsorted(owners, np.arange(len(offers)))
         stops, stop_of = cover(table)
         is_known = stop_of >= 0
-        lengths, work = np.full((len(offers), len(stops)), FAR), np.zeros(len(stops))
+        lengths, work = np.full((len(offers), len(stops)), UNREACHABLE_LENGTH), np.zeros(len(stops))
         np.minimum.at(lengths, (owners[is_known], stop_of[is_known]), table["cost"][is_known])
-        np.maximum.at(work, stop_of[is_known], WORK * table["visible"][is_known])
+        np.maximum.at(work, stop_of[is_known], WORK_PER_AREA * table["visible"][is_known])
         for k, candidates in enumerate(offers):
             current = stop_of[firsts[k] + candidates.chosen] if candidates.chosen >= 0 else -1
             if current >= 0:
-                lengths[k, current] -= KEEP
+                lengths[k, current] -= STOP_HYSTERESIS
         points = table["viewpoint"][stops]
         between = path_lengths(max(offers, key=len).costmap, tuple(points[0].tolist()), points[1:])
         tours = min_max_tours(lengths, between, work)
@@ -119,7 +117,7 @@ def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
     for k in np.argsort(table["cost"], kind="stable").tolist():
         if is_left[k] and len(stops) < MAX_STOPS:
             gaps = np.hypot(*(table["frontier"] - table["frontier"][k]).T)
-            is_near = is_left & (gaps <= COVER)
+            is_near = is_left & (gaps <= COVER_RADIUS)
             stop_of[is_near], is_left = len(stops), is_left & ~is_near
             stops.append(k)
     return stops, stop_of

@@ -43,10 +43,8 @@ def _insert(starts, between, work, tours, totals, stop):
 def min_max_tours(starts, between, work):
     """Distribute stops over robots such that the longest tour is short.
 
-    Args:
-        starts: path lengths from robots to stops [m], shape (n, m), float64.
-        between: path lengths between stops [m], shape (m, m), float64, symmetric.
-        work: additional cost of each stop [m], shape (m,), float64.
+    `starts`: path lengths from robots to stops [m], shape (n, m). `between`: path lengths between stops [m], shape (m,
+    m), symmetric. `work`: additional cost of each stop [m], shape (m,). All are float64.
 
     Returns:
         Tours, shape (n, m), int64: indices of stops in order, then -1.
