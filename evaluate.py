@@ -87,11 +87,11 @@ def main(arguments: list[str] | None = None) -> int:
                 evaluation, command.jobs, messages, ray=command.ray, bags=command.bags, record=command.record
             )
         if command.shard is not None:
-            messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
+            messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0
         summary = publish(evaluation, command=shown_command(said, command), docs=command.publish)
     except KeyboardInterrupt:
-        messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
+        messages.print("Interrupted. Finished episodes are kept; run the same command to resume.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
         is_bare = isinstance(error, OSError) and error.errno is not None and error.filename is None

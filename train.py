@@ -56,7 +56,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         changes, data, source = read_changes(others), PLAIN, "the command line"
         if args.resume is None and args.config is None and "algorithm" not in changes:
-            raise ValueError("name a configuration, --config FILE, or a run that is to go on, --resume RUN")
+            raise ValueError("pass a configuration, --config FILE, or a run to resume, --resume RUN")
         if args.resume is not None or args.config is not None:
             path = find_configuration(args.config) if args.resume is None else find_config(args.resume)
             data, source = read_mapping(path), str(path)
@@ -85,7 +85,7 @@ def start(data: dict[str, Any], source: str, args: argparse.Namespace) -> Path:
 
         return evolve(config, resume=args.resume, ray=args.ray)
     if args.ray is not None:
-        raise ValueError("--ray is for sweeps and evolutions: a training by itself runs in one place")
+        raise ValueError("--ray supports sweeps and evolutions, not single trainings")
     from lidarnaut.agents.training import train
 
     return train(config, resume=args.resume, trust=args.trust)

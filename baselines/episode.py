@@ -127,7 +127,7 @@ def begin_episode(
     rate = getattr(policy, "control_hz", None)
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
         name = type(policy).__name__
-        warnings.warn(f"{name} states control_hz {rate:g}: it decides every {period:.3g} s here", stacklevel=2)
+        warnings.warn(f"{name} has control_hz {rate:g}, but decides every {period:.3g} s here", stacklevel=2)
     policy.reset(inner.robot, period, rng)
     if isinstance(policy, Omniscient) and hasattr(inner.task, "coverage"):
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
@@ -172,7 +172,7 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         if hasattr(policy, "choose"):  # turn in place without candidates
             return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
         if hasattr(policy, "act"):
-            raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
+            raise ValueError(f"{name} outputs twists and cannot choose frontiers")
         return policy
 
     def decide(observation: Observation) -> np.ndarray:
@@ -184,8 +184,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         return decide
     is_team = len(inner.action_space.shape or ()) > 1
     if is_team != getattr(policy, "is_team", False):
-        hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
-        raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, and not {inner.action_space}{hint}")
+        hint = f"; OnePerRobot({name}()) drives each robot of a team separately" if is_team else ""
+        raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, but not {inner.action_space}{hint}")
     goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
 
     def act(_: Observation) -> np.ndarray:

@@ -81,14 +81,14 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     ) -> None:
         for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
             if value != allowed:
-                raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
+                raise ValueError(f"{name} must be {allowed!r} in this environment, got {value!r}")
         if arguments.get("return_home"):
-            raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
+            raise ValueError("return_home is not supported without driving: choose lidarnaut/ExploreFrontiers-v0")
         if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
-            raise ValueError(f"randomize must name parameters of the lidar where robots slide on paths, got {others}")
+            raise ValueError(f"randomize must name only lidar parameters in this environment, got {others}")
         check_positive(scan_distance=scan_distance)
         if np.shape(drift) != (2,) or not all(is_number(value) and value >= 0.0 for value in drift):
-            raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")
+            raise ValueError(f"drift must be two non-negative numbers, got {drift!r}")
         if not 0.0 <= false_returns < 1.0:
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
@@ -111,7 +111,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
 
     @property
     def why_not_fused(self) -> str:
-        return "robots slide along paths"
+        return "the robot is moved along planned paths"
 
     def _drive(self) -> str:
         explore, navigator = self.explore, self.navigator

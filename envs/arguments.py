@@ -70,7 +70,7 @@ def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
     """Return a hint for errors on actions outside [-1, 1] if the environment has `clip_actions`."""
     if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
         return ""
-    return "; clip_actions=True clips what lies outside"
+    return "; clip_actions=True clips actions to this range"
 
 
 def read_action(action: Any) -> np.ndarray:

@@ -357,9 +357,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Reason why the batched kernel cannot step the environment; empty if it can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
-            return f"{kind.__name__} has {own[0]} of its own"
+            return f"{kind.__name__} overrides {own[0]}"
         if self._fixed_info:
-            return "info has entries of the last step in every step"
+            return "fixed_info adds entries of the last step to every info"
         return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
     @property
@@ -506,7 +506,7 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
     """Return the `LidarEnv` inside wrappers or a frontier environment; TypeError if missing."""
     inner = getattr(env.unwrapped, "explore", env.unwrapped)
     if not isinstance(inner, LidarEnv):
-        raise TypeError(f"{type(inner).__name__} is no LidarEnv")
+        raise TypeError(f"{type(inner).__name__} is not a LidarEnv")
     return inner
 
 

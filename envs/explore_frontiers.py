@@ -131,9 +131,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         **arguments: Any,
     ) -> None:
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
-            raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
+            raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
         if "observations" in arguments:
-            raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
+            raise ValueError("observations is not an argument of frontier environments: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
         """Underlying environment with velocity commands; no observations within a decision."""
@@ -265,9 +265,9 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         if env.why_not_fused or not env.robots[0].follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
-            return f"task {type(env.task).__name__} looks at every control period"
+            return f"task {type(env.task).__name__} needs every control period"
         if env.sensors or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "own sensors, trackers of people, recorders and windows look at every control period"
+            return "custom sensors, people trackers, recorders and windows need every control period"
         return ""
 
     @property

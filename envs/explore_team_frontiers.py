@@ -74,7 +74,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     def __init__(self, *, num_robots: int = 2, max_decision_time: float = 4.0, **arguments: Any) -> None:
         if arguments.get("return_home"):
-            raise ValueError("return_home is for one robot: choose lidarnaut/ExploreFrontiers-v0")
+            raise ValueError("return_home supports one robot only: choose lidarnaut/ExploreFrontiers-v0")
         super().__init__(num_robots=num_robots, max_decision_time=max_decision_time, **arguments)
         self._max_time = max_decision_time
         self._peers = Peers(num_robots - 1)
@@ -89,7 +89,7 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     @property
     def why_not_fused(self) -> str:
-        return "robots of a team take note of each other in each control period"
+        return "robots of a team react to each other in every control period"
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
         seen = super().observe(out)

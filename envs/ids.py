@@ -32,7 +32,7 @@ def find_spec(id: str) -> EnvSpec:
             raise ValueError(f"id {id!r}: there is no module {error.name!r} in {os.getcwd()}") from error
     if name not in gymnasium.registry:
         known = [one for one in gymnasium.registry if one.startswith((f"{name.partition('/')[0]}/", "lidarnaut/"))]
-        raise ValueError(f"unknown id {explain_unknown(name, known)}, and module:id of your own")
+        raise ValueError(f"unknown id {explain_unknown(name, known)}, or module:id of your own")
     return gymnasium.registry[name]
 
 

@@ -64,5 +64,5 @@ def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
         made.append(sensor)
     names = [sensor.name for sensor in made]
     if len(set(names)) < len(names):
-        raise ValueError(f"sensors must have names of their own, got {names}")
+        raise ValueError(f"sensors must have unique names, got {names}")
     return made

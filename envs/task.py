@@ -154,7 +154,9 @@ class Task(ABC):
         """
         self.robot, self.control_period, self.physics = robot, control_period, physics
         if not hasattr(self, "weights"):
-            raise ValueError(f"task {type(self).__name__} needs weights of reward terms, such as {{'time': -0.02}}")
+            raise ValueError(
+                f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}"
+            )
         self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:

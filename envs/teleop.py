@@ -18,7 +18,7 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
 
-HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
+HELP = "arrows or WASD: drive     space: stop     R: restart     M: save the map     Q: quit"
 TURN_RATE = 1.0
 """Maximum yaw rate of keyboard commands [rad/s]."""
 HELP_HEIGHT = 32
@@ -84,7 +84,7 @@ class Teleop:
             self._held.clear()
         elif key == pygame.K_r:
             self._env.reset()
-            self._message = "started again"
+            self._message = "restarted"
         elif key == pygame.K_m:
             self._save()
         return key != pygame.K_q
@@ -135,7 +135,7 @@ def main(
     env = LidarEnv(Explore, robot=robot, physics=physics, control_hz=control_hz, render_mode="rgb_array", **place)
     map_paths(map)
     if not map.resolve().parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {map.resolve().parent} to save maps in")
+        raise FileNotFoundError(f"folder {map.resolve().parent} for maps does not exist")
     teleop = Teleop(env, map, seed)
     clock = pygame.Clock()
     while teleop.tick():

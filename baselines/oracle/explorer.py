@@ -106,7 +106,7 @@ class OracleExplorer:
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
         if self._coverage is None:
-            raise RuntimeError("call reset and then reveal before act; run_episode does")
+            raise RuntimeError("call reset and reveal before act, as run_episode does")
         if self._is_done:
             return self._rest.act(reading, belief)
         navigator = self._navigator
