@@ -61,7 +61,7 @@ def run(
     """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
 
     `observation` and `info` are results of the reset or last step. `watch` is called with `info` now and after every
-    step. `max_steps` is the maximum number of steps, and `clock` the timer of decisions [s].
+    step. `clock` measures decisions [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)

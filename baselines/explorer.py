@@ -99,7 +99,6 @@ class OnePerRobot:
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """Planned path of each robot, map frame [m], shape (n, 2), or None."""
         return [explorer.plan for explorer in self._explorers]
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:

@@ -75,7 +75,7 @@ def main(
 
     Args:
         world: Library world, or path of a world file.
-        out: Folder for map.yaml, map.pgm, global_localization.gif and global_localization.png (three frames).
+        out: Folder for map.yaml, map.pgm, global_localization.gif and global_localization.png.
         seed: Random seed.
         goals: Number of goals.
         robot: Library robot; default is the robot of the world.

@@ -65,8 +65,7 @@ class RandomChooser(RuleExplorer):
 class WallFollower:
     """Follows walls on its right by the scan alone.
 
-    Drives the rightmost collision-free arc. After a net rotation of a full turn it drives straight to another wall,
-    instead of circling forever.
+    Drives the rightmost collision-free arc, and after a net rotation of a full turn straight to another wall.
     """
 
     end_reason = plan = None
@@ -128,7 +127,6 @@ class RouteFollower:
         self._follower = PathFollower(robot, control_period, params)
 
     def set_route(self, route: Route) -> None:
-        """Set the route to follow, map frame."""
         self._follower.set_path(route.points)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:

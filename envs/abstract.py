@@ -131,7 +131,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         return self._drive()
 
     def _slide_along(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield the pose of each scan along a path, the control periods since the last scan, and the progress."""
         start, period, record = self.belief.pose, self.explore.control_period, self.navigator.navigator.record
         max_steps = int(self.navigator.navigator.numbers["max_steps"])
         path = np.vstack([start[:2], plan])
@@ -167,7 +166,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     def _scan(self, pose: Pose2D, count: int) -> bool:
         """Move the robot to an estimated pose, `count` control periods later, and integrate its scan.
 
-        Returns False, and keeps the position, if the pose is not collision-free.
+        Returns False if the pose is not collision-free.
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]

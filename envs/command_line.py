@@ -1,4 +1,4 @@
-"""Command lines of functions."""
+"""Command-line interfaces of functions."""
 
 import contextlib
 import functools
@@ -49,10 +49,7 @@ class _Output(io.FileIO):
 
 
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
-    """Return the options of the command line, None for those of the process; print `--version`.
-
-    Output to a closed pipe or stream is ignored.
-    """
+    """Return the options of the command line, None for those of the process; print `--version`."""
     if arguments is None:
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
@@ -113,8 +110,8 @@ def run_command(
     Args:
         main: function; the docstring of its module is the help text.
         arguments: command line; None for that of the process.
-        options: class of the function's argument; None to parse the function's arguments.
-        status: exit status after errors of the function.
+        options: class of the argument of `main`; None for several arguments.
+        status: exit status after errors of `main`.
     """
     arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))

@@ -50,7 +50,7 @@ class KernelCache(caching.NullCache):
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the folder; OSError if none is usable."""
+        """Choose the cache folder; OSError if none is usable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -150,7 +150,6 @@ def sources(path: str) -> list[str]:
 
 @cache
 def _hash(path: str) -> str:
-    """Return the hash of a file, of its imported project files, and of Numba's version."""
     parts = (f"{_name(source)}\n{_read(source)[0]}" for source in sources(path))
     return hashlib.sha256("\n".join([numba.__version__, *parts]).encode()).hexdigest()
 
@@ -183,7 +182,6 @@ def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) ->
 
 
 def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> Any:
-    """Compile a kernel in one process; other processes wait and load it."""
     if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
     with global_compiler_lock, _lock(dispatcher, sig):
@@ -200,7 +198,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
     """Hold the lock of a kernel until it is cached, if locks are available.
 
-    `lidarnaut.envs.files.Lock` is not used: edits of that module would recompile all kernels.
+    Edits of `lidarnaut.envs.files.Lock` would recompile all kernels.
     """
     cache, begin = dispatcher._cache, time.monotonic()
     hangs = "the lock %s stays with %s: this process compiles the kernel, too"

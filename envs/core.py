@@ -76,7 +76,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     - `track_people` (`None`): whether robots track people in scans (`belief.people`) and exclude them from maps; `None`
       enables tracking if `people` is given and the estimator is not dead reckoning.
     - `sensors` (`()`): custom sensors, see `lidarnaut.envs.sensor.Sensor`.
-    - `randomize` (`None`): ranges (low, high) by robot parameter, from which each episode samples the simulated robot;
+    - `randomize` (`None`): ranges (low, high) by robot parameter; each episode samples the simulated robot,
       see docs/domain_randomization.md.
     - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped instead of raising an error.
     - `collision_monitor` (`False`): whether commands are slowed down to stop before obstacles in the scan, see
@@ -265,7 +265,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.advance(commands)
 
     def twists(self, action: Any) -> list[Twist]:
-        """Return the twists of an action, and store the action in the robots; errors as for `step`."""
         self.check_begun()
         action = read_action(action).astype(np.float32, copy=False)
         if action.shape != self._action_shape:

@@ -163,7 +163,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode; arguments and errors as for `LidarEnv.reset`."""
         super().reset(seed=seed)
         explore = self.explore
         explore.begin(seed=seed, options=options)
@@ -186,7 +185,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
-        """Drive until the next decision is due, without observation; errors as for `step`."""
         self.explore.check_begun()
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
@@ -201,7 +199,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 self._home_reason = self._drive_home()
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last decision; `is_last` truncates."""
         info = self._info()
         return self.explore.judge(info["rewards"], info, is_last, self._end_reason)
 
@@ -309,7 +306,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
-        """Drive back to the start; return the reason of an early end, or None."""
         explore, robot = self.explore, self.explore.robots[0]
         self._task.call_back()
         home = HomeNavigator(explore.robot, explore.control_period, explore.np_random)
@@ -354,7 +350,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.conclude(progress, reading, belief)
 
     def _note(self, count: int, contacts: int) -> None:
-        """Add the rewarded quantities of `count` control periods; `contacts` counts all but the last."""
+        """Add the rewarded quantities of the last `count` control periods, `contacts` of them in contact."""
         self._steps += count
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():

@@ -115,7 +115,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         self._turn(self._due.pop(0) if self._due else team[0])
 
     def _update(self) -> list[TeamRobot]:
-        """Update all robots after a control period; return the robots that must choose."""
         robots = self.explore.robots
         due = self._team.update([robot.reading for robot in robots], [robot.belief for robot in robots])
         idle = [robot for robot in due if len(robot.candidates) == 0]

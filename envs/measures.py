@@ -42,7 +42,6 @@ class CourseRecorder:
         self._rows.append([info.get(name, math.nan) for name in self._names])
 
     def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
-        """Return the `Course` of an episode that ended with the info `final`."""
         columns = zip(*self._rows, strict=True)
         samples = {name: np.array(column, dtype=np.float64) for name, column in zip(self._names, columns, strict=True)}
         return Course(samples, final, time_limit, max_speed)
@@ -57,7 +56,7 @@ class Measure:
     label: str
     unit: str
     higher_is_better: bool | None
-    """Whether higher values are better; None if neither is better."""
+    """Whether higher values are better; None for a neutral measure."""
     compute: Callable[[Course], float] = None  # type: ignore[assignment]
     """Function that computes the measure of an episode, infinite if a threshold was never reached. Default: the entry
     `name` of the last `info`."""

@@ -52,11 +52,9 @@ class Randomization:
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Return a sampled value for each parameter."""
         return {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
 
     def robot(self, values: Mapping[str, float]) -> RobotParams:
-        """Return the nominal robot with replaced parameters."""
         robot = self._robot
         for name, value in values.items():
             robot = _replace_nested(robot, name, value)

@@ -91,7 +91,7 @@ class Robot:
         """Other robots of a team; their pose estimates are shared."""
         self._peer_filter = PeerFilter(params)
         self.tracker: PeopleTracker | None = None
-        """Tracker of people, who are excluded from the map; None without tracking."""
+        """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
         """Whether the estimator processes only key scans (or none) and follows odometry in between."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
@@ -216,7 +216,6 @@ class Robot:
         update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)
 
     def track_people(self) -> None:
-        """Track people from the next episode on."""
         self.tracker = PeopleTracker(self.params.lidar, self.control_period)
         if isinstance(self.estimator, KeyScanSlam):
             self.estimator.meets_people = True

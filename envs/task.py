@@ -69,9 +69,7 @@ class Rewards:
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
         """Return the reward terms of a task.
 
-        Args:
-            weights: weights of the task.
-            reward: None, mapping of weights to replace, subclass of `Rewards`, or `module:attribute` of either.
+        `reward` is None, a mapping of weights to replace, a subclass of `Rewards`, or `module:attribute` of either.
 
         Raises:
             ValueError: if a term is unknown, or a weight is not finite.
@@ -154,9 +152,7 @@ class Task(ABC):
         """
         self.robot, self.control_period, self.physics = robot, control_period, physics
         if not hasattr(self, "weights"):
-            raise ValueError(
-                f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}"
-            )
+            raise ValueError(f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}")
         self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:

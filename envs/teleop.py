@@ -40,12 +40,9 @@ class Teleop:
     """Window that drives a robot while keys are held."""
 
     def __init__(self, env: LidarEnv, map_path: Path, seed: int | None = None) -> None:
-        """Open the window and start an episode; RuntimeError without a display.
+        """Open the window and start an episode of an environment with `render_mode="rgb_array"`.
 
-        Args:
-            env: environment with `render_mode="rgb_array"`.
-            map_path: path of saved maps.
-            seed: seed of the first episode.
+        `map_path`: path of saved maps. Raises RuntimeError without a display.
         """
         self._env = env
         self._map_path = map_path
@@ -144,7 +141,7 @@ def main(
 
 
 def cli() -> None:
-    """Run the command line."""
+    """Run `main` with command-line options."""
     run_command(main)
 
 

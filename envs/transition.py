@@ -52,7 +52,6 @@ def _odometry(row, setup):
 
 @njit(cache=True, error_model="numpy")
 def _watch_people(row, people):
-    """Update gaps to people, times to collision, intrusion time, and the cause of a contact."""
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
     gap, time = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION

@@ -53,8 +53,8 @@ class ExploreLite:
     """Rule of explore_lite (Horner, "Map-merging for multi-robot system", 2016; ROS package m-explore).
 
     The cost is `potential_scale * distance - gain_scale * size`, with the straight distance to the nearest frontier
-    cell. Unlike the package, the goal is the viewpoint nearest to the centroid, unreachable frontiers are excluded, and
-    small frontiers count if no larger ones are left. Defaults are from the launch file, except for `gain_scale`.
+    cell. Unlike the package, the goal is the viewpoint nearest to the centroid, and small frontiers count if no larger
+    ones are reachable. Defaults are from the launch file, except for `gain_scale`.
     """
 
     potential_scale: NonNegativeFloat = 3.0

@@ -53,7 +53,7 @@ class FrontierParams:
     goal_tolerance: NonNegativeFloat = 0.3
     """Maximum distance of a viewpoint from the frontier (planner's tolerance, section 3.3.2) [m]."""
     blacklist_radius: NonNegativeFloat = 1.2
-    """Radius around failed goals in which frontiers are excluded [m]."""
+    """Radius of the area excluded around failed goals [m]."""
     max_blacklist_size: PositiveInt = 25
     """Maximum number of failed goals to remember."""
 
@@ -164,7 +164,7 @@ def cluster(candidates: Candidates, tolerance: float, size: int) -> tuple[np.nda
     `tolerance` is the maximum distance of neighbors [m], `size` the minimum number of 5 cm cells in a dense cluster.
 
     Returns:
-        Cells [m], shape (n, 2), float64; candidate and cluster of each cell, shape (n,), int64, -1 for noise.
+        Cells [m], shape (n, 2), float64; their candidates and clusters, shape (n,), int64, -1 for noise.
     """
     from sklearn.cluster import DBSCAN  # slow import
 

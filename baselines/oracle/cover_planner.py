@@ -13,7 +13,7 @@ MAX_SAMPLES = 8192
 STOP_COST = 0.1
 """Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
 PASSED_SHARE = 0.5
-"""Fraction of the lidar range in which a viewpoint passed closely should show cells."""
+"""Maximum distance of visible cells from a viewpoint passed by the robot, as a fraction of the lidar range."""
 MAX_MISSES = 2
 """Number of viewpoints that fail to show a cell before the tour ignores the cell."""
 
@@ -21,7 +21,7 @@ MAX_MISSES = 2
 class CoverPlanner:
     """Keeps a tour of viewpoints, and replans it from the position of the robot.
 
-    Cells that were missed `MAX_MISSES` times are ignored. Other cells replace them while the target can be reached.
+    Cells that were missed `MAX_MISSES` times are ignored, and replaced by other cells if possible.
     """
 
     def __init__(
@@ -90,7 +90,6 @@ class CoverPlanner:
         return self.plan(x, y, seen, num_rounds)
 
     def next_viewpoint(self, x: float, y: float, distance: float) -> int:
-        """Return the first viewpoint on the path to the next stop that is `distance` [m] from (x, y)."""
         points, path = self.viewpoints.points, [self.stops[0]]
         while self._predecessors[path[0]] != len(points):
             path.insert(0, int(self._predecessors[path[0]]))

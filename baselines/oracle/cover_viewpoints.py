@@ -77,9 +77,9 @@ class Viewpoints:
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Return lengths [m] and predecessors of the shortest paths from a point, or None.
+        """Return lengths [m] and predecessors of the shortest paths from a point to all viewpoints.
 
-        Both have shape (n,), float64 and int32; predecessor n is the point.
+        Both have shape (n,), float64 and int32; predecessor n is the point. None if no viewpoint is reachable.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:

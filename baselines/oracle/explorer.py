@@ -23,7 +23,7 @@ NUM_ROUNDS = 4
 LOOKAHEAD = 3.0
 """Maximum distance of a path goal along the tour [m]."""
 ARRIVAL_RADIUS = 0.15
-"""Distance at which a stop is reached [m]."""
+"""Maximum distance from a stop that counts as reached [m]."""
 REACH_MARGIN = 0.1
 """Reduction of the lidar range in plans [m]."""
 GOAL_TOLERANCE = 0.4
@@ -52,7 +52,6 @@ class TrueMap:
         return OccupancyGrid(data, truth.resolution, truth.origin)
 
     def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the true map on the cells of an estimated map; computed once."""
         if self._grid is None:
             x_min, y_min, x_max, y_max = self._walls.bounds
             corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])
@@ -80,7 +79,6 @@ class OracleExplorer:
 
     @property
     def end_reason(self) -> str | None:
-        """Stop reason of `NearestExplorer`, which continues after the tour."""
         return self._rest.end_reason
 
     @property

@@ -1,6 +1,6 @@
 """Frontier detection by random trees and a mean-shift filter (Nguyen et al. 2022, section 2.1.2).
 
-For 100 to 430 points, scikit-learn's `MeanShift` takes 50 to 270 ms, these kernels up to 0.3 ms.
+The kernels are about 200 times faster than scikit-learn's `MeanShift`.
 """
 
 from collections.abc import Sequence
@@ -40,7 +40,7 @@ class RrtParams:
     info_multiplier: PositiveFloat = 3.0
     """Path length per unit of gain, lambda [1/m]; launch file."""
     hysteresis_radius: PositiveFloat = 3.0
-    """Distance from the robot up to which gains are multiplied by `hysteresis_gain` [m]; launch file."""
+    """Radius around the robot for multiplying gains by `hysteresis_gain` [m]; launch file."""
     hysteresis_gain: PositiveFloat = 2.0
     """Factor on gains within `hysteresis_radius`; launch file."""
     num_samples: PositiveInt = 200

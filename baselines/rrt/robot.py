@@ -15,7 +15,6 @@ class RrtRobot(TeamRobot):
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
         super().__init__(robot, control_period, index, patience=params.patience)
         self.points = NO_POINTS
-        """Frontier points, shape (n, 2), float64, map frame [m]."""
         self._params = params
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:

@@ -2,8 +2,7 @@
 
 Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), after Umari and Mukhopadhyay, "Autonomous Robotic Exploration
 Based on Multiple Rapidly-exploring Randomized Trees" (2017). Unlike in their program, samples come from the observed
-area and a margin, navigation costs are path lengths, unreachable points are dropped, and exploration ends after
-`patience` steps without an assignable point.
+area, navigation costs are path lengths, and exploration ends after `patience` steps without an assignable point.
 """
 
 import math
@@ -24,7 +23,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TAKEN_RADIUS = 0.4
-"""Radius around the target of another robot in which points are not assigned [m]."""
+"""Minimum distance of an assigned point from the targets of other robots [m]."""
 
 
 def assign(
@@ -79,7 +78,6 @@ class RrtTeam(TeamExplorer):
 
     @property
     def points(self) -> np.ndarray:
-        """Filtered frontier points, shape (n, 2), float64, map frame [m]."""
         return NO_POINTS if self._detector is None else self._detector.points
 
     def _make_robot(self, index: int) -> RrtRobot:

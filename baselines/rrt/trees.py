@@ -102,13 +102,13 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 
 
 class Tree:
-    """Tree that grows through free space and reports where it enters unknown space."""
+    """Tree that grows through free space and reports steps into unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
         """Create a tree with its root at (x, y), map frame [m].
 
-        `eta` is the maximum step, `spacing` the minimum distance of a new vertex from the nearest vertex [m]. A tree
-        with `resets` restarts at the robot after each frontier point.
+        `eta`: maximum step [m]. `spacing`: minimum distance between vertices [m]. `resets`: whether the tree restarts
+        at the robot after each frontier point.
         """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)

@@ -69,7 +69,7 @@ class MinMaxTours:
     """Plans tours past all frontiers with a short longest tour; robots drive to their first stops.
 
     Min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
-    multi-robot exploration" (2012). Robots without a stop are assigned by `Auction`.
+    multi-robot exploration" (2012).
     """
 
     def __init__(self) -> None:
