@@ -34,7 +34,7 @@ from lidarnaut.envs.files import LockedError, printable, read_mapping
 PLAIN = {"experiment": "plain", "total_steps": 300_000}
 """Configuration of a training without a configuration file."""
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files beside the configuration of a run or policy folder, which users may exchange."""
+"""Files that mark the folder of a run or policy, possibly from another user."""
 
 
 def main(arguments: list[str] | None = None) -> int:

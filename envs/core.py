@@ -298,7 +298,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.finish()
 
     def finish(self) -> None:
-        """Complete a control period after the kernels: custom sensors, estimators, task and recorder."""
+        """Complete a control period after the kernels."""
         if self.sensors:
             readings = self._measure([robot.reading for robot in self.robots])
             for robot, reading in zip(self.robots, readings, strict=True):

@@ -320,7 +320,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return home.home_reason
 
     def _advance_fused(self) -> str | None:
-        """Do `_advance` with a kernel for as many control periods as possible."""
         env, navigator = self.explore, self.navigator
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf

@@ -23,7 +23,7 @@ def find_spec(id: str) -> EnvSpec:
         ValueError: if the module or the id is unknown.
     """
     module, _, name = id.rpartition(":")
-    if module and not name.startswith(("/", "\\")):  # a path with a drive letter is not an id
+    if module and not name.startswith(("/", "\\")):
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
         try:

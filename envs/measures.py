@@ -235,7 +235,7 @@ PEOPLE = (
 
 
 def route_driven(course: Course) -> float:
-    """Return the completed fraction of the route; 1 on success, shortly before the end of the line."""
+    """Return the completed fraction of the route; 1 on success."""
     return max(final(course, "progress"), float(course.final["is_success"]))
 
 

@@ -30,7 +30,7 @@ def follow_parent() -> None:
     parent, parent_id = multiprocessing.parent_process(), os.getppid()
     assert parent is not None
 
-    def follow() -> None:  # later processes may keep the sentinel open
+    def follow() -> None:
         while not multiprocessing.connection.wait([parent.sentinel], timeout=1.0) and os.getppid() == parent_id:
             pass
         os._exit(1)

@@ -301,7 +301,7 @@ class GroundTruth:
         return float(self._rows.numbers[self._index, at.PATH_LENGTH])
 
     def remember(self) -> None:
-        """Append the true position to the path if it is far enough from the last one."""
+        """Append the position to the path if far enough from the last one."""
         x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
         if self.trail.append(Pose2D(x, y, theta)):
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
@@ -321,7 +321,7 @@ def reset_robots(
     priors: Sequence[Prior],
     rngs: Sequence[np.random.Generator],
 ) -> None:
-    """Start an episode of one robot, or of a team with a shared map, and process the first scans."""
+    """Start an episode of one robot, or of a team with a shared map."""
     shared_map = None
     for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
         robot.reset(rows, k, reading, prior, rng, shared_map)

@@ -104,7 +104,6 @@ class RuleExplorer:
         return np.asarray(self.rule(navigator.candidates, belief))
 
     def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
-        """Choose a candidate; during a drive, never return to a frontier that the robot has left."""
         candidates = navigator.candidates
         choice, current = self.choose(navigator, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:

@@ -14,7 +14,7 @@ from lidarnaut.envs.robots import RobotParams
 CELL = 0.05
 """Side of a cell in the frontier sizes of published rules [m]."""
 MIN_LENGTHS = (8 * CELL, 3 * CELL)
-"""Minimum frontier length, and minimum if no such frontier is reachable [m]."""
+"""Minimum frontier lengths: by default, and if no frontier of the default length is reachable [m]."""
 
 
 def nearest(candidates: Candidates, belief: Belief) -> np.ndarray:

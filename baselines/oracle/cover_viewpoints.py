@@ -27,7 +27,6 @@ MAX_DETOUR_RATIO = 1.1
 
 
 def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
-    """Select blocks (row, column), the first with priority, more than `steps` rows or columns apart."""
     neighbours = cKDTree(blocks).query_ball_point(blocks, steps, p=np.inf)
     chosen, taken = [], np.zeros(len(blocks), dtype=bool)
     for k in range(len(blocks)):
@@ -40,7 +39,6 @@ def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
 def _find_predecessors(
     from_origins: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray
 ) -> np.ndarray:
-    """Return the predecessor of each viewpoint on the path from each origin, shape (m, n), int32."""
     viewpoints = np.arange(len(near))
     onward = lengths[near, viewpoints[:, None]]
     predecessors = np.empty(from_origins.shape, dtype=np.int32)

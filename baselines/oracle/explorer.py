@@ -39,7 +39,7 @@ class TrueMap:
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the estimated map, with unknown cells and extent from the true map."""
+        """Return an estimated map with the true values of unknown cells, in the extent of the true map."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)

@@ -1,1 +1,1 @@
-"""Exploration by rapidly-exploring random trees (RRT exploration report, 2022)."""
+"""Exploration by rapidly-exploring random trees."""

@@ -60,7 +60,7 @@ class RrtParams:
 
 
 TEAM_PARAMS = RrtParams(eta_global=1.0)
-"""Parameters in the launch file for three robots."""
+"""Parameters in the published launch file for three robots."""
 
 
 @njit(cache=True, error_model="numpy")

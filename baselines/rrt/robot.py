@@ -33,7 +33,6 @@ class RrtRobot(TeamRobot):
         return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
 
     def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
-        """Return the frontier cell (row, column) nearest to each point, within the bandwidth."""
         frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
         reach = int(np.ceil(radius))
         window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach

@@ -76,7 +76,7 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Update shared data before the assignment."""
+        """Update shared data."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
         assert self.rule is not None
