@@ -126,7 +126,7 @@ class _Progress(event.Listener):
             return
         if self._bar is None:
             if not multiprocessing.current_process().daemon:
-                _log.warning("compiling kernels once for this machine, which takes one to two minutes")
+                _log.warning("compiling kernels for this machine, which takes one to two minutes the first time")
             is_off = True if multiprocessing.parent_process() else None
             self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False, disable=is_off)
         self._bar.refresh()

@@ -129,8 +129,8 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
-        ([], "--config FILE, or a run that is to go on"),
-        (["--seed", "1"], "--config FILE, or a run that is to go on"),
+        ([], "--config FILE, or a run to resume"),
+        (["--seed", "1"], "--config FILE, or a run to resume"),
         (["--config", ""], "unknown configuration ''"),
         (["--config", "no.yaml"], "no.yaml: no such file"),
         ([*ID, "CartPole-v1", "--environment.time-limit", "1"], "has no argument 'time_limit'; allowed are sutton"),
