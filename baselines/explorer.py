@@ -1,4 +1,4 @@
-"""The protocols of policies, classic or learned."""
+"""Interfaces of classical and learned policies."""
 
 import copy
 from collections.abc import Sequence
@@ -14,43 +14,40 @@ from lidarnaut.envs.tasks.coverage import Coverage
 
 
 class Policy(Protocol):
-    """What all that drive have in common.
+    """Common interface of all policies.
 
-    Further attributes say more: `observations` (the parts of the observation that it needs, as environments take them),
-    `control_hz` (how often it decides: where the environment steps more often, actions are repeated), `level`
-    ("decision" if it chooses frontiers), `uses_ground_truth` (see `marked`). A method `set_goal(goal)` is given the
-    goal of a task that has one, a pose in the map frame, at the start and whenever it changes, and before it
-    `set_tolerances(distance, heading)` the tolerances [m, rad] of a task that may ask for a heading; `set_route(route)`
-    a task's route. Of a goal whose bearing alone is given, that pose is a point in its direction.
+    Optional attributes: `observations` (required observation parts), `control_hz` (decision rate; actions are repeated
+    in between), `level` ("decision" for policies that choose frontiers), `uses_ground_truth` (see `marked`).
+
+    Optional methods: `set_goal(goal)` receives the goal pose, map frame, at the start and after changes, or a point in
+    its direction if only the bearing is known. `set_tolerances(distance, heading)` is called before [m, rad].
+    `set_route(route)` receives the route of a task.
     """
 
     @property
     def end_reason(self) -> str | None:
-        """Why the policy has stopped ("no_reachable_frontier", ...); None while it has not."""
+        """Reason why the policy has stopped ("no_reachable_frontier", ...); None before."""
 
     @property
     def plan(self) -> np.ndarray | None:
-        """The planned path for drawing, shape (n, 2), map frame [m]; None without one."""
+        """Planned path for rendering, map frame [m], shape (n, 2), or None."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode.
+        """Prepare for an episode.
 
-        `control_period`: time between two calls of `act` [s]; `rng`: source of every random draw of the episode.
+        `control_period` is the time between calls of `act` [s], `rng` the generator of the policy.
         """
 
 
 class Explorer(Policy, Protocol):
-    """Decides, from sensor readings and pose and map estimates, how to drive. Metres in, metres per second out.
-
-    Never sees ground truth. `lidarnaut.baselines.episode.run_episode` also takes policies (`ObservationPolicy`).
-    """
+    """Policy that computes twists from readings, pose estimate and map, without ground truth."""
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist to command for the next control period; what exceeds the robot's limits is cut off."""
+        """Return the twist for the next control period; it is clipped to the robot's limits."""
 
 
 class ObservationPolicy(Policy, Protocol):
-    """Chooses actions from an environment's observations, as learned policies do."""
+    """Policy that computes actions from observations, for example a learned policy."""
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray | np.integer:
         """Return the action for an observation: an array, or the index of a frontier."""
@@ -58,23 +55,23 @@ class ObservationPolicy(Policy, Protocol):
 
 @runtime_checkable
 class Omniscient(Protocol):
-    """An explorer that uses ground truth: no competitor, but the bound that the others are measured against."""
+    """Explorer with ground truth, an upper bound for other explorers."""
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
-        """Take the ground truth of an episode; called after `Policy.reset`.
+        """Receive the ground truth of an episode, after `Policy.reset`.
 
-        `coverage` is kept up to date by the environment; `target_coverage`: share of the area that ends the episode.
+        `target_coverage`: explored fraction that ends the episode.
         """
 
 
 GROUND_TRUTH = " (ground truth)"
-"""End of the name of a policy that uses ground truth, in rows, curves and pages; no other name ends so."""
+"""Suffix of the names of policies that use ground truth."""
 
 
 def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -> str:
-    """Return the name of a policy, with `GROUND_TRUTH` if it uses some.
+    """Return the name of a policy, with the suffix `GROUND_TRUTH` if it uses ground truth.
 
-    It does if it is `Omniscient` or has `uses_ground_truth`, or if `env` has and it acts by observations, as None does.
+    This includes observation policies if `env` has `uses_ground_truth`.
     """
     uses_it = isinstance(policy, Omniscient) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
@@ -83,9 +80,9 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 
 
 class OnePerRobot:
-    """A team in which every robot is driven by a copy of the same explorer, by itself.
+    """Team that drives each robot by its own copy of an explorer.
 
-    Teams have `is_team`, `plans`, a path per robot, and an `act` that takes readings and beliefs of all robots.
+    Teams have `is_team`, `plans` (one path per robot), and an `act` with lists of readings and beliefs.
     """
 
     is_team = True
@@ -97,20 +94,17 @@ class OnePerRobot:
 
     @property
     def end_reason(self) -> str | None:
-        """Why the first of the explorers has stopped; None while one of them has not."""
         reasons = [explorer.end_reason for explorer in self._explorers]
         return None if None in reasons or not reasons else reasons[0]
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """The planned path of each robot for drawing, shape (n, 2), map frame [m]; None without one."""
         return [explorer.plan for explorer in self._explorers]
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._arguments, self._explorers = (robot, control_period, rng), []
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twists of all robots."""
         robot, period, rng = self._arguments
         if not self._explorers:
             self._explorers = [copy.deepcopy(self._explorer) for _ in readings]
@@ -120,5 +114,5 @@ class OnePerRobot:
 
 
 def to_action(twist: Twist, robot: RobotParams) -> np.ndarray:
-    """Return the action, shape (2,), float32, that commands a twist: fractions of the robot's limits, clipped."""
+    """Return the action of a twist, shape (2,), float32: fractions of the robot's limits, clipped."""
     return np.clip(np.array([twist.v / robot.max_v, twist.w / robot.max_w], dtype=np.float32), -1.0, 1.0)

@@ -1,4 +1,4 @@
-"""Compiles ahead what environments, SLAMs and explorers need: python -m lidarnaut.warm."""
+"""Compiles the kernels of environments, SLAMs and explorers in advance: python -m lidarnaut.warm."""
 
 import importlib.util
 from typing import Any
@@ -13,7 +13,7 @@ from lidarnaut.envs.slam import SLAM_NAMES
 
 
 def warm() -> None:
-    """Run the first seconds of an episode of everything, behind a progress bar."""
+    """Run the first seconds of episodes with all environments, SLAMs and explorers."""
     explore = "lidarnaut/Explore-v0"
     kinematic: dict[str, Any] = {"physics": "kinematic"}
     others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Track")

@@ -241,7 +241,7 @@ def test_a_task_without_weights_is_named():
     class Weightless(Explore):
         weights = property()
 
-    with pytest.raises(ValueError, match="task Weightless needs weights of reward terms"):
+    with pytest.raises(ValueError, match="task Weightless must define reward weights"):
         LidarEnv(Weightless)
 
 
@@ -316,7 +316,7 @@ def test_an_environment_with_sensors_pickles_between_steps():
     ("sensors", "culprit"),
     [
         ("beacon", "sensors must be a sequence"),
-        ([Beacon, Beacon], "names of their own"),
+        ([Beacon, Beacon], "unique names"),
         ([object()], "lacks name, shape, reset, measure"),
         (["nowhere"], "unknown sensor 'nowhere'"),
     ],

@@ -137,7 +137,7 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
         ([*ID, "lidarnaut/Navigat-v0"], "unknown id 'lidarnaut/Navigat-v0' (did you mean 'li"),
         ([*ID, "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),
         ([*ID, "lidarnaut/Explore-v0", "--environment.wrold", "rooms"], "'wrold' (did you mean 'world'?); allowed are"),
-        (["--config", "tiny.yaml", "--ray", "auto"], "--ray is for sweeps and evolutions"),
+        (["--config", "tiny.yaml", "--ray", "auto"], "--ray supports sweeps and evolutions"),
         (["--config", "tiny.yaml", "--evaluation.references", "random", "nerest"], "unknown policy 'nerest'"),
     ],
 )
@@ -171,7 +171,7 @@ def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypa
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
     assert train.main(["--seed", "1"]) == 2
-    assert "name a configuration, --config FILE" in capsys.readouterr().err
+    assert "pass a configuration, --config FILE" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -157,7 +157,7 @@ def test_actions_are_repeated_where_a_policy_decides_less_often():
     run_episode(ScriptedEnv([0.2] * 6, time_limit=10.0), explorer, seed=1)
     assert (explorer.decisions, explorer.period) == (3, 4.0)
     explorer.control_hz = 0.3
-    with pytest.warns(UserWarning, match="states control_hz 0.3: it decides every 4 s here"):
+    with pytest.warns(UserWarning, match="has control_hz 0.3, but decides every 4 s here"):
         begin_episode(ScriptedEnv([0.2, 0.2], time_limit=10.0), explorer, 1, np.random.default_rng(0))
 
 

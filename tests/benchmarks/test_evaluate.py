@@ -230,5 +230,5 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
         start_new_session=True,
     )  # fmt: skip
     assert done.returncode == 130, done.stderr
-    assert "Interrupted. The finished episodes are kept" in done.stderr
+    assert "Interrupted. Finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr
