@@ -25,7 +25,7 @@ from lidarnaut.agents.config import find_configuration
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.command_line import begin_command, fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options
 from lidarnaut.envs.files import naming, own_folder, read_record
 
 
@@ -71,7 +71,7 @@ def main(arguments: list[str] | None = None) -> int:
         settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
         arguments, further = split_arguments(arguments)
-        command = read_options(Command, arguments, default=default, description=__doc__)
+        command = parse_options(Command, arguments, default=default, description=__doc__)
         if further:
             further = {**command.settings.arguments, **further}
             command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))

@@ -27,7 +27,7 @@ import yaml
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.start import train
-from lidarnaut.envs.command_line import begin_command, fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options
 from lidarnaut.envs.files import LockedError, printable
 
 
@@ -45,7 +45,7 @@ def main(arguments: list[str] | None = None) -> int:
     if args.help:
         for kind in (TrainingConfig, EvolutionConfig):
             with contextlib.suppress(SystemExit):
-                read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
+                parse_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
         changes = read_changes(others)

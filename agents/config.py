@@ -84,7 +84,7 @@ class GaussianNetworkConfig(NetworkConfig):
     """Initial logarithm of the standard deviation of actions, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
     """Initial mean forward speed, as a fraction of the robot's limit; speed helps early exploration."""
-    pursuit: float = Field(default=0.0, ge=0, le=1)
+    plan_prior: float = Field(default=0.0, ge=0, le=1)
     """Weight of path pursuit in the mean action, for observation `plan`; 0 disables pursuit."""
 
 

@@ -11,7 +11,7 @@ import numpy as np
 import tyro
 
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.baselines.explorer import GROUND_TRUTH
+from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_record, write_file
 
@@ -85,7 +85,7 @@ def draw_learning_curve(
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
         axes.set_xlabel(axis)
         names = {"progress": "completed share of the task", "success": "share of goals reached"}
-        names |= {"time_spl": "success times ideal time over time"}
+        names |= {"sct": "success times ideal time over time"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)

@@ -13,10 +13,10 @@ from lidarnaut.agents.curves import LEARNED, SCORES, Row
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import Observations, columns_of, make_env, make_vector
 from lidarnaut.baselines.episode import decide_with, run_episode
-from lidarnaut.baselines.explorer import Policy, marked
+from lidarnaut.baselines.policy import Policy, marked
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.measures import Course, headline_of, measures_of
+from lidarnaut.envs.measures import EpisodeHistory, headline_of, measures_of
 
 
 def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
@@ -53,14 +53,14 @@ class Evaluator:
 
     def policy(self, policy: BasePolicy) -> Row:
         """Return the evaluation row of a policy with its most likely actions."""
-        courses = run_episodes(self._vector, Actor(policy), self._max_speed)
-        return {"policy": marked(LEARNED, None, self._env)} | self.summarise(courses)
+        histories = run_episodes(self._vector, Actor(policy), self._max_speed)
+        return {"policy": marked(LEARNED, None, self._env)} | self.summarise(histories)
 
     def reference(self, name: str) -> Row:
         """Return the evaluation row of a classic policy."""
         policies = [self.make_reference(name) for _ in range(self._episodes)]
-        courses = [run_episode(self._env, policy, seed).course for seed, policy in enumerate(policies)]
-        return {"policy": marked(name, policies[0], self._env)} | self.summarise(courses)
+        histories = [run_episode(self._env, policy, seed).history for seed, policy in enumerate(policies)]
+        return {"policy": marked(name, policies[0], self._env)} | self.summarise(histories)
 
     def make_reference(self, name: str) -> Policy:
         """Return a classic policy by name or `module:attribute`; raise ValueError if unknown."""
@@ -73,17 +73,17 @@ class Evaluator:
         decide_with(policy, self._env)
         return policy
 
-    def summarise(self, courses: Sequence[Course]) -> Row:
+    def summarise(self, histories: Sequence[EpisodeHistory]) -> Row:
         """Return mean progress and measures, and quartiles and values of the headline measure.
 
         An unreached measure counts as the time limit or the maximum distance.
         """
         speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
-        columns = {"progress": [float(np.mean(course.final[self.progress])) for course in courses]}
+        columns = {"progress": [float(np.mean(history.final[self.progress])) for history in histories]}
         for measure in self.measures:
             speed = speeds.get(measure.limit, math.inf)
-            columns[measure.name] = [min(measure.compute(one), speed * one.time_limit) for one in courses]
-        summary: Row = {"episodes": float(len(courses))}
+            columns[measure.name] = [min(measure.compute(one), speed * one.time_limit) for one in histories]
+        summary: Row = {"episodes": float(len(histories))}
         summary |= {name: mean for name, column in columns.items() if math.isfinite(mean := float(np.mean(column)))}
         name = self.headline.name
         summary |= {f"{name}_q{q}": float(np.quantile(columns[name], q / 100)) for q in (25, 75)}
@@ -94,7 +94,7 @@ def run_episodes(
     vector: VectorEnv[Observations, np.ndarray, np.ndarray],
     act: Callable[[Observations, np.ndarray], np.ndarray],
     max_speed: float = math.inf,
-) -> list[Course]:
+) -> list[EpisodeHistory]:
     """Run one episode in each sub-environment i with seed i; return the recorded courses.
 
     `act` maps observations and episode starts, shape (num_envs,), bool, to actions. `max_speed` is the robot's [m/s].
@@ -102,9 +102,9 @@ def run_episodes(
     observations, info = vector.reset(seed=0)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]
     names = [name for name, column in columns_of(info).items() if column.dtype.kind in "biuf"]
-    rows, courses = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, Course]()
+    rows, histories = [{name: np.array(info[name], dtype=np.float64) for name in names}], dict[int, EpisodeHistory]()
     starts = np.ones(vector.num_envs, dtype=np.bool_)
-    while len(courses) < vector.num_envs:
+    while len(histories) < vector.num_envs:
         observations, _, terminated, truncated, info = vector.step(act(observations, starts))
         rows.append({name: np.array(info.get(name, math.nan * rows[0][name]), dtype=np.float64) for name in names})
         starts = np.asarray(terminated) | np.asarray(truncated)
@@ -112,7 +112,7 @@ def run_episodes(
             final = {name: column[i] for name, column in columns_of(info["final_info"]).items()}
             for name in names:
                 rows[-1][name][i] = final.get(name, math.nan)
-            if i not in courses:
+            if i not in histories:
                 samples = {name: np.array([row[name][i] for row in rows]) for name in names}
-                courses[i] = Course(samples, final, float(limits[i]), max_speed)
-    return [courses[i] for i in range(vector.num_envs)]
+                histories[i] = EpisodeHistory(samples, final, float(limits[i]), max_speed)
+    return [histories[i] for i in range(vector.num_envs)]

@@ -32,7 +32,7 @@ from lidarnaut.agents.frontiers.score import RECORD_FILE
 from lidarnaut.agents.learned import find_policy, fingerprint
 from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
 from lidarnaut.agents.vec_env import Observations, make_env
-from lidarnaut.baselines.explorer import marked
+from lidarnaut.baselines.policy import marked
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import printable, write_file

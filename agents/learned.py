@@ -13,7 +13,7 @@ from lidarnaut.agents.frontiers.score import (
     ScoreExplorer,
 )
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
-from lidarnaut.baselines.explorer import Explorer, ObservationPolicy
+from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
@@ -45,7 +45,7 @@ def load_policy(
 
     Args:
         policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`.
-        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit`).
+        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit_explorer`).
         deterministic: return the most likely action; False samples actions as in training.
         trust: modules, or names `module:attribute`, of your own code that the policy may import.
 

@@ -7,8 +7,8 @@ from typing import Any, Literal, get_args
 import numpy as np
 from gymnasium import spaces
 
-from lidarnaut.baselines.explorer import OnePerRobot, Policy
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
+from lidarnaut.baselines.policy import OnePerRobot, Policy
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
@@ -39,7 +39,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
         value = value()
     if hasattr(value, "act"):
         if not hasattr(value, "reset"):
-            raise ValueError(f"explorer {value!r} lacks reset; see lidarnaut.baselines.explorer.Explorer")
+            raise ValueError(f"explorer {value!r} lacks reset; see lidarnaut.baselines.policy.Explorer")
         for name in {"end_reason", "plan"} - {*dir(value)}:
             setattr(value, name, None)
         is_team = space is not None and len(space.shape or ()) > 1

@@ -11,9 +11,8 @@ from gymnasium import spaces
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 
-from .explorer import Explorer, Omniscient, OnePerRobot, Policy
-from .frontier.explorer import RuleExplorer
-from .frontier.pursuit import PursuitExplorer
+from .frontier.pursuit_explorer import PursuitExplorer
+from .frontier.rule_explorer import RuleExplorer
 from .frontier.rules import (
     PUBLISHED_LITE,
     PUBLISHED_VIEWS,
@@ -27,7 +26,8 @@ from .frontier.rules import (
 )
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
-from .oracle.explorer import OracleExplorer
+from .oracle.oracle_explorer import OracleExplorer
+from .policy import Explorer, OnePerRobot, Policy, PrivilegedPolicy
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
@@ -127,10 +127,10 @@ __all__ = [
     "NearestExplorer",
     "NextBestViewExplorer",
     "NextBestViewParams",
-    "Omniscient",
     "OnePerRobot",
     "OracleExplorer",
     "Policy",
+    "PrivilegedPolicy",
     "PursuitExplorer",
     "RandomExplorer",
     "RouteFollower",

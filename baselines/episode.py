@@ -13,11 +13,11 @@ from gymnasium import spaces
 
 from lidarnaut.envs.core import NO_TRACKS, lidar_env_of
 from lidarnaut.envs.files import explain_unknown
-from lidarnaut.envs.measures import Course, CourseRecorder, measures_of
+from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, measures_of
 from lidarnaut.envs.navigation import HomeNavigator
 from lidarnaut.envs.rendering.scene import people_in
 
-from .explorer import Omniscient, Policy, to_action
+from .policy import Policy, PrivilegedPolicy, to_action
 
 Info = dict[str, Any]
 Observation = dict[str, np.ndarray]
@@ -89,7 +89,7 @@ class Episode:
 
     values: Mapping[str, float]
     """Measures by name; see `lidarnaut.envs.measures.measures_of`."""
-    course: Course
+    history: EpisodeHistory
     """Recorded samples of `info`."""
     decision_times: np.ndarray
     """Processor time of each decision in all threads [s], shape (k,)."""
@@ -123,7 +123,7 @@ def begin_episode(
 ) -> tuple[Observation, Info]:
     """Reset an environment and a policy; return the result of `env.reset`.
 
-    Passes the route of the task to `set_route`, and ground truth to an `Omniscient`.
+    Passes the route of the task to `set_route`, and ground truth to an `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
     inner = lidar_env_of(env)
@@ -133,7 +133,7 @@ def begin_episode(
         name = type(policy).__name__
         warnings.warn(f"{name} has control_hz {rate:g}, but decides every {period:.3g} s here", stacklevel=2)
     policy.reset(inner.robot, period, rng)
-    if isinstance(policy, Omniscient) and hasattr(inner.task, "coverage"):
+    if isinstance(policy, PrivilegedPolicy) and hasattr(inner.task, "coverage"):
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
     if hasattr(policy, "set_route"):
         policy.set_route(inner.task.route)
@@ -230,11 +230,11 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     Args:
         env: environment, possibly wrapped.
-        policy: explorer, team or observation policy; only an `Omniscient` gets ground truth.
+        policy: explorer, team or observation policy; only an `PrivilegedPolicy` gets ground truth.
         seed: seed of environment and policy.
         on_step: callback with `info` after the reset and after every step.
     """
-    inner, recorder = lidar_env_of(env), CourseRecorder()
+    inner, recorder = lidar_env_of(env), HistoryRecorder()
     # Independent of the generators that the environment spawns.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
@@ -245,10 +245,10 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     decide = decide_with(policy, env)
     _, info, decision_times = run(env, decide, observation, info, watch, clock=time.process_time)
-    course = recorder.course(info, inner.time_limit, inner.robot.max_v)
+    history = recorder.history(info, inner.time_limit, inner.robot.max_v)
     return Episode(
-        values={measure.name: float(measure.compute(course)) for measure in measures_of(inner.task.measures)},
-        course=course,
+        values={measure.name: float(measure.compute(history)) for measure in measures_of(inner.task.measures)},
+        history=history,
         decision_times=np.array(decision_times),
         end_reason=info["end_reason"],
         duration=info["time"],

@@ -5,7 +5,7 @@ from itertools import product
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.envs.estimation import ORIGIN, Belief
 from lidarnaut.envs.navigation import Candidates, FollowerParams, Navigator, PathFollower, free_distance
 from lidarnaut.envs.robots import RobotParams

@@ -18,7 +18,7 @@ from lidarnaut.agents.curves import LEARNED_NAMES, SCORES, read_evaluations
 from lidarnaut.agents.run_folder import SWEEP
 from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
 from lidarnaut.agents.vec_env import make_env
-from lidarnaut.baselines.explorer import GROUND_TRUTH
+from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
 from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
 from lidarnaut.benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
@@ -51,7 +51,7 @@ Scores = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class TaskResults:
     """Results of all algorithms and classic policies on one task."""
 
     name: str
@@ -90,12 +90,12 @@ def score(scores: np.ndarray) -> Estimate:
     return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
 
 
-def read_tasks(file: Path) -> list[Task]:
+def read_tasks(file: Path) -> list[TaskResults]:
     members = expand(read_mapping(file), str(file), file.parent)
     return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
 
 
-def read_task(name: str, members: Sequence[Member]) -> Task:
+def read_task(name: str, members: Sequence[Member]) -> TaskResults:
     done = {member.run: read_evaluations(member.run) for member in members if is_finished(member)}
     env = make_env(members[0].config.environment, "test")  # type: ignore[union-attr]
     measure = headline_of(lidar_env_of(env).task.measures)
@@ -112,19 +112,19 @@ def read_task(name: str, members: Sequence[Member]) -> Task:
         steps[algorithm] = np.array([row["steps"] for row in curves[0]])
         scores[algorithm] = np.array([[_numbers(row[SCORES]) for row in rows] for rows in zip(*curves, strict=True)])
         times[algorithm] = float(np.mean([processor_time(run) for run in runs]))
-    return Task(name, measure, steps, scores, references, times, len(members) - len(done))
+    return TaskResults(name, measure, steps, scores, references, times, len(members) - len(done))
 
 
 def _numbers(text: object) -> np.ndarray:
     return np.array(str(text).split(), dtype=np.float64)
 
 
-def difference(task: Task, algorithm: str, policy: str) -> Estimate:
+def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
     """Return the final score of an algorithm minus that of a policy, paired by episode."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 
-def task_section(task: Task) -> Section:
+def task_section(task: TaskResults) -> Section:
     if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
         return Section(task.name, (f"Not measured yet: {task.missing} training runs are missing.",))
     sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
@@ -150,7 +150,7 @@ def task_section(task: Task) -> Section:
     return Section(task.name, (" ".join(sentences), picture, Table(head, lines, is_open=True)))
 
 
-def draw_task(task: Task) -> Picture:
+def draw_task(task: TaskResults) -> Picture:
     figure, scale = Picture(figsize=(6.6, 3.6)), task.measure.scale
     axes = figure.subplots()
     for color, (name, scores) in zip(cycle(LINES), task.scores.items()):
@@ -165,7 +165,7 @@ def draw_task(task: Task) -> Picture:
     return figure
 
 
-def overview(tasks: Sequence[Task]) -> Section:
+def overview(tasks: Sequence[TaskResults]) -> Section:
     """Return a section with normalised scores over all tasks: 0 is `random`, 1 the best classic policy."""
     strata: dict[str, list[np.ndarray]] = {}
     for task in tasks:

@@ -20,7 +20,10 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.explore:ExploreTeam"}),
     "lidarnaut/ExploreFrontiers-v0": ("lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv", {}),
     "lidarnaut/ExploreTeamFrontiers-v0": ("lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
-    "lidarnaut/ExploreFrontiersAbstract-v0": ("lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv", {}),
+    "lidarnaut/ExploreFrontiersAbstract-v0": (
+        "lidarnaut.envs.explore_frontiers_abstract:ExploreFrontiersAbstractEnv",
+        {},
+    ),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
@@ -31,7 +34,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house", "min_distance": 5.0}),
     "lidarnaut/Track-v0": (
         LIDAR_ENV,
-        {"task": "lidarnaut.envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},
+        {"task": "lidarnaut.envs.tasks.track:Track", "robot": "mpo_500", "control_hz": 17.0},
     ),
 }
 """Registered environments: id -> (class, arguments). `lidarnaut.envs.vector` contains their vector environments."""

@@ -70,7 +70,7 @@ def fail(error: object) -> int:
     return 2
 
 
-def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
+def parse_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
     """Parse a command line into a class or function call by `tyro.cli(**how)`.
 
     Raises:
@@ -116,7 +116,7 @@ def run_command(
     arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
-        read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
+        read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
     except ValueError as error:
         sys.exit(fail(error))
     try:

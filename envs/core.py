@@ -27,7 +27,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
 from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.simulation.crowd.params import PeopleLike, crowd_of
+from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.task import Task, total
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots

@@ -10,7 +10,7 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
+class EpisodeHistory:
     """Recorded `info` of an episode: n samples, at the reset and after every step."""
 
     samples: Mapping[str, np.ndarray]
@@ -28,7 +28,7 @@ class Course:
         return samples.reshape(len(samples), -1).sum(axis=1)
 
 
-class CourseRecorder:
+class HistoryRecorder:
     """Records the numeric entries of `info` at every step."""
 
     def __init__(self) -> None:
@@ -41,10 +41,10 @@ class CourseRecorder:
             self._names = [name for name, value in numbers.items() if np.asarray(value).dtype.kind in "biuf"]
         self._rows.append([info.get(name, math.nan) for name in self._names])
 
-    def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
+    def history(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> EpisodeHistory:
         columns = zip(*self._rows, strict=True)
         samples = {name: np.array(column, dtype=np.float64) for name, column in zip(self._names, columns, strict=True)}
-        return Course(samples, final, time_limit, max_speed)
+        return EpisodeHistory(samples, final, time_limit, max_speed)
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +57,7 @@ class Measure:
     unit: str
     higher_is_better: bool | None
     """Whether higher values are better; None for a neutral measure."""
-    compute: Callable[[Course], float] = None  # type: ignore[assignment]
+    compute: Callable[[EpisodeHistory], float] = None  # type: ignore[assignment]
     """Function that computes the measure of an episode, infinite if a threshold was never reached. Default: the entry
     `name` of the last `info`."""
     digits: int = 1
@@ -91,9 +91,9 @@ class Measure:
         return f"{rounded:{sign}.{self.digits}f}"
 
 
-def final(course: Course, name: str) -> float:
+def final(history: EpisodeHistory, name: str) -> float:
     """Return an entry of the last `info`, summed over robots."""
-    return float(np.sum(course.final[name]))
+    return float(np.sum(history.final[name]))
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
@@ -102,26 +102,26 @@ def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
 
-def when(course: Course, name: str, mark: float, quantity: str = "time") -> float:
+def when(history: EpisodeHistory, name: str, mark: float, quantity: str = "time") -> float:
     """Return the time [s], or another quantity, at the first sample with an entry of at least `mark`."""
-    return first_at(course.of(quantity), course.of(name), mark)
+    return first_at(history.of(quantity), history.of(name), mark)
 
 
-def when_successful(course: Course, quantity: str = "time") -> float:
+def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
     """Return the final time [s], or another quantity, of a successful episode; infinite otherwise."""
-    return final(course, quantity) if course.final["is_success"] else math.inf
+    return final(history, quantity) if history.final["is_success"] else math.inf
 
 
-def mean_over_limit(course: Course, name: str) -> float:
+def mean_over_limit(history: EpisodeHistory, name: str) -> float:
     """Return the time average of an entry over the time limit; the last value extends to the limit."""
-    values, time, limit = course.of(name), course.of("time"), course.time_limit
+    values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
 
 
-def root_mean_square(course: Course, name: str, column: int | None = None) -> float:
+def root_mean_square(history: EpisodeHistory, name: str, column: int | None = None) -> float:
     """Return the root mean square of an entry, or of a column, over samples and robots."""
-    means = np.mean(np.square(course.samples[name]), axis=0)
+    means = np.mean(np.square(history.samples[name]), axis=0)
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
@@ -167,9 +167,9 @@ EXPLORATION = (
 """Measures of exploration: coverage, times and distance to coverage thresholds, map quality."""
 
 
-def time_home(course: Course) -> float:
+def time_home(history: EpisodeHistory) -> float:
     """Return the duration of the drive home [s]; infinite if the robot did not return."""
-    return final(course, "time_home") if course.final["returned"] else math.inf
+    return final(history, "time_home") if history.final["returned"] else math.inf
 
 
 RETURN = (
@@ -179,13 +179,13 @@ RETURN = (
 """Measures of the return to the start after exploration."""
 
 
-def path_efficiency(course: Course) -> float:
+def path_efficiency(history: EpisodeHistory) -> float:
     """Return success weighted by path length (SPL): 0 on failure, else shortest over driven length.
 
     Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
     """
-    shortest = float(course.samples["geodesic_distance"][0])
-    return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
+    shortest = float(history.samples["geodesic_distance"][0])
+    return float(history.final["is_success"]) * shortest / max(final(history, "path_length"), shortest, 1e-9)
 
 
 GOAL = (
@@ -196,10 +196,10 @@ GOAL = (
 """Measures of navigation to a goal; `info` must contain `geodesic_distance` to the goal [m]."""
 
 
-def time_efficiency(course: Course) -> float:
+def sct(history: EpisodeHistory) -> float:
     """Return success weighted by time: 0 on failure, else ideal time (shortest path, full speed) / time."""
-    ideal = float(course.samples["geodesic_distance"][0]) / course.max_speed
-    return float(course.final["is_success"]) * ideal / max(final(course, "time"), ideal, 1e-9)
+    ideal = float(history.samples["geodesic_distance"][0]) / history.max_speed
+    return float(history.final["is_success"]) * ideal / max(final(history, "time"), ideal, 1e-9)
 
 
 def barn_metric(is_success: bool, time: float, ideal: float) -> float:
@@ -212,7 +212,7 @@ def barn_metric(is_success: bool, time: float, ideal: float) -> float:
 
 
 REACH = (
-    Measure("time_spl", "success by time", "%", True, time_efficiency, 1, 100.0, is_headline=True),
+    Measure("sct", "SCT", "%", True, sct, 1, 100.0, is_headline=True),
     replace(GOAL[0], is_headline=False),
     *GOAL[1:],
     Measure("barn_metric", "BARN metric", "", True, digits=4),
@@ -234,9 +234,9 @@ PEOPLE = (
 10 s."""
 
 
-def route_driven(course: Course) -> float:
+def route_driven(history: EpisodeHistory) -> float:
     """Return the completed fraction of the route; 1 on success."""
-    return max(final(course, "progress"), float(course.final["is_success"]))
+    return max(final(history, "progress"), float(history.final["is_success"]))
 
 
 _deviation_rmse = partial(root_mean_square, name="deviation")

@@ -34,7 +34,7 @@ MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
 """Upper limits of recorded gaps to people [m] and times to collision [s]."""
 
 
-class Setup(NamedTuple):
+class MotionSettings(NamedTuple):
     """Settings of odometry and estimator in the row of a robot, all float."""
 
     metres_per_tick: float
@@ -97,7 +97,7 @@ class Robot:
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
-        self._setup = Setup(
+        self._setup = MotionSettings(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
             uses_gyro=float(params.odometry.uses_gyro),
@@ -202,7 +202,11 @@ class Robot:
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
         """Map at the resolutions of the observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self._setup, self.belief.pose, np.inf
+        row[at.MOTION_SETTINGS : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = (
+            self._setup,
+            self.belief.pose,
+            np.inf,
+        )
         if self._setup.min_travel_distance == math.inf:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]

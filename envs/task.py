@@ -26,7 +26,7 @@ class ObservationPart(Protocol):
 
     A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
     `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks policies that observe it;
-    see `lidarnaut.baselines.explorer.marked`.
+    see `lidarnaut.baselines.policy.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:

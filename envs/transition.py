@@ -9,14 +9,14 @@ from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
-from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, MotionSettings
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import drove_into
-from lidarnaut.envs.simulation.crowd import records as crowd_at
+from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.slam.key_scans import has_moved
 
-SETUP_SIZE = len(Setup._fields)
+NUM_MOTION_SETTINGS = len(MotionSettings._fields)
 PERSONAL_SPACE = 0.45
 """Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
 (1966)."""
@@ -86,7 +86,7 @@ def update_robots(rows, people):
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = Setup(*as_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
+        setup = MotionSettings(*as_tuple(row[at.MOTION_SETTINGS : at.ROBOT], NUM_MOTION_SETTINGS))
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
@@ -129,7 +129,7 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 
 @njit(cache=True, error_model="numpy")
-def note_positions(rows, active, positions, counts):
+def record_positions(rows, active, positions, counts):
     """Append the positions requested by `FLAGS` to arrays, and clear the flags; True if an array is full.
 
     `active`: rows to process, shape (n,), bool. `positions`: estimated and true positions, shape (n, k, 4), float64

@@ -39,7 +39,7 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
     driven = run_episode(env, GoalNavigator(GoalParams(lost_time=120.0)), seed + 1)
     env.close()
     print(
-        f"goal {driven.course.of('geodesic_distance')[0]:.1f} m away: {driven.end_reason} in {driven.duration:.0f} s, "
+        f"goal {driven.history.of('geodesic_distance')[0]:.1f} m away: {driven.end_reason} in {driven.duration:.0f} s, "
         f"{driven.path_length:.1f} m (localization included); {driven.collisions:.0f} collisions"
     )
     return driven.end_reason

@@ -16,8 +16,8 @@ from lidarnaut.envs.observations import MapCrop
 from lidarnaut.envs.slam import KnownPoses, load_params
 from lidarnaut.envs.task import Rewards
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
-from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.tasks.track import Track
 from lidarnaut.envs.worlds import load_world
 from tests.rollouts import rollout
 
@@ -88,7 +88,7 @@ def test_world_and_start_can_be_chosen_for_one_episode():
     assert same(first, rollout(env, 3, 10))
 
 
-@pytest.mark.parametrize("task", [Explore, ExploreTeam, Navigate, FollowRoute])
+@pytest.mark.parametrize("task", [Explore, ExploreTeam, Navigate, Track])
 def test_unknown_options_are_named(task):
     env = LidarEnv(task, robot="mpo_500", physics="kinematic")
     with pytest.raises(ValueError, match=r"unknown options \['weather'\]; allowed are .*'start'"):

@@ -9,9 +9,9 @@ import pytest
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from tests.rollouts import nearest, rollout
 

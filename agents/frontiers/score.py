@@ -10,8 +10,8 @@ from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
-from lidarnaut.baselines.frontier.pursuit import PursuitDriving
+from lidarnaut.baselines.frontier.pursuit_explorer import PursuitDriving
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import nearest
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.files import printable, read_bytes, read_json, write_folder

@@ -6,7 +6,7 @@ import numpy as np
 from pydantic import NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.frontier.explorer import COMMITTED, RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import COMMITTED, RuleExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost, PlanningParams, failed_last
 from lidarnaut.envs.robots import RobotParams

@@ -10,8 +10,8 @@ import numpy as np
 from pydantic import NonNegativeFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
 from lidarnaut.baselines.frontier.open_tour import best_tours
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.frontier.rules import MIN_LENGTHS
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid

@@ -15,7 +15,7 @@ import numpy as np
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.frontier.explorer import COMMITTED, RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import COMMITTED, RuleExplorer
 from lidarnaut.baselines.frontier.rules import CELL
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid

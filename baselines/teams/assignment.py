@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.explorer import FrontierRule
+from lidarnaut.baselines.frontier.rule_explorer import FrontierRule
 from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief

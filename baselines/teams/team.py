@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.pursuit import pursue
+from lidarnaut.baselines.frontier.pursuit_explorer import pursue
 from lidarnaut.baselines.teams.assignment import Assignment
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation.team_navigator import TeamNavigator

@@ -7,14 +7,22 @@ from pathlib import Path
 import numpy as np
 
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
 from lidarnaut.benchmarks.arena.policies import short
-from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.benchmarks.arena.statistics import Estimate, performance_profile
-from lidarnaut.benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
+from lidarnaut.benchmarks.arena.trace import (
+    ProgressCurve,
+    Trace,
+    episode_name,
+    load_curve,
+    recording_path,
+    slug,
+    trace_path,
+)
 from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
@@ -52,7 +60,11 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def curve_figures(
-    name: str, curves: Mapping[str, Sequence[Sequence[Curve]]], label: str, unit: str = "", end: float | None = None
+    name: str,
+    curves: Mapping[str, Sequence[Sequence[ProgressCurve]]],
+    label: str,
+    unit: str = "",
+    end: float | None = None,
 ) -> list[Figure]:
     over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
     figures = []
@@ -62,10 +74,10 @@ def curve_figures(
     return figures
 
 
-def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Curve]]]:
+def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[ProgressCurve]]]:
     """Return curves by policy and case, with time and distance as shares of the reference's values or of the limits."""
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
-    curves: dict[str, dict[Case, list[Curve]]] = {}
+    curves: dict[str, dict[Case, list[ProgressCurve]]] = {}
     for row in episodes:
         units = {"time_limit": row["time_limit"], "distance_limit": row["distance_limit"]}
         if marks:
@@ -74,7 +86,9 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Cu
                 continue
             units |= {mark.limit: value_of(same_start, mark) for mark in marks}
         curve = load_curve(folder, row)
-        scaled = Curve(curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress)
+        scaled = ProgressCurve(
+            curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress
+        )
         curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
     return {policy: list(strata.values()) for policy, strata in curves.items()}
 

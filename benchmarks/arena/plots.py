@@ -18,7 +18,7 @@ from PIL import Image
 
 from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.benchmarks.arena.statistics import Band, Estimate, curve_band
-from lidarnaut.benchmarks.arena.trace import Curve, Trace
+from lidarnaut.benchmarks.arena.trace import ProgressCurve, Trace
 from lidarnaut.envs.rendering import style
 
 
@@ -83,7 +83,7 @@ def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def sample_curves(
-    curves: Mapping[str, Sequence[Sequence[Curve]]], over: str, end: float | None = None
+    curves: Mapping[str, Sequence[Sequence[ProgressCurve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
     """Average progress curves on a common grid, and return the grid, shape (points,), and a band per policy.
 

@@ -14,8 +14,8 @@ from gymnasium import spaces
 
 from lidarnaut.agents.policies import Level, level_of, make_policy, needed_arguments
 from lidarnaut.baselines import CLASSIC, EXPLORERS
-from lidarnaut.baselines.explorer import GROUND_TRUTH, marked
-from lidarnaut.baselines.explorer import Policy as Driver
+from lidarnaut.baselines.policy import GROUND_TRUTH, marked
+from lidarnaut.baselines.policy import Policy as Driver
 from lidarnaut.envs.files import explain_unknown, load_object, resolve
 
 Makers = Mapping[str, Callable[[], Any]]

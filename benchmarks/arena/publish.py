@@ -10,6 +10,7 @@ from rich.console import Console
 
 from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, write_csv
 from lidarnaut.benchmarks.arena.overview import (
     case_sections,
     curves_section,
@@ -19,7 +20,6 @@ from lidarnaut.benchmarks.arena.overview import (
 )
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.policies import short
-from lidarnaut.benchmarks.arena.records import SETTINGS_FILE, Key, write_table
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import estimator_of
 from lidarnaut.benchmarks.arena.verdict import verdict_section
@@ -100,7 +100,7 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
         columns = list(evaluation.columns)
-        write_table(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
+        write_csv(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
     return summary
 
 

@@ -13,13 +13,13 @@ from gymnasium import spaces
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.explorer import marked
+from lidarnaut.baselines.policy import marked
+from lidarnaut.benchmarks.arena.evaluation_folder import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
-from lidarnaut.benchmarks.arena.records import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
-from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
+from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, prepare, run_all
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import Lock, own_folder, write_file
 from lidarnaut.envs.ids import CHOOSE
@@ -165,10 +165,10 @@ class Evaluation:
         missing = self._not_found(self._all_tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 
-    def _find(self, task: Task) -> Row | None:
+    def _find(self, task: Job) -> Row | None:
         return self._records.find(task.key, task.policy.model)
 
-    def _not_found(self, tasks: Iterable[Task]) -> list[Task]:
+    def _not_found(self, tasks: Iterable[Job]) -> list[Job]:
         return [task for task in tasks if self._find(task) is None]
 
     def _check_cases(self) -> Makers:
@@ -208,8 +208,8 @@ class Evaluation:
     def _objects(self, case: Case) -> dict[str, Any]:
         return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
 
-    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
-        tasks: dict[Key, Task] = {}
+    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Job]:
+        tasks: dict[Key, Job] = {}
         for case, seed, policies in starts:
             for policy in (self._policies[name] for name in policies):
                 conditions = self._robots[case], case.name("physics"), case.name("slam"), case.name("people")
@@ -217,7 +217,7 @@ class Evaluation:
                 # Upper bounds use the true pose under every SLAM.
                 is_oracle = is_bound(policy.name) and not policy.observes
                 own = replace(case, id=self._id_for(policy), slam="truth" if is_oracle else case.slam)
-                tasks.setdefault(key, Task(key, policy, own, self._objects(own)))
+                tasks.setdefault(key, Job(key, policy, own, self._objects(own)))
         return list(tasks.values())
 
     def _id_for(self, policy: Policy) -> str:
@@ -235,7 +235,7 @@ class Evaluation:
         raise ValueError(f"{policy.name} outputs {policy.level}s, but {id} takes {wanted}")
 
     def _check_fit(self) -> None:
-        groups: dict[tuple[Any, ...], dict[str, Task]] = {}
+        groups: dict[tuple[Any, ...], dict[str, Job]] = {}
         for task in self._all_tasks.values():
             groups.setdefault(task.conditions, {}).setdefault(task.policy.name, task)
         pending = {task.policy.name for task in self._all_tasks.values()}

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.baselines.episode import Episode
-from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.files import open_archive
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
@@ -20,7 +20,7 @@ from lidarnaut.envs.navigation.costmap import known_window
 WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
-class Curve(NamedTuple):
+class ProgressCurve(NamedTuple):
     """Progress over an episode: samples at the reset and after every step, shape (n,), float64."""
 
     time: np.ndarray
@@ -35,7 +35,7 @@ class Curve(NamedTuple):
 class Trace:
     """Trace of an episode; trail and map in the map frame, walls and start in the world frame."""
 
-    curve: Curve
+    curve: ProgressCurve
     trail: np.ndarray
     """Estimated positions of the first robot, shape (n, 2), float32 [m]."""
     grid: OccupancyGrid
@@ -76,7 +76,7 @@ class Trace:
         with open_archive(path, WHAT, HINT) as file:
             x, y = file["origin"]
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
-            curve = Curve(*file["curve"])
+            curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
             return cls(curve, file["trail"], grid, file["known_since"], start, file["segments"], file["circles"])
 
@@ -102,8 +102,8 @@ class Recorder:
         self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
 
     def trace(self, episode: Episode) -> Trace:
-        env, course = self._env, episode.course
-        curve = Curve(course.of("time"), course.of("path_length"), course.samples[env.task.progress])
+        env, history = self._env, episode.history
+        curve = ProgressCurve(history.of("time"), history.of("path_length"), history.samples[env.task.progress])
         return Trace(
             curve,
             np.array(self._trail, dtype=np.float32),
@@ -138,9 +138,9 @@ def episode_name(row: Row) -> str:
     return "__".join(slug(str(row[name])) for name in names)
 
 
-def load_curve(folder: Path, row: Row) -> Curve:
+def load_curve(folder: Path, row: Row) -> ProgressCurve:
     with open_archive(trace_path(folder, row), WHAT, HINT) as file:
-        return Curve(*file["curve"])
+        return ProgressCurve(*file["curve"])
 
 
 def slug(name: str) -> str:

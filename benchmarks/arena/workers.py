@@ -17,10 +17,10 @@ import numpy as np
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
-from lidarnaut.baselines.explorer import Policy as Driver
+from lidarnaut.baselines.policy import Policy as Driver
+from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Policy, short
-from lidarnaut.benchmarks.arena.records import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.settings import Case
 from lidarnaut.benchmarks.arena.trace import Recorder
 from lidarnaut.envs.core import lidar_env_of
@@ -37,7 +37,7 @@ FAULTS = (Exception, SystemExit)
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class Job:
     """Episode to run."""
 
     key: Key
@@ -79,7 +79,7 @@ def explain_fault(error: BaseException) -> str:
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
 
-def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Result]:
+def run_all(tasks: list[Job], jobs: int, ray: str | None = None) -> Iterator[Result]:
     """Yield the results of tasks in order of completion, from local processes or a Ray cluster.
 
     Raises:
@@ -120,7 +120,7 @@ class _Worker:
         self._conditions: tuple[Any, ...] | None = None
         self._policies: dict[str, Driver] = {}
 
-    def run(self, task: Task) -> Result:
+    def run(self, task: Job) -> Result:
         """Run an episode; return exceptions as failed results."""
         try:
             return self._run(task)
@@ -129,7 +129,7 @@ class _Worker:
                 logging.getLogger(__name__).exception("%s", task.key)
             return Result(task.key, reason=explain_fault(error))
 
-    def _run(self, task: Task) -> Result:
+    def _run(self, task: Job) -> Result:
         if self._env is None or task.conditions != self._conditions:
             self.close()
             self._env, self._conditions = task.make_env(), task.conditions
@@ -158,7 +158,7 @@ class _Worker:
 _worker = _Worker()
 
 
-def run_in_worker(task: Task) -> Result:
+def run_in_worker(task: Job) -> Result:
     return _worker.run(task)
 
 

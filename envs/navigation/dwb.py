@@ -17,7 +17,7 @@ from lidarnaut.envs.simulation import Twist
 from .costmap import CostmapParams, inflate
 from .critics import FRONT_DISTANCE, NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
 from .obstacles import without_people
-from .pursuit import NEAREST_WINDOW, nearest_index
+from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
 # Values of Nav2's bring-up file.
 MAX_W = 1.0

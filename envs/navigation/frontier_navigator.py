@@ -14,9 +14,9 @@ from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sig
 from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
+from lidarnaut.envs.navigation.planning_params import NavigatorParams, PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

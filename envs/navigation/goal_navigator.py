@@ -19,11 +19,11 @@ from lidarnaut.envs.navigation.dwb import DwbPlanner
 from lidarnaut.envs.navigation.mppi import MppiPlanner
 from lidarnaut.envs.navigation.navigator import Navigator
 from lidarnaut.envs.navigation.navigator_kernels import FAILED
-from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.paths import exits, is_path_valid, plan_path, smooth_path
 from lidarnaut.envs.navigation.planning_map import PlanningMap
-from lidarnaut.envs.navigation.pursuit import FAST, PathFollower, turn_rate
+from lidarnaut.envs.navigation.planning_params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.reactive_driving import ReactiveDriver
+from lidarnaut.envs.navigation.regulated_pursuit import FAST, PathFollower, turn_rate
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

@@ -24,8 +24,8 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     update_obstacles,
 )
 from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, MAX_REMEMBERED, NO_POINTS
-from lidarnaut.envs.navigation.params import NavigatorParams
-from lidarnaut.envs.navigation.pursuit import as_record
+from lidarnaut.envs.navigation.planning_params import NavigatorParams
+from lidarnaut.envs.navigation.regulated_pursuit import as_record
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 

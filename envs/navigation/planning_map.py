@@ -11,7 +11,6 @@ from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_ex
 from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, known_window
 from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import PlanningParams
 from lidarnaut.envs.navigation.planning_kernels import (
     cells_of,
     clear_beams,
@@ -20,6 +19,7 @@ from lidarnaut.envs.navigation.planning_kernels import (
     obstacle_cells,
     update_costs,
 )
+from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0

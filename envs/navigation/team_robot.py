@@ -9,8 +9,8 @@ from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.navigation.frontier_navigator import FrontierNavigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, REPLAN
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import PlanningParams
 from lidarnaut.envs.navigation.paths import TravelField, travel_field
+from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 

@@ -14,7 +14,8 @@ from .gmapping.gmapping import GMapping
 from .graph.graph_slam import GraphSlam
 from .hector import Hector
 from .matcher import MatcherObserver
-from .params import (
+from .posegraph import PoseGraphView
+from .slam_params import (
     PRESETS,
     GMappingParams,
     GraphSlamParams,
@@ -24,7 +25,6 @@ from .params import (
     TinySlamParams,
     load_params,
 )
-from .posegraph import PoseGraphView
 from .tinyslam import KnownPoses, TinySlam
 
 

@@ -15,8 +15,8 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
-from .params import TinySlamParams
 from .scans import SIDE_START, beam_ends, walk
+from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
 """Bits of a cell word that count observations."""

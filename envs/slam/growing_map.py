@@ -7,8 +7,8 @@ import numpy as np
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
 from lidarnaut.envs.robots import LidarParams
 
-from .params import SlamParams
 from .scans import ScanGeometry, scans_window
+from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27
 """Maximum number of cells; limits memory if the estimate diverges."""

@@ -10,8 +10,8 @@ from .key_scans import KeyScanSlam
 from .log_odds_map import LogOddsMap
 from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
-from .params import HectorParams
 from .relocalization import FOUND_STD, LocalizationMonitor
+from .slam_params import HectorParams
 
 MIN_SCORE_WITH_PEOPLE = 0.5
 """Minimum matching score among people; a group of people looks like an unmapped wall."""

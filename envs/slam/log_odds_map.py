@@ -15,8 +15,8 @@ from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
-from .params import MatchingParams
 from .scans import SIDE_START, beam_ends, walk
+from .slam_params import MatchingParams
 
 STAMP_BITS = 16
 """Bits of a cell word for the scan number."""

@@ -11,8 +11,8 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
 from .grid_map import COUNT_BITS, FULL_OCCUPANCY, GridMap, unvisited_word
-from .params import TinySlamParams
 from .scans import project_hits
+from .slam_params import TinySlamParams
 
 
 class SearchParams(NamedTuple):

@@ -19,8 +19,8 @@ from lidarnaut.envs.robots import LidarParams
 from .key_scans import KeyScans, has_moved
 from .matching.branch_and_bound import NO_EXCLUSION, SearchResult, SearchWindow, angle_step, search
 from .matching.fields import Field, HitShares, Pyramid, build_pyramid, count_crossings, hit_shares, is_accepted
-from .params import LoopClosureParams
 from .scans import ScanGeometry
+from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
 """Number of recent key scans matched together."""

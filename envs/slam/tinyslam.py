@@ -14,9 +14,9 @@ from .key_scans import KeyScanSlam
 from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
-from .params import TinySlamParams
 from .relocalization import LocalizationMonitor
 from .scans import project_hits
+from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
 """Consecutive mismatched key scans after which the robot is lost."""

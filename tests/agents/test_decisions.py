@@ -117,10 +117,10 @@ def test_an_evaluation_gives_what_single_episodes_give():
     env = make_env(config.environment, "test")
     first = make_policy(lambda observation: 0, env.action_space)
     measures = {measure.name: measure for measure in env.unwrapped.explore.task.measures}
-    for seed, course in enumerate(together):
+    for seed, history in enumerate(together):
         alone = run_episode(env, first, seed)
         for name in ("time_to_90", "explored_fraction", "area_under_curve"):
-            assert measures[name].compute(course) == getattr(alone, name)
+            assert measures[name].compute(history) == getattr(alone, name)
 
 
 def test_a_reference_that_drives_is_refused():

@@ -6,7 +6,7 @@ from gymnasium import spaces
 
 from lidarnaut.agents.policies import level_of, make_policy
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}

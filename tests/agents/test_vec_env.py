@@ -83,10 +83,10 @@ def test_episodes_that_a_number_of_steps_ends_are_measured_in_trainings(case, ve
     arguments_of.cache_clear()
     config = EnvironmentConfig(id="test/Limited-v0", vectorization=vectorization, num_workers=0, **QUICK.arguments)
     env = make_vector(config, "test", 2)
-    for course in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
-        assert course.samples["time"][-1] == pytest.approx(1.6)
-        assert course.final["end_reason"] == "time_limit"
-        assert 0.0 < course.final["map_iou"] < 1.0
+    for history in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
+        assert history.samples["time"][-1] == pytest.approx(1.6)
+        assert history.final["end_reason"] == "time_limit"
+        assert 0.0 < history.final["map_iou"] < 1.0
     env.close()
 
 

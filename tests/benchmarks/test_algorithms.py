@@ -7,7 +7,7 @@ import yaml
 from lidarnaut.agents.config import find_configuration
 from lidarnaut.agents.sweep import run_sweep
 from lidarnaut.benchmarks import algorithms
-from lidarnaut.benchmarks.algorithms import Task, difference, overview, score, task_section
+from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, score, task_section
 from lidarnaut.envs.measures import REACH
 
 TINY = {
@@ -41,7 +41,7 @@ TINY = {
 def make_task(**scores):
     """A task of two seeds and forty episodes, of which `random` reaches none and `pursuit` half."""
     half = (np.arange(40) % 2.0)[None]
-    return Task(
+    return TaskResults(
         name="Halls",
         measure=REACH[0],
         steps={name: np.array([0, 100]) for name in scores},

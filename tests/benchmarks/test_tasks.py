@@ -18,9 +18,9 @@ from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.tasks.explore import Explore
-from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.tasks.track import Track
 from lidarnaut.evaluate_command import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
@@ -34,7 +34,7 @@ CASES = {
     "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
     "ReachGoal": (ReachGoal, ["pursuit", "random"], [*WORLDS, "--slam", "odometry"]),
-    "Track": (FollowRoute, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
+    "Track": (Track, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
 }
 
 

@@ -14,10 +14,10 @@ from ..matching.correlative import CorrelativeWindow, search_window
 from ..matching.covariance import motion_stds, position_std
 from ..matching.fields import LEAST_MAP_SHARE, fits_map
 from ..matching.scan_matcher import WINDOW_STDS, MatcherParams
-from ..params import GMappingParams
 from ..posegraph import GrowingArray
 from ..relocalization import FOUND_STD, LocalizationMonitor
 from ..scans import project_hits
+from ..slam_params import GMappingParams
 from .particle_maps import ParticleMaps
 from .proposal import Proposals, draw_poses, propose, take_better
 

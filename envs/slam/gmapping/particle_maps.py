@@ -11,8 +11,8 @@ from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap, known_cells
 from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, observe, percent
-from ..params import GMappingParams
 from ..scans import SIDE_START, beam_ends, walk
+from ..slam_params import GMappingParams
 from .proposal import Maps
 from .tiles import (
     EMPTY,

@@ -12,9 +12,9 @@ from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.key_scans import Anchor
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
 from lidarnaut.envs.slam.relocalization import FOUND_STD
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import LocalSlam
 from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch

@@ -11,7 +11,7 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
 from lidarnaut.envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
 from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams, match_to_levels
-from lidarnaut.envs.slam.params import GraphSlamParams
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .nodes import NodeStore
 

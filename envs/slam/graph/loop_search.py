@@ -16,8 +16,8 @@ from lidarnaut.envs.slam.matching.branch_and_bound import SearchWindow, angle_st
 from lidarnaut.envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
 from lidarnaut.envs.slam.matching.gauss_newton import PosePrior, refine
 from lidarnaut.envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import PoseGraph
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import submap_params
 from .nodes import NodeStore

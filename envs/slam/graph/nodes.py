@@ -10,9 +10,9 @@ from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import refine
 from lidarnaut.envs.slam.matching.scan_matcher import make_prior
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import GrowingArray
 from lidarnaut.envs.slam.scans import project_hits
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 MAX_BATCH = 256
 """Maximum number of nodes integrated at once."""

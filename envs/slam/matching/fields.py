@@ -8,7 +8,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid
 
-from ..params import LoopClosureParams
+from ..slam_params import LoopClosureParams
 
 FULL_PERCENT = 100
 """Field value with score 1 [percent]."""

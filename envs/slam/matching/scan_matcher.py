@@ -9,8 +9,8 @@ from numba import njit
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 
-from ..params import MatchingParams
 from ..scans import project_hits
+from ..slam_params import MatchingParams
 from .correlative import CorrelativeWindow, search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance
 from .gauss_newton import Fit, PosePrior, known_score_at, refine

@@ -54,7 +54,7 @@ class ObservationPolicy(Policy, Protocol):
 
 
 @runtime_checkable
-class Omniscient(Protocol):
+class PrivilegedPolicy(Protocol):
     """Explorer with ground truth, an upper bound for other explorers."""
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
@@ -73,7 +73,7 @@ def marked(name: str, policy: Any, env: gymnasium.Env[Any, Any] | None = None) -
 
     This includes observation policies if `env` has `uses_ground_truth`.
     """
-    uses_it = isinstance(policy, Omniscient) or getattr(policy, "uses_ground_truth", False)
+    uses_it = isinstance(policy, PrivilegedPolicy) or getattr(policy, "uses_ground_truth", False)
     if env is not None and not hasattr(policy, "act") and env.has_wrapper_attr("uses_ground_truth"):
         uses_it = uses_it or env.get_wrapper_attr("uses_ground_truth")
     return name + GROUND_TRUTH if uses_it else name

@@ -10,7 +10,7 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
-from lidarnaut.baselines.frontier.pursuit import TURN
+from lidarnaut.baselines.frontier.pursuit_explorer import TURN
 from lidarnaut.envs.observations.plan import WIDTH
 
 BACK = -0.3
@@ -39,8 +39,8 @@ def pursue(plan: Tensor, motion: Tensor) -> Tensor:
     return torch.stack([speed, present * turn + (1.0 - present) * SPIN], dim=1)
 
 
-class UntrainedPursuit:
-    """Twist policy equal to the mean action of an untrained `PursuitPolicy`."""
+class PlanPursuit:
+    """Twist policy equal to the mean action of an untrained `PlanPriorPolicy`."""
 
     level = "twist"
     observations = ("motion", "plan")
@@ -49,7 +49,7 @@ class UntrainedPursuit:
         return pursue(*(torch.from_numpy(observation[name])[None] for name in ("plan", "motion")))[0].numpy()
 
 
-class PursuitPolicy(JointPolicy):
+class PlanPriorPolicy(JointPolicy):
     """Gaussian policy with mean `weight * pursue(...)` plus network output, initially near 0."""
 
     def __init__(
@@ -64,7 +64,7 @@ class PursuitPolicy(JointPolicy):
         """Build the network; raise ValueError without the observation `plan`."""
         if "plan" not in observation_space.spaces:
             raise ValueError(
-                "network.pursuit needs the observation `plan`; add it to environment.observations, or set 0"
+                "network.plan_prior needs the observation `plan`; add it to environment.observations, or set 0"
             )
         self._weight = weight
         super().__init__(observation_space, action_space, lr_schedule, **arguments)

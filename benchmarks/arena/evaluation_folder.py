@@ -200,7 +200,7 @@ def read_table(path: Path, columns: Readers) -> Iterator[Row]:
             raise ValueError(f"{path}, row {number}: damaged: {error}; remove the row to run it again") from error
 
 
-def write_table(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
+def write_csv(path: Path, head: Iterable[Any], lines: Iterable[Iterable[Any]]) -> None:
     write_file(path, _lines([head, *lines]))
 
 

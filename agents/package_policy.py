@@ -1,4 +1,4 @@
-"""Packaging of a trained policy: `python -m lidarnaut.agents.ship RUN agents/pretrained/NAME`.
+"""Packaging of a trained policy: `python -m lidarnaut.agents.package_policy RUN agents/pretrained/NAME`.
 
 RUN is a run folder of evolution or PPO (newest checkpoint, without optimizer). The new folder holds the policy,
 `config.yaml`, learning curve (`curve.png`, `curve.csv`), `held_out.yaml` if held-out worlds were excluded, and

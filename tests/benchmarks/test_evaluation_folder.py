@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from lidarnaut.benchmarks.arena.records import SETTINGS_FILE, Key, Records
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, Records
 from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_distance

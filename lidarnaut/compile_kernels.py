@@ -1,4 +1,4 @@
-"""Compiles the kernels of environments, SLAMs and explorers in advance: python -m lidarnaut.warm."""
+"""Compiles the kernels of environments, SLAMs and explorers in advance: python -m lidarnaut.compile_kernels."""
 
 import importlib.util
 from typing import Any
@@ -12,7 +12,7 @@ from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
 
 
-def warm() -> None:
+def compile_kernels() -> None:
     """Run the first seconds of episodes with all environments, SLAMs and explorers."""
     explore = "lidarnaut/Explore-v0"
     kinematic: dict[str, Any] = {"physics": "kinematic"}
@@ -40,4 +40,4 @@ def warm() -> None:
 
 
 if __name__ == "__main__":
-    warm()
+    compile_kernels()

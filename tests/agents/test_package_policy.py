@@ -11,8 +11,8 @@ from lidarnaut.agents.frontiers.evolution import evolve
 from lidarnaut.agents.frontiers.score import ScoreExplorer
 from lidarnaut.agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
 from lidarnaut.agents.learned import PRETRAINED, find_policy, load_policy
+from lidarnaut.agents.package_policy import CHECKSUMS, MODEL_CARD, main
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.ship import CHECKSUMS, MODEL_CARD, main
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.command_line import run_command
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION

@@ -11,7 +11,7 @@ from lidarnaut.envs.navigation.navigator_kernels import (
 from lidarnaut.envs.robot import ONE_ACTIVE, SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.kinematic import step_robots
-from lidarnaut.envs.transition import note_positions, update_robots
+from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
 """Progress of a drive that was not checked after the last control period."""
@@ -23,7 +23,7 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
 
     `rows`, `draws`, `ranges`: as for `step_robots`, of one robot. `world_arrays`: segments and circles of the world,
     and `People.arrays`. `navigator`: arrays of the navigator, written. `noted`: `positions` and `counts` of
-    `note_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check in
+    `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check in
     Python.
 
     Returns:
@@ -42,7 +42,7 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
         step_robots(rows, draws, ranges, segments, circles, crowd)
         update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
-        note_positions(rows, ONE_ACTIVE, *noted)
+        record_positions(rows, ONE_ACTIVE, *noted)
         motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
         sensors = (ranges[0], navigator.directions, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)
