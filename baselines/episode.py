@@ -123,7 +123,7 @@ def begin_episode(
 ) -> tuple[Observation, Info]:
     """Reset an environment and a policy; return the result of `env.reset`.
 
-    Passes the route of the task to `set_route`, and ground truth to an `PrivilegedPolicy`.
+    Passes the route of the task to `set_route`, and ground truth to a `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
     inner = lidar_env_of(env)
@@ -230,7 +230,7 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     Args:
         env: environment, possibly wrapped.
-        policy: explorer, team or observation policy; only an `PrivilegedPolicy` gets ground truth.
+        policy: explorer, team or observation policy; only a `PrivilegedPolicy` gets ground truth.
         seed: seed of environment and policy.
         on_step: callback with `info` after the reset and after every step.
     """

@@ -23,8 +23,8 @@ def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_
 
     `rows`, `draws`, `ranges`: as for `step_robots`, of one robot. `world_arrays`: segments and circles of the world,
     and `People.arrays`. `navigator`: arrays of the navigator, written. `noted`: `positions` and `counts` of
-    `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check in
-    Python.
+    `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check
+    in Python.
 
     Returns:
         Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the

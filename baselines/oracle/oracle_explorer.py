@@ -70,7 +70,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Explorer that plans tours on the true map, and paths on the map completed by it; an `PrivilegedPolicy`."""
+    """Explorer that plans tours on the true map, and paths on the map completed by it; a `PrivilegedPolicy`."""
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()
