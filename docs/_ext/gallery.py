@@ -21,9 +21,9 @@ PAGES = {
 # Worlds
 
 White areas are reachable from the spawns; grey areas are solid or unreachable. Triangles are spawns (filled: the
-default), squares their goals. People on fixed routes are orange, with their routes. Pass the name as `world=`. Free area
-is the area that is reachable from the first spawn, for a point and for the centre of a disc of 0.22 m radius. The
-library is followed by three of the 300 worlds of BARN, and by worlds 0, 1 and 2 of each procedural family, whose
+default), squares their goals. People on fixed routes are orange, with their routes. Pass the name as `world=`. The free
+area is reachable from the first spawn: for a point, and for the centre of a disc of 0.22 m radius. The library is
+followed by three of the 300 worlds of BARN, and by worlds 0, 1 and 2 of each procedural family, whose
 environments draw a new world at each reset.
 
 """,
