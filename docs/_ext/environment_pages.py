@@ -1,4 +1,4 @@
-"""A page per task: registered ids, an animated picture of each, spaces, and the docstring."""
+"""Generate one page per task: registered ids with animated pictures, spaces, and the docstring."""
 
 import inspect
 import re
@@ -16,8 +16,8 @@ INDEX = """\
 # Environments
 
 `import lidarnaut` registers these ids with Gymnasium. `gymnasium.make(id)` makes one environment, and
-`gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with
-seed + i. The films show ground truth on the left, and what the robot estimates on the right.
+`gymnasium.make_vec(id, num_envs=n)` a vector environment with worker processes: sub-environment i equals a single
+environment with seed + i. The films show ground truth on the left, and map and pose estimate on the right.
 
 {sections}
 
@@ -35,7 +35,7 @@ SECTIONS = {
     "^explore": "Explore as a team, or by choosing frontiers",
     "": "Reach goals, follow routes",
 }
-"""Sections of the gallery, by a pattern of the page's name; the first that fits counts."""
+"""Section titles of the gallery by pattern of page names; the first match applies."""
 SECTION = "## {title}\n\n::::{{grid}} 1 2 2 3\n:gutter: 2\n\n{cards}\n\n::::"
 CARD = """\
 :::{{grid-item-card}} `{id}`
@@ -74,7 +74,7 @@ env = gymnasium.make("{id}", render_mode="human")
 
 
 def pages(source: Path) -> dict[str, str]:
-    """Return the pages by file name: one per task, or where an action is a frontier per entry point."""
+    """Return the pages by file name: one per task, or per entry point at decision level."""
     groups: dict[str, list[EnvSpec]] = {}
     for spec in gymnasium.registry.values():
         if spec.namespace == "lidarnaut":
@@ -92,7 +92,7 @@ def pages(source: Path) -> dict[str, str]:
 
 
 def _card(spec: EnvSpec, entry_point: str, page: str) -> str:
-    """Return a card of the gallery: the film of an id, its task, and the arguments that it sets."""
+    """Return a card of the gallery: film, task and arguments of an id."""
     return CARD.format(
         id=spec.id,
         name=page,
@@ -108,7 +108,7 @@ def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:
     parts = env.observation_space.items() if isinstance(env.observation_space, spaces.Dict) else ()
     shown = [spec for spec in specs if (source / PICTURES / f"{_slug(spec)}.webp").exists()]
     pictures = [
-        f"![{spec.id}: ground truth, and what the robot estimates](../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
+        f"![{spec.id}: ground truth, and estimates of the robot](../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
     ]
     ids = ""
     if len(specs) > 1:
@@ -131,16 +131,16 @@ def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:
 
 
 def _slug(spec: EnvSpec) -> str:
-    """Return the file name of an id, without suffix."""
+    """Return the file name of an id without suffix."""
     return spec.id.partition("/")[2].lower()
 
 
 def _docstring(entry_point: str) -> tuple[str, str]:
-    """Return the first line of the docstring and the rest, with links to the pages that it names."""
+    """Return the first line of the docstring, and the rest with links to pages of the site."""
     first, _, rest = (inspect.getdoc(load_env_creator(entry_point)) or "").partition("\n")
     return first, re.sub(r"\bdocs/(\w+)\.md", r"[\1](../\1.md)", rest.strip())
 
 
 def _arguments(spec: EnvSpec) -> str:
-    """Return what arguments an id sets, as Markdown."""
+    """Return the arguments of an id as Markdown."""
     return ", ".join(f"`{name}={value!r}`" for name, value in spec.kwargs.items() if name != "task")
