@@ -49,7 +49,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
     raise ValueError(
-        f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
+        f"{SHORT.repr(value)} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
     )
 
 
