@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import OnePerRobot, Policy
+from lidarnaut.envs.files import SHORT
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
