@@ -31,7 +31,8 @@ one at each reset.
 # Robots
 
 From above, forward to the right: body, driven wheels (black), casters (grey), lidar with its field of view (blue), and
-the circle that holds body and wheels (dashed). Pass the name as `robot=`.
+the circle that holds body and wheels (dashed). Pass the name as `robot=`. The keys of a robot file:
+[Your own robot](../customize/robot.md).
 
 """,
 }
