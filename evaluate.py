@@ -55,6 +55,8 @@ class Command:
     """Run nothing; publish what the folder holds."""
     publish: Path | None = None
     """Folder of documentation to put the leaderboard into, as `arena.md` and `arena/`."""
+    all: bool = False
+    """Print all measures of each world; by default the five main ones. The report has all of them."""
     json: bool = False
     """Print the summary as JSON, and nothing else, to the standard output."""
 
@@ -101,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
     if command.json:
         print(json.dumps(to_json(summary), indent=1))
     else:
-        print_results(evaluation, summary, messages)
+        print_results(evaluation, summary, messages, command.all)
     return 1 if evaluation.missing() else 0
 
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
-from lidarnaut.benchmarks.arena.measures import Measures, share_of
+from lidarnaut.benchmarks.arena.measures import share_of
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table
 from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.benchmarks.arena.records import Row
@@ -69,10 +69,10 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
     ]
 
 
-def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Measures) -> Table:
+def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Sequence[Measure]) -> Table:
     """Lay out estimates, by policy and measure, with a row per measure and a column per policy."""
     lines = []
-    for measure in measures.all:
+    for measure in measures:
         cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
         lines.append([Cell(measure.title), *cells.values()])
     return Table(("", *map(short, estimates)), lines, is_open=True)
