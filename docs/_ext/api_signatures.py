@@ -1,4 +1,4 @@
-"""Signatures of the API pages: plain types in place of types with limits, and values in place of constants' names."""
+"""Signatures of the API pages: types without limits, and values of constants."""
 
 import re
 import sys

@@ -53,9 +53,9 @@ WORLDS = {
     "ReachCrowd": "A new hall with pillars and boxes in each episode, dense with walking people.",
     "ReachHouse": "Goals in other rooms of a house, at least 5 m away: the straight way is mostly blocked.",
 }
-"""What is special about an environment with a world of its own, by the id without namespace and version."""
+"""World and difficulty of environments that set a world, by id without namespace and version."""
 NUM_SAMPLES = 12
-"""Number of worlds of a family from which the range of its area is taken."""
+"""Number of sampled worlds of a family, for the range of its area."""
 SECTION = "## {title}\n\n::::{{grid}} 1 2 2 3\n:gutter: 2\n\n{cards}\n\n::::"
 CARD = """\
 :::{{grid-item-card}} `{id}`
@@ -192,7 +192,7 @@ def _linked(text: str, own: str, names: Mapping[str, str]) -> str:
 
 
 def _spell_out(body: str) -> str:
-    """Replace what a docstring says by "as in `Explore`" by what the docstring of that task says."""
+    """Replace "as in `Explore`" by the text of that task's docstring."""
     rest = _docstring(EXPLORE)[1]
     rows = dict(re.findall(r"^\| `(\w+)`[^|]*\| `Box[^|]*\| (.*) \|$", rest, re.MULTILINE))
     channels = re.search(r"^Map channels: .*?(?=\n\n)", rest, re.MULTILINE | re.DOTALL)

@@ -37,7 +37,7 @@ def tables() -> str:
     """Return a table for each mapping of a robot file, outermost first."""
     text = "\n".join(_tables(RobotParams, ""))
     for name, kind in typing.get_type_hints(RobotParams).items():
-        text = text.replace(f"`{getattr(kind, '__name__', '')}`", f"`{name}`")  # what a file calls it
+        text = text.replace(f"`{getattr(kind, '__name__', '')}`", f"`{name}`")  # the name in a file
     return text
 
 

@@ -151,7 +151,8 @@ class Player {
     speed.value = SPEEDS.find((one) => this.end / one <= PLAY_TIME) || SPEEDS[SPEEDS.length - 1];
     for (const id of ["show-candidates", "show-scan"]) byId(id).addEventListener("change", () => this.draw());
     document.addEventListener("keydown", (event) => this.onKey(event));
-    new ResizeObserver(() => this.size() !== this.laidOut && this.layout()).observe(byId("episodes"));
+    const observer = new ResizeObserver(() => this.size() !== this.laidOut && this.layout());
+    for (const canvas of document.querySelectorAll("canvas")) observer.observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layout());
     const fromHash = () => this.seek(Number((location.hash.match(/t=([\d.]+)/) || [0, 0])[1]));
     window.addEventListener("hashchange", fromHash);
@@ -191,8 +192,9 @@ class Player {
     requestAnimationFrame(step);
   }
 
+  /** Return the sizes of all canvases, as text. */
   size() {
-    return `${byId("episodes").clientWidth} x ${byId("episodes").clientHeight}`;
+    return [...document.querySelectorAll("canvas")].map((one) => `${one.clientWidth} x ${one.clientHeight}`).join();
   }
 
   layout() {
