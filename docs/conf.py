@@ -46,7 +46,7 @@ nb_merge_streams = True
 
 # Docstrings write code in single backticks.
 default_role = "code"
-autodoc_default_options = {"members": True, "member-order": "bysource"}
+autodoc_default_options = {"members": True, "member-order": "bysource", "exclude-members": "model_config"}
 autodoc_typehints = "signature"
 autodoc_typehints_format = "short"
 python_maximum_signature_line_length = 100  # longer signatures get a line per argument

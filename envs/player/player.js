@@ -43,7 +43,8 @@ class Row {
     const { about } = episode, name = about.explorer || "explorer";
     this.episode = episode;
     this.hasCandidates = hasCandidates(episode);
-    const titles = episode.hasMap ? ["Ground truth", "Map and estimates"] : ["Ground truth and estimates"];
+    const isMixed = !episode.hasMap && (episode.plans.length || episode.tracks.length || episode.isAstray);
+    const titles = [`Ground truth${isMixed ? " and estimates" : ""}`, ...(episode.hasMap ? ["Map and estimates"] : [])];
     const canvases = titles.map((title) => {
       const canvas = element("canvas");
       canvas.setAttribute("role", "img");
