@@ -10,7 +10,7 @@ PIP = $(BIN)/python -m pip install --quiet --no-compile --constraint constraints
 INSTALLED := .venv/.installed
 DOCS_INSTALLED := .venv/.installed-docs
 
-.PHONY: install warm demo test test-all test-libraries test-ray test-python coverage check format docs clean
+.PHONY: install kernels demo test test-all test-libraries test-ray test-python coverage check format docs clean
 
 install: $(INSTALLED)
 
@@ -21,8 +21,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 	touch $@
 
 # Compiled kernels are kept in ~/.cache/lidarnaut, for all checkouts.
-warm: install
-	$(BIN)/python -m lidarnaut.warm
+kernels: install
+	$(BIN)/python -m lidarnaut.compile_kernels
 
 demo: install
 	$(BIN)/python -m lidarnaut.benchmarks.demo

@@ -4,7 +4,7 @@ python evaluate.py --policies ppo:runs/RUN my_package.explorers:Mine --worlds tu
 python evaluate.py --id lidarnaut/Navigate-v0 --policies pursuit dwb random --arguments.localizer truth --out runs/b
 python evaluate.py --config configs/arena.yaml --jobs 2 --out runs/arena --publish docs
 
-Run again, the same command goes on where it stopped.
+The same command resumes an interrupted evaluation.
 """
 
 import argparse
@@ -25,40 +25,40 @@ from lidarnaut.agents.config import find_configuration
 from lidarnaut.benchmarks.arena.publish import print_results, publish, run_with_progress, to_json
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import Settings
-from lidarnaut.envs.command_line import begin_command, fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options
 from lidarnaut.envs.files import naming, own_folder, read_record
 
 
 @dataclass(frozen=True)
 class Command:
-    """What the command line asks for."""
+    """Command-line options."""
 
     settings: Annotated[Settings, tyro.conf.arg(name="")]
-    """What the evaluation consists of."""
+    """Settings of the evaluation."""
     out: Path
     """Folder for the results."""
     config: str | None = None
-    """YAML file with settings, or `arena`, which comes with the package; those on the command line go before it."""
+    """YAML file with settings, or `arena` from the package; options of the command line override its settings."""
     jobs: int = 1
-    """Processes to spread the episodes over. Decision times are cleanest with one per core or fewer."""
+    """Number of processes; decision times are most accurate with at most one per core."""
     shard: str | None = None
-    """Run part I of N and publish nothing, as `I/N`; parts may share the folder, also between machines."""
+    """Run part I of N and publish nothing, as `I/N`; parts may share the folder."""
     trust: tuple[str, ...] = ()
-    """Modules of your own code that learned policies may name, or `module:attribute`; they name no other code."""
+    """Modules of your own, or `module:attribute`, that learned policies may use."""
     ray: str | None = None
-    """Address of a Ray cluster to run the episodes on (needs the extra `ray`)."""
+    """Address of a Ray cluster for the episodes (needs the extra `ray`)."""
     bags: Path | None = None
-    """Folder for a ROS 2 bag (MCAP) of each episode that is run."""
+    """Folder for a ROS 2 bag (MCAP) of each new episode."""
     record: bool = False
-    """Keep a recording of each episode that is run; the report links to pages that play them."""
+    """Record each new episode; the report links to pages that play the recordings."""
     report: bool = False
-    """Run nothing; publish what the folder holds."""
+    """Publish the results in the folder without running episodes."""
     publish: Path | None = None
-    """Folder of documentation to put the leaderboard into, as `arena.md` and `arena/`."""
+    """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
     all: bool = False
-    """Print all measures of each world; by default the five main ones. The report has all of them."""
+    """Print all measures of each world instead of the five main ones; the report has all of them."""
     json: bool = False
-    """Print the summary as JSON, and nothing else, to the standard output."""
+    """Print only the summary, as JSON, to standard output."""
 
 
 def main(arguments: list[str] | None = None) -> int:
@@ -73,14 +73,14 @@ def main(arguments: list[str] | None = None) -> int:
         settings: Any = read_record(find_configuration(file), Settings) if file is not None else tyro.MISSING
         default = Command(settings, out=tyro.MISSING)
         arguments, further = split_arguments(arguments)
-        command = read_options(Command, arguments, default=default, description=__doc__)
+        command = parse_options(Command, arguments, default=default, description=__doc__)
         if further:
             further = {**command.settings.arguments, **further}
             command = replace(command, settings=command.settings.model_copy(update={"arguments": further}))
         evaluation = Evaluation(command.settings, command.out, command.shard, trust=command.trust)
         failures = []
         if command.publish and command.shard is None:
-            # A folder that cannot be written should not come out after the last episode.
+            # Fail before the first episode if the folder is not writable.
             pictures = own_folder(command.publish, "arena")
             with naming(pictures), tempfile.TemporaryFile(dir=pictures):
                 pass
@@ -89,15 +89,15 @@ def main(arguments: list[str] | None = None) -> int:
                 evaluation, command.jobs, messages, ray=command.ray, bags=command.bags, record=command.record
             )
         if command.shard is not None:
-            messages.print(f"Shard {command.shard} is done; without --shard, the same command publishes.")
+            messages.print(f"Shard {command.shard} is done; run the same command without --shard to publish.")
             return 1 if failures else 0
         summary = publish(evaluation, command=shown_command(said, command), docs=command.publish)
     except KeyboardInterrupt:
-        messages.print("Interrupted. The finished episodes are kept; the same command goes on from there.")
+        messages.print("Interrupted. Finished episodes are kept; run the same command to resume.")
         return 130
     except (ValueError, RuntimeError, ImportError, OSError) as error:
         is_bare = isinstance(error, OSError) and error.errno is not None and error.filename is None
-        if command and is_bare and not isinstance(error, ConnectionError):  # of a full disk, libraries say no more
+        if command and is_bare and not isinstance(error, ConnectionError):  # full disk: no path given
             return fail(f"{error} (while writing to {command.out})")
         return fail(error)
     if command.json:
@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Take `--arguments.NAME VALUE` out of a command line; return the rest, and the values by name, read as YAML."""
+    """Split a command line into other options and the values of `--arguments.NAME VALUE`."""
     rest, found, left = list[str](), dict[str, Any](), iter(words)
     for word in left:
         if not word.startswith("--arguments."):
@@ -122,10 +122,9 @@ def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
 
 
 def shown_command(arguments: Sequence[str], command: Command) -> str:
-    """Return the command that makes the results, for anyone: it runs, and names no folder of this machine.
+    """Return a command that reproduces the results, without folders of this machine.
 
-    Paths below the current folder are shown relative to it. A folder of results elsewhere is shown as `runs/NAME`, by
-    the name of the configuration, or else its own.
+    A folder of results outside of the current folder becomes `runs/NAME`.
     """
     shown = shlex.join(argument for argument in arguments if argument != "--report").replace(f"{Path.cwd()}/", "")
     if command.out.is_absolute() and not command.out.is_relative_to(Path.cwd()):

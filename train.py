@@ -2,15 +2,15 @@
 
 python train.py --config configs/rooms_small.yaml --seed 1 [--total-steps 100_000] [--hyperparameters.gamma 0.98] ...
 python train.py --config configs/explore_frontiers.yaml --seed 1 [--generations 40] ...
-lidarnaut-train --config explore_frontiers --seed 1     where the package is installed, which brings configurations
+lidarnaut-train --config explore_frontiers --seed 1     installed package with its configurations
 python train.py --resume runs/rooms_small__1__20250101-120000
-python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     without a configuration: by the defaults
+python train.py --algorithm SAC --environment.id lidarnaut/ReachCrowd-v0     defaults without a configuration
 
-Every key of the configuration is an option, with dots between the names: --environment.world caves,
+Every key of the configuration is an option, with dots between nested names: --environment.world caves,
 --environment.observations scan motion, --environment.reward.time -0.1, --environment.time-limit None.
---hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig in agents.config.
---trust MODULE ... names your own code that a run folder may name; a run folder names no other code.
---ray ADDRESS runs a sweep, or an evolution, on a Ray cluster; --jobs 2 runs two trainings of a sweep side by side.
+--hyperparameters.NAME is an argument of the algorithm's class, --network.NAME a key of NetworkConfig.
+--trust MODULE ... names modules of your own that a run folder may use.
+--ray ADDRESS runs a sweep or an evolution on a Ray cluster; --jobs 2 runs two trainings of a sweep in parallel.
 """
 
 import argparse
@@ -27,7 +27,7 @@ import yaml
 from lidarnaut.agents.config import EvolutionConfig, TrainingConfig
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.start import train
-from lidarnaut.envs.command_line import begin_command, fail, read_options
+from lidarnaut.envs.command_line import begin_command, fail, parse_options
 from lidarnaut.envs.files import LockedError, printable
 
 
@@ -41,18 +41,18 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--ray")
     parser.add_argument("--jobs", type=int, default=1)
     parser.add_argument("--help", "-h", action="store_true")
-    given, others = parser.parse_known_args(begin_command(arguments))
-    if given.help:
+    args, others = parser.parse_known_args(begin_command(arguments))
+    if args.help:
         for kind in (TrainingConfig, EvolutionConfig):
             with contextlib.suppress(SystemExit):
-                read_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
+                parse_options(kind, ["--help"], description=f"{__doc__}\n{kind.__doc__}")
         return 0
     try:
         changes = read_changes(others)
-        if given.resume is None and given.config is None and "algorithm" not in changes:
-            raise ValueError("name a configuration, --config FILE, or a run to resume, --resume RUN")
-        options = {"trust": given.trust, "ray": given.ray, "jobs": given.jobs}
-        run = train(given.config, changes, resume=given.resume, **options)
+        if args.resume is None and args.config is None and "algorithm" not in changes:
+            raise ValueError("pass a configuration, --config FILE, or a run to resume, --resume RUN")
+        options = {"trust": args.trust, "ray": args.ray, "jobs": args.jobs}
+        run = train(args.config, changes, resume=args.resume, **options)
     except KeyboardInterrupt as error:
         fail(f"stopped {error}".rstrip())
         return 130
@@ -63,10 +63,10 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def read_changes(words: Sequence[str]) -> dict[str, Any]:
-    """Return the values of options such as `--network.speed 0.6` by their keys, with underscores; several are a list.
+    """Parse options such as `--network.speed 0.6` into values by key; several values form a list.
 
     Raises:
-        ValueError: a value stands before the first option, or is not readable as YAML.
+        ValueError: if a value precedes the first option or is not valid YAML.
     """
     found: dict[str, list[Any]] = {}
     key = None
@@ -83,11 +83,7 @@ def read_changes(words: Sequence[str]) -> dict[str, Any]:
 
 
 def read_value(text: str) -> Any:
-    """Return what a word stands for: a number, also 1e-3 and 60_000, a truth, None, a YAML list or mapping, or text.
-
-    Raises:
-        ValueError: it begins as a list or mapping, and is not readable as one.
-    """
+    """Parse a number, boolean, None, YAML list, YAML mapping, or text; ValueError for invalid YAML."""
     try:
         return ast.literal_eval(text)
     except (ValueError, SyntaxError, TypeError):

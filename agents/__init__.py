@@ -1,7 +1,6 @@
-"""Learned explorers: PPO on stable-baselines3."""
+"""Training, evaluation and loading of learned policies."""
 
 import os
 
-# Idle threads of torch spin by default, and take the cores from the environments and from every other program; has to
-# be said before torch is imported.
+# Idle OpenMP threads of torch would spin and take cores from the environments. torch reads this variable on import.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")

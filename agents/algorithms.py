@@ -1,4 +1,4 @@
-"""Algorithms of stable-baselines3 and sb3-contrib by name, their hyperparameters, and the models that they train."""
+"""Algorithms of stable-baselines3 and sb3-contrib: lookup, defaults and construction."""
 
 import contextlib
 import inspect
@@ -33,7 +33,7 @@ from lidarnaut.agents.frontiers.score import FrontierScore
 from lidarnaut.agents.hyperparameters import check_hyperparameter
 from lidarnaut.agents.learned import find_policy
 from lidarnaut.agents.networks import ExplorerFeatures, FlatFeatures, flat_space, flatten
-from lidarnaut.agents.pursuit import PursuitPolicy
+from lidarnaut.agents.plan_prior import PlanPriorPolicy
 from lidarnaut.agents.trajectories import TrajectoryPolicy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, JoinedVecEnv, Observations
 from lidarnaut.envs.files import SHORT, explain_unknown, load_object, parse_record
@@ -50,21 +50,21 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "CrossQ": _ENTROPY,
     "TD3": {"learning_rate": 1e-3, "gamma": 0.98, "action_noise": 0.1},
 }
-"""What differs from the libraries' defaults, by class and base class. Rewards of a step are small here (progress within
-a period): with entropy weighted 1, as SAC begins by default, a few thousand updates learn nothing but to be random."""
+"""Hyperparameters that differ from the library defaults. Rewards per step are small relative to SAC's default entropy
+bonus."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
-"""Largest replay buffer by default."""
-OURS = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
-OURS |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
-"""Arguments of algorithms that are no hyperparameters."""
+"""Limits of the default replay buffer: memory [bytes] and transitions."""
+FIXED = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
+FIXED |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
+"""Algorithm arguments that this package sets, and that hyperparameters cannot change."""
 
 
 def find_algorithm(name: str) -> type[BaseAlgorithm]:
-    """Return the class of an algorithm, by name or as `module:attribute`.
+    """Return an algorithm class by name or `module:attribute`.
 
     Raises:
-        ImportError: if it is of sb3-contrib, which is not installed.
-        ValueError: if it is none that can be trained here.
+        ImportError: if sb3-contrib is required and missing.
+        ValueError: if the class is unknown or cannot be trained here.
     """
     try:
         found = load_object(name if ":" in name else f"{ALGORITHMS[name]}:{name}")
@@ -79,28 +79,27 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
 
 
 def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
-    """Tell whether an algorithm takes vectors alone, and no observations of several parts."""
+    """Return True if an algorithm accepts only vectors as observations."""
     return _alias(algorithm).startswith("Mlp")
 
 
 def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> TrainingConfig:
-    """Return a configuration with the project's defaults among its hyperparameters, and the whole of its network.
+    """Return the configuration with all default values filled in.
 
     Raises:
-        ValueError: if the algorithm has no such hyperparameter (names the nearest) or does not allow its value, or
-            updates are longer than the time between checkpoints.
+        ValueError: if a hyperparameter is invalid, or a rollout is longer than `checkpoints.every`.
     """
     algorithm = find_algorithm(config.algorithm)
-    allowed = {name: one for name, one in _parameters(algorithm).items() if name not in OURS}
+    allowed = {name: one for name, one in _parameters(algorithm).items() if name not in FIXED}
     if unknown := [name for name in config.hyperparameters if name not in allowed]:
         raise ValueError(f"hyperparameters: {config.algorithm} has no {explain_unknown(unknown[0], allowed)}")
-    rollout_steps(config)  # which others depend on
-    for name, given in config.hyperparameters.items():
+    rollout_steps(config)  # validated first
+    for name, value in config.hyperparameters.items():
         try:
-            check_hyperparameter(name, given, _read(name, given, config, env.action_space), allowed[name].annotation)
+            check_hyperparameter(name, value, _read(name, value, config, env.action_space), allowed[name].annotation)
         except ValueError as error:
             said = "; ".join(one["msg"] for one in error.errors()) if isinstance(error, ValidationError) else error
-            raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(given)}") from error
+            raise ValueError(f"hyperparameters.{name}: {said}, got {SHORT.repr(value)}") from error
     defaults: dict[str, Any] = {}
     for kind in reversed(algorithm.__mro__):
         defaults |= DEFAULTS.get(kind.__name__, {})
@@ -116,42 +115,42 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
     if config.checkpoints.every < (steps := rollout_steps(config)):
         raise ValueError(
             f"checkpoints.every is {config.checkpoints.every}, but an update takes num_envs times "
-            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints can only lie between updates"
+            f"hyperparameters.n_steps (or train_freq) = {steps} steps; checkpoints are only saved between updates"
         )
     return config
 
 
 def rollout_steps(config: TrainingConfig) -> int:
-    """Return the environment steps between two updates; ValueError if their number is none."""
+    """Return the environment steps between two updates; raise ValueError if the setting is invalid."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
-    given = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
-    steps, unit = given if isinstance(given, list | tuple) and len(given) == 2 else (given, "step")
+    value = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
+    steps, unit = value if isinstance(value, list | tuple) and len(value) == 2 else (value, "step")
     if type(steps) is not int or steps < 1 or (unit != "step" and config.num_envs > 1):
         further = ", or [number, step], or with num_envs 1 [number, episode]" if name == "train_freq" else ""
-        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(given)}")
+        raise ValueError(f"hyperparameters.{name} must be a whole number from 1{further}, got {SHORT.repr(value)}")
     return config.num_envs * (steps if unit == "step" else 1)
 
 
 def num_updates(config: TrainingConfig) -> int:
-    """Return the updates that `total_steps` take."""
+    """Return the number of updates for `total_steps`."""
     return -(-config.total_steps // rollout_steps(config))
 
 
 def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> BaseAlgorithm:
-    """Make a fresh model. Seeds the global generators of NumPy and torch, which stable-baselines3 draws from.
+    """Build a new model, and seed the global generators of NumPy and torch.
 
     Raises:
-        ValueError: if the device is `cuda` and torch sees no GPU, or a hyperparameter is not allowed.
-        CheckpointError: if `network.prior_policy` names no score of frontiers.
+        ValueError: if the device or a hyperparameter is invalid.
+        CheckpointError: if `network.prior_policy` is not a frontier score.
     """
-    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would take the CPU silently
-        raise ValueError("device is 'cuda', but torch sees no GPU; allowed here are 'cpu' and 'auto'")
+    if config.device == "cuda" and not torch.cuda.is_available():  # stable-baselines3 would silently use the CPU
+        raise ValueError("device is 'cuda', but torch finds no GPU; allowed values are 'cpu' and 'auto'")
     torch.set_num_threads(config.torch_threads)
     config = complete(config, env)
     try:
         model = _construct(config, env)
-    except Exception as error:  # libraries raise many kinds
+    except Exception as error:
         said = " ".join(f"{type(error).__name__}: {error}".split())
         raise ValueError(f"{_find_culprit(config, env)}: {said}") from error
     network = _read_network(config, env.parts, env.action_space)
@@ -164,7 +163,6 @@ def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> 
 
 
 def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Any:
-    """Make a model, and see that its optimizer can step."""
     arguments = _arguments(config, env.parts, env.action_space)
     model = find_algorithm(config.algorithm)(env=env, seed=config.seed, device=config.device, **arguments)
     weight = nn.Parameter(torch.zeros(1))
@@ -175,28 +173,23 @@ def _construct(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> A
 
 
 def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> str:
-    """Return the first hyperparameter without which a model can be made; the algorithm if there is none."""
     for name in config.hyperparameters:
         others = {key: value for key, value in config.hyperparameters.items() if key != name}
         with contextlib.suppress(Exception):
             _construct(config.model_copy(update={"hyperparameters": others}), env)
             return f"hyperparameters.{name}"
-    return f"{config.algorithm} cannot be made"
+    return f"{config.algorithm} cannot be built"
 
 
 class NoOptimizer:
-    """In place of the optimizer of a policy that only acts: to make a process's first one, torch loads its compiler."""
+    """Optimizer stub for inference: creating a real optimizer loads torch's compiler."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         pass
 
 
 def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
-    """Make the policy of a checkpoint, for acting only.
-
-    Raises:
-        CheckpointError: if the weights do not fit the network that the checkpoint describes.
-    """
+    """Build the policy of a checkpoint for inference; raise CheckpointError if the weights do not fit."""
     record = checkpoint.record
     parts = spaces.Dict({key: box.space() for key, box in record.observation.items()})
     try:
@@ -208,13 +201,13 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
         model = algorithm(env=None, device="cpu", _init_setup_model=False, **arguments)  # type: ignore[call-arg]
         model.observation_space = flat_space(parts) if takes_vectors(algorithm) else parts
         model.action_space, model.n_envs = action_space, 1
-        model.env = SimpleNamespace(action_space=action_space)  # type: ignore[assignment]  # all that is looked at
+        model.env = SimpleNamespace(action_space=action_space)  # type: ignore[assignment]
         model._setup_model()
     except ImportError:
         raise
-    except Exception as error:  # networks raise many kinds for shapes that they cannot be made for
+    except Exception as error:
         said = " ".join(f"{type(error).__name__}: {error}".split())
-        raise damaged(folder, f"there is no network for its spaces and its configuration ({said})") from error
+        raise damaged(folder, f"no network can be built for its spaces and configuration ({said})") from error
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     model.policy.load_state_dict(checkpoint.policy)
     model.policy.set_training_mode(False)
@@ -222,17 +215,16 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
 
 
 class Actor:
-    """The actions of a policy of stable-baselines3 in several environments; what is recurrent in it is remembered."""
+    """Callable policy of stable-baselines3 that keeps its recurrent state."""
 
     def __init__(self, policy: BasePolicy, *, deterministic: bool = True) -> None:
-        """Take a policy, and whether it takes its most likely actions or draws."""
         self.policy, self._deterministic = policy, deterministic
         self._is_flat = isinstance(policy.observation_space, spaces.Box)
         self._takes_masks = "action_masks" in inspect.signature(policy.predict).parameters
         self._state: Any = None
 
     def __call__(self, observations: Observations, starts: np.ndarray | None = None) -> np.ndarray:
-        """Return actions, shape (num_envs, ...); `starts` tells in which environments episodes begin."""
+        """Return actions, shape (num_envs, ...); `starts`, shape (num_envs,), bool, marks new episodes."""
         masks: dict[str, Any] = {}
         if self._takes_masks and "action_mask" in observations:
             masks = {"action_masks": observations["action_mask"].astype(np.bool_)}
@@ -243,7 +235,6 @@ class Actor:
 
 
 def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
-    """Return the arguments that an algorithm takes by name, with those that it passes on to its bases."""
     found: dict[str, inspect.Parameter] = {}
     for kind in algorithm.__mro__:
         parameters = inspect.signature(kind).parameters
@@ -254,15 +245,13 @@ def _parameters(algorithm: type[BaseAlgorithm]) -> dict[str, inspect.Parameter]:
 
 
 def _alias(algorithm: type[BaseAlgorithm]) -> str:
-    """Return the library's name for the policy over observations of several parts, or over vectors without one."""
     found = [name for name in algorithm.policy_aliases if name.startswith(("MultiInput", "Mlp"))]
     if not found:
-        raise ValueError(f"algorithm {algorithm.__name__} has no policy for observations of several parts or vectors")
+        raise ValueError(f"algorithm {algorithm.__name__} has no policy for dictionary or vector observations")
     return sorted(found, reverse=True)[0]
 
 
 def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> Any:
-    """Return the configuration of the network, of the kind that algorithm and spaces ask for."""
     algorithm = find_algorithm(config.algorithm)
     kind: type = NetworkConfig
     if isinstance(action_space, spaces.Box) and issubclass(algorithm, PPO | A2C) and "trajectories" in parts.spaces:
@@ -275,7 +264,6 @@ def _read_network(config: TrainingConfig, parts: spaces.Dict, action_space: spac
 
 
 def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.Space) -> dict[str, Any]:
-    """Return the arguments of the algorithm, policy and its own arguments among them."""
     algorithm, network = find_algorithm(config.algorithm), _read_network(config, parts, action_space)
     arguments = {name: _read(name, value, config, action_space) for name, value in config.hyperparameters.items()}
     policy: Any = algorithm.policy_aliases[_alias(algorithm)]
@@ -290,19 +278,18 @@ def _arguments(config: TrainingConfig, parts: spaces.Dict, action_space: spaces.
             "features_extractor_kwargs": features | ({"parts": parts} if takes_vectors(algorithm) else {}),
             "net_arch": [network.hidden],
             "activation_fn": nn.ReLU,
-            "normalize_images": False,  # the network scales crops by their weights, of which there are fewer
+            "normalize_images": False,
         }
     if isinstance(network, GaussianNetworkConfig):
         own["log_std_init"] = network.log_std
-        if network.pursuit:
+        if network.plan_prior:
             if not issubclass(algorithm, PPO | A2C):
-                raise ValueError(f"network.pursuit is for PPO and A2C, not for {config.algorithm}")
-            policy, own = PursuitPolicy, {**own, "weight": network.pursuit}
+                raise ValueError(f"network.plan_prior is for PPO and A2C, not for {config.algorithm}")
+            policy, own = PlanPriorPolicy, {**own, "weight": network.plan_prior}
     return {**arguments, "policy": policy, "policy_kwargs": own | arguments.get("policy_kwargs", {})}
 
 
 def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Space) -> Any:
-    """Return what a value of a hyperparameter stands for."""
     if isinstance(value, dict):
         return {key: _read(key, one, config, action_space) for key, one in value.items()}
     if name == "action_noise" and isinstance(value, int | float) and isinstance(action_space, spaces.Box):
@@ -316,7 +303,7 @@ def _read(name: str, value: Any, config: TrainingConfig, action_space: spaces.Sp
         except ValueError:
             raise ValueError("not of the form lin_3e-4") from None
         updates = num_updates(config)
-        # The library asks after a rollout; counting that rollout as still to do spares a last update at rate zero.
+        # Count the finished rollout as remaining, to avoid a last update at rate 0.
         return lambda progress: rate * min(progress + 1.0 / updates, 1.0)
     if isinstance(value, str) and ":" in value:
         return load_object(value)

@@ -1,4 +1,4 @@
-"""What a training does between its steps: evaluations, checkpoints, and the progress bar."""
+"""Training callback: evaluations, checkpoints and progress bar."""
 
 from pathlib import Path
 
@@ -22,7 +22,7 @@ from lidarnaut.envs.progress import Progress
 
 
 class RunCallback(BaseCallback):
-    """Evaluates the policy and saves checkpoints between updates; moves the progress bar."""
+    """Evaluates the policy, saves checkpoints between updates, and updates the progress bar."""
 
     model: BaseAlgorithm
 
@@ -36,22 +36,17 @@ class RunCallback(BaseCallback):
         replay: ReplayFiles | None,
         bar: Progress,
     ) -> None:
-        """Go on from the evaluations so far, to which new ones are appended.
-
-        `saved_steps` are those of the checkpoint that the training goes on from; None at the start. `replay` are the
-        files of the replay buffer, where there is one. The bar counts steps, and shows how far recent episodes got.
-        """
+        """Prepare a run resumed at `saved_steps`, None for a new run. New rows are appended to `evaluations`."""
         super().__init__()
         self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
         self._evaluations, self._saved_steps = evaluations, saved_steps
         self._rollout_steps = rollout_steps(config)
         self._has_news = False
-        """Whether an episode has ended in the running rollout."""
         self._latest: Checkpoint | None = None
-        """State before the running rollout; None where rollouts are short: there the present one is as good."""
+        """Training state before the current rollout, for on-policy algorithms."""
 
     def save(self) -> str:
-        """Save the state before the running rollout, unless that is done; say which one is saved and how to go on."""
+        """Save the state before the current rollout; return a text on how to resume."""
         latest = self._latest if self._replay is None else self._capture()
         if latest is not None and latest.record.steps != self._saved_steps:
             if self._replay is not None:
@@ -62,21 +57,21 @@ class RunCallback(BaseCallback):
             self._saved_steps = latest.record.steps
         if self._saved_steps is None:
             return "before the first step"
-        return f"at step {self._saved_steps}, which is saved; {resuming(self._run, self._config.model_dump())} goes on"
+        return f"at step {self._saved_steps} (saved); resume with {resuming(self._run, self._config.model_dump())}"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
-        """Return the error that says what is not finite, the remedy, and from where the training can go on."""
+        """Return the error for non-finite values, with a remedy."""
         rate = self._config.hyperparameters.get("learning_rate", "the library's default")
         what = f"the training diverged at step {self.num_timesteps}: {what}"
         remedy = f"lower hyperparameters.learning_rate ({rate}) or the weights of large rewards"
         record = self._config.model_dump()
-        good = [f"{path} is good, {resuming(path, record)} goes on" for path in list_checkpoints(self._run)[-1:]]
+        good = [f"resume from {path} with {resuming(path, record)}" for path in list_checkpoints(self._run)[-1:]]
         return ValueError("; ".join([what, remedy, *good]))
 
     def _on_training_start(self) -> None:
         if self._saved_steps is None:
             self._latest = self._capture()
-            self.save()  # Shows right away whether the run folder can be written, before any work could be lost.
+            self.save()  # detects an unwritable folder early
 
     def _on_rollout_start(self) -> None:
         every = self._config.evaluation.every
@@ -85,7 +80,7 @@ class RunCallback(BaseCallback):
             self._evaluate()
         if not isinstance(self.model, OffPolicyAlgorithm):
             self._latest = self._capture()
-        # After one more update, the last checkpoint would be older than promised.
+        # After one more rollout, the last checkpoint would be older than `checkpoints.every`.
         assert self._saved_steps is not None
         if self.num_timesteps + self._rollout_steps - self._saved_steps > self._config.checkpoints.every:
             self.save()
@@ -124,7 +119,7 @@ class RunCallback(BaseCallback):
                 self._append(self._evaluator.reference(name))
         row = self._append(self._evaluator.policy(self.model.policy))
         scalars = {f"evaluation/{name}": value for name, value in row.items() if isinstance(value, float)}
-        # Not `logger.record`: stable-baselines3 writes that out with the next rollout, and never after the last one.
+        # Not `logger.record`: recorded values are written only with the next rollout.
         for output in self.logger.output_formats:
             output.write(scalars, dict.fromkeys(scalars, ()), self.num_timesteps)
         title = f"{self._config.experiment}, {self._config.algorithm}, seed {self._config.seed}"
@@ -136,7 +131,6 @@ class RunCallback(BaseCallback):
         return row
 
     def _capture(self) -> Checkpoint:
-        """Take the state, which changes as soon as the rollout begins."""
         latest = capture(self.model, self._config, self._evaluations, self._evaluator.control_hz)
         if not all(torch.isfinite(tensor).all() for tensor in (*latest.policy.values(), *latest.training.values())):
             raise self.diverged()

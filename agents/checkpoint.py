@@ -1,4 +1,4 @@
-"""The state of a training on disk: tensors as safetensors, the rest as JSON, nothing that runs code when read."""
+"""Checkpoint files: safetensors and JSON, without executable content."""
 
 import errno
 import hashlib
@@ -24,26 +24,24 @@ from lidarnaut.agents.trust import check_names, resuming
 from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read_bytes, write_folder
 
 POLICY_FILE = "policy.safetensors"
-"""The network's weights."""
 TRAINING_FILE = "training.safetensors"
-"""The optimizer's moments and the random generators' states."""
 MAX_SIZE = 100_000
-"""Longest axis of a space, and most of its actions."""
+"""Maximum length of an axis and maximum number of discrete actions."""
 MAX_ELEMENTS = 10_000_000
-"""Most elements of a space."""
+"""Maximum number of elements of a space."""
 
 Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 
 
 class SpaceRecord(BaseModel):
-    """A `Box` with the same bounds for every element, a `Discrete` from 0, or a `MultiBinary` with one axis."""
+    """Saved space: a `Box` with uniform bounds, a `Discrete` from 0, or a `MultiBinary` with one axis."""
 
-    # JSON knows no infinity: bounds that are not there are strings.
+    # JSON has no infinity: infinite bounds are strings.
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True, ser_json_inf_nan="strings")
 
     kind: Literal["Box", "Discrete", "MultiBinary"]
     shape: Annotated[tuple[Size, ...], Field(max_length=4)]
-    """Of a `Discrete`, (n,): the number of actions."""
+    """Shape of the space; (number of actions,) for a `Discrete`."""
     dtype: Literal["float32", "float64", "uint8", "int8", "int16", "int32", "int64", "bool"]
     low: float = 0.0
     high: float = 1.0
@@ -64,7 +62,7 @@ class SpaceRecord(BaseModel):
 
     @classmethod
     def of(cls, space: spaces.Space) -> "SpaceRecord":
-        """Return the record of a space; ValueError if it is of a kind that cannot be saved."""
+        """Return the record of a space; raise ValueError if unsupported."""
         dtype: Any = str(space.dtype)
         if isinstance(space, spaces.Box):
             low, high = float(space.low.min()), float(space.high.max())
@@ -76,7 +74,6 @@ class SpaceRecord(BaseModel):
         raise ValueError(f"only Box, Discrete from 0 and MultiBinary with one axis can be saved, got {space}")
 
     def space(self) -> spaces.Space:
-        """Return the space."""
         if self.kind == "Box":
             return spaces.Box(self.low, self.high, self.shape, np.dtype(self.dtype).type)
         return (spaces.Discrete if self.kind == "Discrete" else spaces.MultiBinary)(self.shape[0])
@@ -88,58 +85,44 @@ class SpaceRecord(BaseModel):
 
 
 class Record(BaseModel):
-    """What `checkpoint.json` holds."""
+    """Content of `checkpoint.json`."""
 
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     format: Literal[2] = 2
-    """Version of this format."""
     steps: NonNegativeInt
-    """Environment steps taken."""
     updates: NonNegativeInt
-    """Passes over the samples made."""
+    """Number of updates, as counted by stable-baselines3."""
     config: TrainingConfig
-    """The experiment."""
     observation: dict[str, SpaceRecord]
-    """Observation space."""
     action: SpaceRecord
-    """Action space."""
     numpy_random: tuple[
         Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
     ]
-    """State of NumPy's global generator but for its key: name, position, Gaussian kept?, that Gaussian."""
+    """State of NumPy's global generator: name, position, flag and value of a cached Gaussian."""
     action_random: dict[str, Any] = {}
-    """State of the generator of random actions."""
     counters: dict[str, int | float] = {}
-    """Further numbers that the algorithm counts."""
     control_hz: FiniteFloat
-    """Control steps per second of the environment."""
+    """Control frequency of the environment [Hz]."""
     replay: dict[Annotated[str, Field(pattern=r"^\d{12}-\d{12}\.safetensors$")], str] = {}
-    """Checksums of the replay buffer's files of transitions, oldest first; see `lidarnaut.agents.replay`."""
+    """SHA-256 of each replay buffer file by name, oldest first."""
     evaluations: list[Row]
-    """Rows of `evaluations.csv` so far."""
     sha256: dict[str, str] = {}
-    """Checksum of each file of tensors."""
+    """SHA-256 of each tensor file by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """The state of a training between two updates."""
+    """Training state between two updates."""
 
     record: Record
-    """Everything that is not a tensor."""
     policy: dict[str, Tensor]
-    """The network's weights by name."""
     training: dict[str, Tensor]
-    """`optimizer.<weight>.<moment>`, `variable.<name>`, `random.numpy`, `random.torch`."""
+    """Tensors by name: `optimizer.<weight>.<moment>`, `variable.<name>`, `random.numpy`, `random.torch`."""
 
 
 def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
-    """Write a checkpoint into a run folder, then remove all but the newest `keep`.
-
-    Raises:
-        CheckpointError: if it cannot be written, a full disk for example; the older ones are untouched.
-    """
+    """Write a checkpoint, and remove all but the newest `keep`; raise CheckpointError if writing fails."""
     folder = run / "checkpoints" / f"step_{checkpoint.record.steps:09d}"
     tensors = {
         POLICY_FILE: safetensors.torch.save(checkpoint.policy),
@@ -154,7 +137,7 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
         message = f"checkpoint {folder} could not be written: {why}."
         if older := list_checkpoints(run):
             again = resuming(run, record.config.model_dump())
-            message += f" The newest complete one is {older[-1]}; go on from it with {again}"
+            message += f" The newest complete checkpoint is {older[-1]}; resume with {again}"
         raise CheckpointError(message) from error
     for old in list_checkpoints(run)[:-keep]:
         shutil.rmtree(old)
@@ -162,25 +145,24 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
 
 
 def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[str] = ()) -> Checkpoint:
-    """Read a checkpoint; with `policy_only` without the state of the training, whose file may be missing.
+    """Read a checkpoint; with `policy_only`, without training state, whose file may be missing.
 
-    `trust`: modules and names of code that the record may name; see `lidarnaut.agents.trust.check_names`.
+    `trust` holds code names to accept; see `lidarnaut.agents.trust.check_names`.
 
     Raises:
-        CheckpointError: if a file is missing, cut short, altered or no JSON, or a weight is not finite; names it and
-            an older checkpoint.
+        CheckpointError: if a file is missing, altered or invalid.
         ValueError: if the record names code that is not trusted.
     """
     tensors = []
     try:
-        # Undecodable text and broken JSON are ValueErrors alike, and so is JSON that nests too deeply for pydantic.
+        # ValueError covers invalid encodings, invalid JSON and too deep nesting.
         record = Record.model_validate_json(read_bytes(folder / RECORD_FILE, MAX_JSON_BYTES))
         if not policy_only:
             check_rows(record.evaluations)
         for name in (POLICY_FILE,) if policy_only else (POLICY_FILE, TRAINING_FILE):
             content = read_bytes(folder / name)
             if hashlib.sha256(content).hexdigest() != record.sha256.get(name):
-                raise SafetensorError(f"{name} is not what was written ({len(content)} bytes): its checksum differs")
+                raise SafetensorError(f"{name} was altered or truncated ({len(content)} bytes): its checksum differs")
             tensors.append(load_tensors(name, content))
     except (OSError, SafetensorError) as error:
         raise damaged(folder, str(error)) from error
@@ -193,26 +175,26 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[
 
 
 def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
-    """Read the tensors of a file; SafetensorError if it is damaged, of unknown types, or holds NaN or infinity."""
+    """Return the tensors of a file; raise SafetensorError if invalid or not finite."""
     try:
         tensors = safetensors.torch.load(content)
     except (SafetensorError, ValueError, KeyError, AttributeError, TypeError, RuntimeError) as error:
         raise SafetensorError(f"{name}: {type(error).__name__}: {error}") from error
     for key, tensor in tensors.items():
         if tensor.is_floating_point() and not torch.isfinite(tensor.float()).all():
-            raise SafetensorError(f"{name}: {key!r} holds numbers that are not finite")
+            raise SafetensorError(f"{name}: {key!r} contains non-finite numbers")
     return tensors
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:
-    """Return the error that says that a checkpoint cannot be used, and what can be used instead."""
+    """Return the error for an unusable checkpoint, with a remedy."""
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
-    remedy = f"use the one before it, {older[-1]}" if older else "there is none before it in this run"
+    remedy = f"use the previous checkpoint, {older[-1]}" if older else "the run has no earlier checkpoint"
     return CheckpointError(f"checkpoint {folder} is damaged: {printable(why)}; {remedy}")
 
 
 def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:
-    """Hold tensors of a file against those needed; CheckpointError if one is missing, unknown, or of another form."""
+    """Raise CheckpointError if names, dtypes or shapes of tensors differ."""
     for key in sorted(needed.keys() | given.keys()):
         if key not in given:
             raise damaged(folder, f"{name} lacks the tensor {key!r}")

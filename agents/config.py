@@ -1,4 +1,4 @@
-"""Configuration of an experiment."""
+"""Configuration of experiments."""
 
 import copy
 from collections.abc import Mapping
@@ -14,18 +14,17 @@ ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
     **dict.fromkeys(("TQC", "CrossQ", "QRDQN", "TRPO", "RecurrentPPO", "MaskablePPO"), "sb3_contrib"),
 }
-"""Algorithms by name, and the library of each."""
+"""Library of each algorithm, by algorithm name."""
 
 
 class Section(BaseModel):
-    """Part of a configuration: immutable, and unknown keys are refused."""
+    """Immutable configuration section; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False)
 
     @model_validator(mode="before")
     @classmethod
     def _take_one_for_several(cls, data: Any) -> Any:
-        """Take a text where several are allowed: one alone, as command lines give it."""
         if not isinstance(data, dict):
             return data
         several = {name for name, one in cls.model_fields.items() if get_origin(one.annotation) is tuple}
@@ -33,84 +32,83 @@ class Section(BaseModel):
 
 
 Width = Annotated[int, Field(ge=1, le=8192)]
-"""Width of a layer; more takes all memory before anything is learned."""
+"""Layer width; the limit bounds memory."""
 Count = Annotated[int, Field(ge=1, le=10**12)]
-"""Number of steps or episodes."""
+"""Number of steps, episodes or generations."""
 Side = Annotated[int, Field(ge=1, le=100_000)]
-"""Number of what exists at the same time."""
+"""Number of parallel environments, episodes or threads."""
 
 
 class EnvironmentConfig(Section):
-    """Where to learn: the id, how sub-environments run, and the environment's own arguments, which it checks."""
+    """Environment id, execution of sub-environments, and arguments of the environment."""
 
     model_config = ConfigDict(extra="allow")
 
     id: str = "lidarnaut/Explore-v0"
-    """Environment; `module:id` imports the module that registers it first, also from the current folder."""
+    """Gymnasium id; `module:id` imports the module first."""
     vectorization: Literal["native", "sync", "async"] = "native"
-    """How sub-environments run side by side: in the package's own vector environment, one after the other, or in a
-    process each."""
+    """Execution of sub-environments: by the package's vector environment, sequential, or in one process each."""
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
-    """Processes of the native vector environment, 0 for none but this one; null takes as many as there are cores."""
+    """Worker processes of `native` execution; 0 uses the main process, null one worker per core."""
 
     robots: tuple[str, ...] = ()
-    """Robots to learn with, each in as many sub-environments, in place of one `robot`; evaluations take the first."""
+    """Training robots, instead of one `robot`, in equal shares of the sub-environments. Evaluations use the first."""
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The environment's own arguments; lists are tuples."""
+        """Arguments of the environment, with lists as tuples."""
         own = {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
         return own | ({"robot": self.robots[0]} if self.robots else {})
 
     @property
     def each_robot(self) -> list["EnvironmentConfig"]:
-        """The environment of each robot; this one where there is one robot."""
+        """Configuration for each training robot."""
         return [self.model_copy(update={"robots": (name,)}) for name in self.robots] or [self]
 
 
 class NetworkConfig(Section):
-    """Network over the parts of an observation; see `lidarnaut.agents.networks`."""
+    """Network with one encoder per observation part; see `lidarnaut.agents.networks`."""
 
     features: Width = 128
-    """Width of the features that policy and value share."""
+    """Width of the features shared by policy and value function."""
     channels: Width = 16
-    """Features of a patch of a map crop."""
+    """Output channels of the convolution over map patches."""
     hidden: Width = 64
-    """Width of the hidden layer of the policy and of the value."""
+    """Width of the hidden layers of policy and value function."""
 
 
 class GaussianNetworkConfig(NetworkConfig):
-    """Network whose actions are normally distributed: of algorithms on policy, where actions are twists."""
+    """Network with Gaussian twists, for on-policy algorithms."""
 
     log_std: float = Field(default=-0.5, ge=-20, le=20)
-    """First logarithm of the actions' standard deviation, as a fraction of the robot's limits."""
+    """Initial logarithm of the standard deviation of actions, as a fraction of the robot's limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
-    """First mean of the forward speed, as a fraction of the robot's limit: a robot at rest discovers little."""
-    pursuit: float = Field(default=0.0, ge=0, le=1)
-    """Weight in the mean of the twist that follows the first path of the observation `plan`; 0 leaves it out."""
+    """Initial mean forward speed, as a fraction of the robot's limit; speed helps early exploration."""
+    plan_prior: float = Field(default=0.0, ge=0, le=1)
+    """Weight of path pursuit in the mean action, for observation `plan`; 0 disables pursuit."""
 
 
 class TrajectoryNetworkConfig(Section):
-    """Network that chooses twists by PPO or A2C, where `trajectories` are seen; see `lidarnaut.agents.trajectories`."""
+    """Network that selects a twist of `trajectories` by PPO or A2C; see `lidarnaut.agents.trajectories`."""
 
     width: Width = 32
-    """Features of a twist."""
+    """Number of features per twist."""
     hidden: Width = 64
-    """Width of the hidden layers of the value."""
+    """Width of the hidden layers of the value function."""
 
 
 class DecisionNetworkConfig(Section):
-    """Network that chooses frontiers by PPO or A2C; see `lidarnaut.agents.frontiers.network`."""
+    """Network that selects frontiers by PPO or A2C; see `lidarnaut.agents.frontiers.network`."""
 
     width: Width = 64
     """Width of all layers."""
     heads: Width = 4
-    """Heads of the attention between candidates; must divide `width`."""
+    """Number of attention heads; must divide `width`."""
     prior: float = Field(default=10.0, ge=0)
-    """Weight of the prior in the logits: the larger, the less is explored at first; 0 leaves it out."""
+    """Weight of the prior policy in the logits; larger values reduce early exploration, 0 disables the prior."""
     prior_policy: str = "rule"
-    """What an untrained network chooses like: `rule` for `gain_over_cost`, or the folder of a score of frontiers, of a
-    run of evolution or `pretrained/NAME`."""
+    """Policy that an untrained network imitates: `rule` (`gain_over_cost`), the folder of a frontier score or evolution
+    run, or `pretrained/NAME`."""
 
     @model_validator(mode="after")
     def _divides(self) -> "DecisionNetworkConfig":
@@ -120,59 +118,57 @@ class DecisionNetworkConfig(Section):
 
 
 class EvaluationConfig(Section):
-    """Episodes on worlds that training never sees (`split="test"`), the same ones each time."""
+    """Evaluation in test worlds, with the same episodes each time."""
 
     every: Count = 25_000
-    """Training steps between evaluations."""
+    """Environment steps between evaluations."""
     episodes: Side = 20
-    """Episodes of an evaluation; episode i is seeded with i."""
+    """Episodes per evaluation; episode i has seed i."""
     references: tuple[str, ...] = ("random",)
-    """Classic policies, by name or as `module:attribute`, that are measured on the same episodes, once, before
-    training. Where frontiers are chosen, they are rules and policies of decisions."""
+    """Classic policies to measure once on the same episodes, by name or `module:attribute`."""
     environment: dict[str, Any] = {}
-    """Arguments that the environment of evaluations has in place of the training's, such as another `world`. Whoever
-    runs the policy later sees the `observations` of evaluations, too."""
+    """Environment arguments other than in training, such as `world`. Later uses of the policy keep `observations`."""
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """The same; lists are tuples."""
+        """Environment arguments that differ from training, with lists as tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}
 
 
 class CheckpointConfig(Section):
-    """When the state of the training is saved."""
+    """Schedule of checkpoints."""
 
     every: Count = 20_000
-    """Training steps between checkpoints, at most: what a kill can cost. Not less than an update takes."""
+    """Maximum environment steps between checkpoints; at least one rollout."""
     keep: int = Field(default=3, ge=2)
-    """Newest checkpoints that are kept."""
+    """Number of newest checkpoints to keep."""
 
 
 class EvolutionConfig(Section):
     """Evolution of a frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
 
     algorithm: Literal["evolution"]
-    """Tells this configuration from others."""
+    """Constant `evolution`, which selects this configuration."""
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Name, the first part of the run folder's."""
+    """Experiment name, which begins the run folder's name."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of everything."""
+    """Seed of all random generators."""
     generations: Count = 100
-    """Generations to train for."""
+    """Number of generations."""
     population: int = Field(default=14, ge=4, le=100_000)
-    """Individuals of a generation."""
+    """Individuals per generation."""
     tasks: Side = 24
-    """Episodes that every individual of a generation explores."""
+    """Episodes explored by each individual of a generation."""
     sigma: PositiveFloat = 0.06
-    """First standard deviation of every weight, times the spread of its feature."""
+    """Initial standard deviation of each weight, times the spread of its feature."""
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
     """Procedural families of the training worlds."""
     validation_tasks: Side = 240
-    """Episodes, the same ones each time, on which the policy is measured; they select nothing."""
+    """Number of validation episodes, always the same; results do not affect training."""
     validate_every: Count = 10
     """Generations between two validations."""
     num_workers: Side | None = None
-    """Processes; null takes as many as there are cores."""
+    """Worker processes; null uses one per core."""
 
     @field_validator("families")
     @classmethod
@@ -183,49 +179,46 @@ class EvolutionConfig(Section):
 
 
 class TrainingConfig(Section):
-    """An experiment."""
+    """Reinforcement learning experiment."""
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Name, the first part of the run folder's."""
+    """Experiment name, which begins the run folder's name."""
     total_steps: Count
-    """Environment steps to train for, all environments together; rounded up to whole updates."""
+    """Total environment steps of all sub-environments, rounded up to whole rollouts."""
     algorithm: str
-    """Class of stable-baselines3 or sb3-contrib by name, or `module:attribute` of one that is derived from theirs."""
+    """Algorithm of stable-baselines3 or sb3-contrib by name, or `module:attribute` of a derived class."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of everything."""
+    """Seed of all random generators."""
     num_envs: Side = 16
-    """Environments that run side by side."""
+    """Number of parallel sub-environments."""
     device: Literal["cpu", "cuda", "auto"] = "cpu"
-    """Where torch computes: `auto` takes a GPU if there is one. Networks this small gain nothing on a GPU."""
+    """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
     torch_threads: Side = 1
-    """Threads of torch. More than one slows small networks down."""
+    """Threads of torch; more than one slows small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
-    """Where to learn."""
+    """Training environment."""
     hyperparameters: dict[str, Any] = {}
-    """Arguments of the algorithm's class; `lin_3e-4` falls linearly to zero, `action_noise: 0.1` is Gaussian."""
+    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is the standard
+    deviation of Gaussian noise."""
     network: dict[str, Any] = {}
-    """What the network is like: the keys of `NetworkConfig` and `GaussianNetworkConfig`, or of
+    """Network settings: keys of `NetworkConfig`, `GaussianNetworkConfig`, `TrajectoryNetworkConfig` or
     `DecisionNetworkConfig`."""
     evaluation: EvaluationConfig = EvaluationConfig()
-    """How progress is measured."""
+    """Evaluation during training."""
     checkpoints: CheckpointConfig = CheckpointConfig()
-    """When the state is saved."""
+    """Schedule of checkpoints."""
 
     @field_validator("algorithm")
     @classmethod
     def _know_algorithm(cls, algorithm: str) -> str:
         if ":" not in algorithm and algorithm not in ALGORITHMS:
             known = [*ALGORITHMS, "evolution"]
-            raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, and module:attribute of your own")
+            raise ValueError(f"unknown algorithm {explain_unknown(algorithm, known)}, or module:attribute of your own")
         return algorithm
 
 
 def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | EvolutionConfig:
-    """Return the configuration that nested mappings which come from `source` describe, of either kind.
-
-    Raises:
-        ValueError: keys or values do not fit; names `source` and the keys, a line for each.
-    """
+    """Parse a training or evolution configuration; raise ValueError with `source` and wrong keys."""
     kind: Any = EvolutionConfig if data.get("algorithm") == "evolution" else TrainingConfig
     return parse_record(data, source, kind)
 
@@ -249,7 +242,7 @@ def find_configuration(name: str) -> Path:
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with other values at keys such as `a.b`; ValueError if one leads through no mapping."""
+    """Return nested mappings with new values at dotted keys; raise ValueError if a parent is not a mapping."""
     changed: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
         *parents, name = key.split(".")
@@ -258,13 +251,12 @@ def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
             section[parent] = {} if section.get(parent) is None else section[parent]
             section = section[parent]
             if not isinstance(section, dict):
-                raise ValueError(f"--{key}: {parent} is {section!r}, and holds no keys")
+                raise ValueError(f"--{key}: {parent} is {section!r}, not a mapping")
         section[name] = value
     return changed
 
 
 def _tuples(value: Any) -> Any:
-    """Return a value with tuples in place of lists, as environments take them."""
     if isinstance(value, dict):
         return {key: _tuples(one) for key, one in value.items()}
     return tuple(map(_tuples, value)) if isinstance(value, list | tuple) else value

@@ -1,4 +1,4 @@
-"""Learning curves as pictures."""
+"""Plots of learning curves."""
 
 import csv
 import io
@@ -11,22 +11,22 @@ import numpy as np
 import tyro
 
 from lidarnaut.agents.config import TrainingConfig
-from lidarnaut.baselines.explorer import GROUND_TRUTH
+from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
-"""A line of `evaluations.csv`."""
+"""Row of `evaluations.csv`, by column."""
 LEARNED = "learned"
-"""Policy of the rows that tell how well the trained one does."""
+"""Name of the trained policy in evaluation rows."""
 LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
-"""The same without ground truth, and with it."""
+"""Names of the trained policy in evaluation rows, without and with ground truth."""
 SCORES = "scores"
-"""Column with the headline measure of each episode, in a text."""
+"""Column with the headline measure of each episode, separated by spaces."""
 
 
 def read_evaluations(run: Path) -> list[Row]:
-    """Read `evaluations.csv` of a run folder, numbers except in `policy` and `scores`; ValueError if it is damaged."""
+    """Read `evaluations.csv` of a run folder; raise ValueError if empty or damaged."""
     kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
     path = run / "evaluations.csv"
     try:
@@ -34,14 +34,14 @@ def read_evaluations(run: Path) -> list[Row]:
         found = [{key: kinds.get(key, float)(value) for key, value in row.items()} for row in rows]
         check_rows(found)
     except (ValueError, TypeError, csv.Error) as error:
-        raise ValueError(f"{path}: no table of evaluations: {error}") from error
+        raise ValueError(f"{path}: not a table of evaluations: {error}") from error
     if not found:
         raise ValueError(f"{path}: holds no evaluations")
     return found
 
 
 def check_rows(rows: Sequence[Row]) -> None:
-    """Raise a ValueError if one of the rows lacks a column that curves show, or holds no number there."""
+    """Raise ValueError if an evaluation row lacks a plotted number."""
     try:
         for row in rows:
             int(row["steps"]), str(row["policy"])
@@ -52,19 +52,20 @@ def check_rows(rows: Sequence[Row]) -> None:
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
-    """Return the column of the headline measure: the one whose quartiles are there."""
+    """Return the column of the headline measure, which has quartiles."""
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
 
 
 def draw_learning_curve(
     runs: Mapping[str, Sequence[Row]], title: str, path: Path, axis: str = "environment steps"
 ) -> None:
-    """Draw how often goals are reached, or how much of the task is done, and the headline measure, over training steps.
+    """Plot success rate or task progress, and the headline measure, over training steps.
 
-    A line is the mean over episodes, with its 95 % interval as a band. What does not learn is a level line. `runs` are
-    rows of `evaluations.csv` by the run's label, `axis` is what their column `steps` counts.
+    Lines are means with 95 % confidence bands; reference policies are horizontal lines. `runs` holds rows of
+    `evaluations.csv` by run label, `axis` is the label of the x-axis.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import EngFormatter, MaxNLocator
 
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(_plain(title))
@@ -80,13 +81,14 @@ def draw_learning_curve(
                 errors = np.array([_error_of_mean(row, measure) for row in learned])
                 low, high = means - 1.96 * errors, means + 1.96 * errors
                 axes.fill_between(steps, low, high, color=f"C{number}", alpha=0.15, linewidth=0)
-        # All runs of one experiment measure the references on the same episodes.
         references = [row for row in first if row["policy"] not in LEARNED_NAMES]
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
         axes.set_xlabel(axis)
-        names = {"progress": "share of the task that is done", "success": "share of goals reached"}
-        names |= {"time_spl": "success times ideal time over time"}
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
+        names = {"progress": "completed share of the task", "success": "share of goals reached"}
+        names |= {"sct": "success weighted by completion time (SCT)"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)
@@ -95,19 +97,16 @@ def draw_learning_curve(
 
 
 def _plain(text: object) -> str:
-    """Return a text that Matplotlib shows as it is: no control characters, and no mathematics."""
     return printable(text).replace("$", r"\$")
 
 
 def _save(figure: Any, path: Path) -> None:
-    """Write a figure as PNG."""
     picture = io.BytesIO()
     figure.savefig(picture)
     write_file(path, picture.getvalue())
 
 
 def _error_of_mean(row: Row, measure: str) -> float:
-    """Return the standard error of the mean over the episodes of an evaluation: of `success`, or of the headline."""
     scores = np.array(str(row[SCORES]).split(), dtype=np.float64)
     share = float(row["success"])
     spread = np.sqrt(share * (1.0 - share)) if measure == "success" else scores.std()
@@ -115,7 +114,7 @@ def _error_of_mean(row: Row, measure: str) -> float:
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
-    """Draw a measure over the steps of several trainings, shape (n, 4) by label: steps, mean, and a 95 % interval."""
+    """Plot a measure of several trainings, shape (n, 4) each: steps, mean, and 95 % confidence bounds."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")
@@ -131,7 +130,13 @@ def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path:
 
 
 def main(runs: tyro.conf.Positional[tuple[Path, ...]], out: Path, title: str = "") -> None:
-    """Draw the curves of several run folders of one experiment into one picture, the PNG `out`."""
+    """Plot the learning curves of several runs.
+
+    Args:
+        runs: run folders of one experiment.
+        out: PNG file.
+        title: figure title.
+    """
     curves = {}
     for run in runs:
         own, rows = read_record(run / "config.yaml", TrainingConfig), read_evaluations(run)

@@ -1,4 +1,4 @@
-"""Policies that were trained with `train.py`, by whatever algorithm."""
+"""Policies trained with `train.py`."""
 
 import math
 from collections.abc import Iterable
@@ -17,27 +17,24 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 
 class LearnedPolicy:
-    """Acts as a trained policy would. Looks at observations only."""
+    """Trained policy that acts on observations."""
 
     end_reason = plan = None
-    """A policy never stops by itself, and plans no path."""
 
     def __init__(self, policy: BasePolicy, record: Record, name: str, *, deterministic: bool = True) -> None:
-        """Take a trained policy, with the record and the name of its checkpoint, for messages; see `load`."""
         self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
         self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
-        """What it decides; see `lidarnaut.agents.policies.Level`."""
+        """Kind of action, `twist` or `decision`; see `lidarnaut.agents.policies.Level`."""
         self.id = record.config.environment.id
-        """Environment that it was trained in."""
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
-        """Arguments of that environment, as in its evaluations."""
+        """Arguments of the environment in evaluations."""
         self.observations = self.arguments.get("observations")
-        """Parts of the observation that it needs, as the environment takes them; None for the environment's own."""
+        """Required observation parts; None for the environment's default."""
         self.collision_monitor = bool(self.arguments.get("collision_monitor"))
-        """Whether it drives with one: that of its evaluations, or else of its training."""
+        """True if the policy drives with the collision monitor."""
         self.control_hz = record.control_hz
-        """Control steps per second in its training; `lidarnaut.baselines.episode.run_episode` asks it as often."""
+        """Control frequency in training [Hz]."""
         self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
         spaces = {key: described.space() for key, described in record.observation.items()}
@@ -45,17 +42,15 @@ class LearnedPolicy:
 
     @classmethod
     def load(cls, path: str | Path, *, deterministic: bool = True, trust: Iterable[str] = ()) -> Self:
-        """Load a policy.
-
-        Sets torch to one thread: passes this small are slower on more.
+        """Load a policy, and limit torch to one thread, which suits small networks.
 
         Args:
-            path: run folder (its newest checkpoint is taken) or checkpoint folder.
-            deterministic: whether to take the most likely action, or to draw one as in training.
-            trust: modules and names of your own code that the policy may name; see `lidarnaut.agents.trust`.
+            path: run folder (newest checkpoint) or checkpoint folder.
+            deterministic: take the most likely action instead of sampling.
+            trust: code names to accept; see `lidarnaut.agents.trust`.
 
         Raises:
-            CheckpointError: if there is no checkpoint, or it is damaged.
+            CheckpointError: if the checkpoint is missing or damaged.
             ValueError: if the policy names code that is not trusted.
         """
         torch.set_num_threads(1)
@@ -64,28 +59,28 @@ class LearnedPolicy:
         return cls(build_policy(checkpoint, folder), checkpoint.record, str(folder), deterministic=deterministic)
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for an episode. A scan with another number of beams is shown as that of the lidar of the training.
+        """Start an episode; convert scans to the training lidar if the numbers of beams differ.
 
         Raises:
-            CheckpointError: if the robot's lidar has another number of beams, and that of the training is not known.
+            CheckpointError: if the training lidar is unknown.
         """
         self._rng, self._is_first, self._beams = rng, True, self._match_beams(robot)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        """Return the action: shape (2,), float32, for twists; the candidate to go to, for decisions.
+        """Return a normalized twist, shape (2,), float32, or a frontier candidate's index.
 
         Raises:
-            CheckpointError: if the observation is not the one that the policy was trained on.
+            CheckpointError: if the observation differs from training.
         """
         if self._beams is not None and "scan" in observation:
             nearest, in_view, scale = self._beams
             scan = observation["scan"][nearest]
             scan = np.where(scan < 1.0, np.minimum(scan * np.float32(scale), np.float32(1.0)), scan)
             observation = {**observation, "scan": np.where(in_view, scan, np.float32(0.0))}
-        given = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
-        if given != self._needed:
+        actual = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
+        if actual != self._needed:
             needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
-            raise CheckpointError(f"{self._name} needs observations {needed}; it was given {given}")
+            raise CheckpointError(f"{self._name} needs observations {needed}; got {actual}")
         batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
         self._is_first = False
         with torch.random.fork_rng(devices=[], enabled=not self._deterministic):
@@ -94,10 +89,7 @@ class LearnedPolicy:
             return self._actor(batch, starts)[0]
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Return which beams show what those of the training would: indices, whether they do, and a factor of ranges.
-
-        None where the lidars have as many beams.
-        """
+        """Return indices, visibility mask and range factor that convert beams to the training lidar."""
         scan = self._record.observation.get("scan")
         if scan is None or len(scan.shape) > 1 or robot.lidar.num_beams == scan.shape[0]:
             return None
@@ -105,8 +97,8 @@ class LearnedPolicy:
         if trained is None:
             raise CheckpointError(
                 f"{self._name} needs scans of {scan.shape[0]} beams, but the lidar of robot {robot.name!r} has "
-                f"{robot.lidar.num_beams}; take a robot with the lidar of its training, or name the robot there "
-                "(environment.robot)"
+                f"{robot.lidar.num_beams}; use a robot with the training lidar, or train with "
+                "environment.robot"
             )
         lidar = load_robot(trained).lidar
         match = lidar.directions.T @ robot.lidar.directions

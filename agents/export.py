@@ -1,12 +1,9 @@
-"""Write a policy as ONNX, for a robot without torch: `python -m lidarnaut.agents.export POLICY OUT.onnx`.
+"""Export of policies to ONNX: `python -m lidarnaut.agents.export POLICY OUT.onnx`.
 
-POLICY is a run folder of `train.py`, a checkpoint, or `ppo:pretrained/twist`, as `evaluate.py --policies` takes it. The
-file has an input for each part of the observation by its name, shape (batch, ...), in the environment's dtype, and an
-output `action`: the most likely action, within the bounds of the action space. A recurrent policy has inputs `state_h`
-and `state_c`, zeros when an episode starts, and outputs `next_state_h` and `next_state_c`, the next step's inputs. What
-they mean, the robot, the control period, the environment and versions are JSON in the metadata, key `lidarnaut`.
-
-Before it is written, policy and file act side by side, on random observations and in an episode of the environment.
+POLICY is a run folder, a checkpoint, or a name such as `ppo:pretrained/twist`. The file has one input per observation
+part, shape (batch, ...), and the output `action`: the most likely action, clipped to the action space. Recurrent
+policies add inputs `state_h` and `state_c` (zeros at the start of an episode) and outputs `next_state_h` and
+`next_state_c`. The metadata key `lidarnaut` describes inputs, action, robot and environment as JSON.
 """
 
 import contextlib
@@ -35,20 +32,20 @@ from lidarnaut.agents.frontiers.score import RECORD_FILE
 from lidarnaut.agents.learned import find_policy, fingerprint
 from lidarnaut.agents.run_folder import LIBRARIES, CheckpointError
 from lidarnaut.agents.vec_env import Observations, make_env
-from lidarnaut.baselines.explorer import marked
+from lidarnaut.baselines.policy import marked
 from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import printable, write_file
 
 TOLERANCE = 1e-5
-"""Greatest difference between an action of the policy and that of the file; choices are the same."""
+"""Tolerance of continuous actions between policy and ONNX file; discrete actions must match."""
 NUM_RANDOM, NUM_STEPS = 64, 100
-"""Random observations, and most steps of the episode, on which they are compared."""
+"""Number of random observations, and of episode steps, to compare policy and ONNX file."""
 MEANING = {
     "Box": "(forward speed over robot.max_v, yaw rate over robot.max_w, counter-clockwise), of each robot of a team",
     "Discrete": "row of the candidate to drive to",
 }
-"""What actions command, by the kind of their space."""
+"""Meaning of actions, by kind of the action space."""
 
 
 def main(
@@ -77,9 +74,9 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
         trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
     Raises:
-        ImportError: if onnx or onnxruntime is not installed.
-        CheckpointError: if there is no such policy, it is damaged, or it is no network.
-        ValueError: if the file acts otherwise than the policy, or ONNX cannot hold the network.
+        ImportError: if onnx or onnxruntime is missing.
+        CheckpointError: if the policy is missing, damaged or not a network.
+        ValueError: if ONNX cannot represent the policy or actions differ.
     """
     try:
         import onnx
@@ -89,7 +86,7 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
         raise ImportError(f"writing ONNX needs onnx and onnxruntime: {extra}") from error
     folder, out = find_policy(policy), Path(out)
     if (folder / RECORD_FILE).exists():
-        raise CheckpointError(f"{folder} holds a score of frontiers, which needs no torch; only networks become ONNX")
+        raise CheckpointError(f"{folder} is a frontier score, which needs no torch; only networks are exported")
     checkpoint = load_checkpoint(folder, policy_only=True, trust=trust)
     network, record = build_policy(checkpoint, folder), checkpoint.record
     shape = getattr(network, "lstm_hidden_state_shape", None)
@@ -103,9 +100,9 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
             onnx.helper.set_model_props(model, {"lidarnaut": json.dumps(about, indent=1)})
             content = model.SerializeToString()
             options = onnxruntime.SessionOptions()
-            options.intra_op_num_threads = 1  # networks this small are slower on more
+            options.intra_op_num_threads = 1  # faster for small networks
             _compare(onnxruntime.InferenceSession(content, options), network, env, states)
-        except Exception as error:  # those of the three libraries have no class in common
+        except Exception as error:
             raise ValueError(f"{folder} cannot be written as ONNX: {error}") from error
     out.parent.mkdir(parents=True, exist_ok=True)
     write_file(out, content)
@@ -113,22 +110,22 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
 
 
 class _Graph(nn.Module):
-    """What becomes ONNX: parts of an observation, and the state if there is one, to the action and the next state."""
+    """Traced module: observation parts and recurrent state to action and next state."""
 
     def __init__(self, policy: BasePolicy, names: list[str]) -> None:
         super().__init__()
         self.policy, self.names = policy, names
         self.has_masks = "action_masks" in inspect.signature(policy.predict).parameters and "action_mask" in names
 
-    def forward(self, *given: Tensor) -> tuple[Tensor, ...]:
-        space, state = self.policy.action_space, given[len(self.names) :]
-        # Few operators of ONNX take small integers.
-        values = (value.float() if value.dtype in (torch.int8, torch.uint8) else value for value in given)
+    def forward(self, *inputs: Tensor) -> tuple[Tensor, ...]:
+        space, state = self.policy.action_space, inputs[len(self.names) :]
+        # Few ONNX operators accept small integers.
+        values = (value.float() if value.dtype in (torch.int8, torch.uint8) else value for value in inputs)
         seen: Any = dict(zip(self.names, values))
         arguments = {"action_masks": seen["action_mask"]} if self.has_masks else {}
         if state:
             arguments |= {"lstm_states": state, "episode_starts": torch.zeros(state[0].shape[1])}
-        if isinstance(self.policy.observation_space, spaces.Box):  # as `lidarnaut.agents.networks.flatten`
+        if isinstance(self.policy.observation_space, spaces.Box):
             seen = torch.cat([seen[name].reshape(seen[name].shape[0], -1).float() for name in sorted(seen)], dim=1)
         found: Any = self.policy._predict(seen, deterministic=True, **arguments)
         action, state = found if state else (found, ())
@@ -141,10 +138,9 @@ class _Graph(nn.Module):
 
 
 def _trace(policy: BasePolicy, record: Record, states: dict[str, Any]) -> bytes:
-    """Return a policy as ONNX, without metadata."""
     example, axes = [], {"action": {0: "batch"}}
     for name, described in record.observation.items():
-        # Everything may be chosen: a network may look at no more slots than an observation uses.
+        # All actions allowed: networks may skip unused slots.
         value = np.ones(described.shape, np.int8) if described.kind == "MultiBinary" else described.space().sample()
         example.append(torch.as_tensor(np.stack([value, value])))
         axes[name] = {0: "batch"}
@@ -155,14 +151,13 @@ def _trace(policy: BasePolicy, record: Record, states: dict[str, Any]) -> bytes:
     options: Any = {"input_names": inputs, "output_names": outputs, "dynamic_axes": axes, "opset_version": 17}
     graph, out = _Graph(policy, [*record.observation]).eval(), io.BytesIO()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # of what may differ for other observations: that is compared
-        # The older exporter needs no further packages, and takes networks whose shapes depend on data.
+        warnings.simplefilter("ignore")  # of tracing; see `_compare`
+        # The older exporter supports data-dependent shapes.
         torch.onnx.export(graph, (*example,), out, dynamo=False, **options)  # type: ignore[arg-type]
     return out.getvalue()
 
 
 def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any]) -> None:
-    """Hold the actions of a file against those of its policy; ValueError where one differs."""
     env.observation_space.seed(0)
     samples = [env.observation_space.sample() for _ in range(NUM_RANDOM)]
     random = {name: np.stack([one[name] for one in samples]) for name in samples[0]}
@@ -177,11 +172,10 @@ def _compare(session: Any, policy: BasePolicy, env: Any, states: dict[str, Any])
             if found.shape != wanted.shape or wrong.any():
                 at = tuple(np.argwhere(wrong)[0].tolist()) if wrong.any() else ()
                 what = f"action{[*at[1:]] or ''} is {found[at]}, not {wanted[at]}" if at else f"shape {found.shape}"
-                raise ValueError(f"it acts otherwise than the policy: {what}, in step {step} of {where}")
+                raise ValueError(f"actions differ from the policy: {what}, in step {step} of {where}")
 
 
 def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
-    """Return the observations of an episode in which a policy acts, each a batch of one."""
     actor, (observation, _), batches, is_over = Actor(policy), env.reset(seed=0), list[Observations](), False
     while not is_over and len(batches) < NUM_STEPS:
         batches.append({name: np.asarray(value)[None] for name, value in observation.items()})
@@ -192,7 +186,6 @@ def _episode(policy: BasePolicy, env: Any) -> list[Observations]:
 
 
 def _describe(record: Record, env: Any) -> dict[str, Any]:
-    """Return what one must know to run a policy: JSON values, in SI units."""
     config, parts = record.config, getattr(env, "parts", {})
     inputs = {name: _describe_space(space) for name, space in record.observation.items()}
     for name in inputs.keys() & parts.keys():
@@ -211,7 +204,6 @@ def _describe(record: Record, env: Any) -> dict[str, Any]:
 
 
 def _describe_space(space: SpaceRecord) -> dict[str, Any]:
-    """Return kind, shape, dtype and bounds of a value, None for no bound."""
     single = {"shape": (), "high": space.shape[0] - 1} if space.kind == "Discrete" else {}
     return json.loads(space.model_copy(update=single).model_dump_json())
 

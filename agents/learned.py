@@ -1,4 +1,4 @@
-"""Learned policies by their folders: of a run, of a checkpoint, or one that comes with the package."""
+"""Loading of learned policies from folders."""
 
 import hashlib
 import re
@@ -13,28 +13,24 @@ from lidarnaut.agents.frontiers.score import (
     ScoreExplorer,
 )
 from lidarnaut.agents.run_folder import CheckpointError, find_checkpoint
-from lidarnaut.baselines.explorer import Explorer, ObservationPolicy
+from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
-"""Folder of the policies that come with the package."""
+"""Folder of the package's policies."""
 POLICY = "policy"
-"""Folder of the policy in a run of evolution."""
 
 
 def find_policy(path: str | Path) -> Path:
-    """Return the folder of a policy's weights: in a run, a checkpoint or a policy folder, or `pretrained/NAME`.
+    """Return the folder with the weights of a policy; raise CheckpointError if missing.
 
-    A prefix `ppo:` or `learned:` is ignored.
-
-    Raises:
-        CheckpointError: if there is none.
+    `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`; a prefix `ppo:` or `learned:` is ignored.
     """
     path = Path(re.sub("^(ppo|learned):", "", str(path)))
     if path.parts[:1] == ("pretrained",) and not path.exists():
         names = sorted(folder.name for folder in PRETRAINED.glob("*/"))
         if path.name not in names:
-            raise CheckpointError(f"there is no policy {path}; there are pretrained/{', pretrained/'.join(names)}")
+            raise CheckpointError(f"unknown policy {path}; available are pretrained/{', pretrained/'.join(names)}")
         path = PRETRAINED / path.name
     for folder in (path, path / POLICY):
         if (folder / RECORD_FILE).exists():
@@ -49,7 +45,7 @@ def load_policy(
 
     Args:
         policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`.
-        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit`).
+        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit_explorer`).
         deterministic: return the most likely action; False samples actions as in training.
         trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
@@ -65,18 +61,18 @@ def load_policy(
     if (folder / RECORD_FILE).exists():
         if not deterministic:
             raise CheckpointError(
-                f"{folder} holds a score of frontiers, which draws no actions; leave out deterministic"
+                f"{folder} is a frontier score, which is always deterministic; leave out deterministic"
             )
         return (PursuitScoreExplorer if pursuit else ScoreExplorer)(FrontierScore.load(folder))
     if pursuit:
-        raise CheckpointError(f"{folder} holds no score of frontiers, which alone drives by pursuit; use learned:PATH")
-    from lidarnaut.agents.explorer import LearnedPolicy  # torch takes seconds to load
+        raise CheckpointError(f"{folder} is not a frontier score, which pursuit requires; use learned:PATH")
+    from lidarnaut.agents.explorer import LearnedPolicy
 
     return LearnedPolicy.load(folder, deterministic=deterministic, trust=trust)
 
 
 def fingerprint(folder: Path) -> str:
-    """Return the SHA-256 of the weights in a folder that `find_policy` returned."""
+    """Return the SHA-256 of a policy's weights."""
     from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)

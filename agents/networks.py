@@ -1,4 +1,4 @@
-"""The network that turns an observation of any parts into features, and what the project's own policies share."""
+"""Feature networks for observations, and a base class of policies."""
 
 import math
 from collections.abc import Mapping
@@ -13,63 +13,58 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 Tensors = dict[str, Tensor]
-"""Observations by part."""
+"""Batched observation parts, by name."""
 PATCH = 10
-"""Side of a map patch [pixels]; patches do not overlap, so that every pixel is read once."""
+"""Side length of a map patch [pixels]."""
 SECTORS = 40
-"""Number of angles into which a scan is pooled; fewer for a lidar with fewer beams."""
+"""Maximum number of sectors of a scan."""
 ROW_FEATURES = 16
-"""Features of a row of a part that is a table: of a robot of a team, a candidate, a point of a route."""
+"""Features per row of a tabular observation part."""
 
 
 class ExplorerFeatures(BaseFeaturesExtractor):
-    """An encoder for each part of an observation, and a layer that merges what they say.
+    """Encoders for observation parts, and a layer that merges their features.
 
-    A patch convolution on each map crop, sector pooling on the part `scan`, a small layer on each other vector. Where
-    a part has a further axis in front, its rows share an encoder. A convolution whose stride equals its kernel costs a
-    fraction of an overlapping one, and where a wall lies within a patch matters less than that it does.
+    Encoders are a patch convolution for map crops, sector pooling for the part `scan`, and a linear layer for other
+    vectors. Table rows share an encoder. Patches do not overlap, which is several times cheaper; positions of walls
+    within a patch matter little.
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
-        """Build the layers for an observation space, with features of a width and convolutions of some channels."""
         super().__init__(observation_space, features_dim)
         shapes = {key: tuple(space.shape or ()) for key, space in observation_space.spaces.items()}
         for key, space in observation_space.spaces.items():
-            if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):  # which arrive one-hot
+            if isinstance(space, spaces.Discrete | spaces.MultiDiscrete):
                 shapes[key] = (int(spaces.flatdim(space)),)
         boxes = {key: space for key, space in observation_space.items() if isinstance(space, spaces.Box)}
         crops = [key for key, box in boxes.items() if len(box.shape) >= 3 and (box.high == 255).all()]
-        crops.sort(reverse=True)  # the nearer one first
+        crops.sort(reverse=True)
         first = [key for key in ("scan", "motion") if key in shapes and key not in crops]
         total, self._encoders = 0, dict[str, str]()
         for key in (*crops, *first, *(key for key in sorted(shapes) if key not in (*crops, *first))):
             encoder, width = _make_encoder(key, shapes[key], channels, is_crop=key in crops)
-            name = key.replace(".", "_")  # of a module, which holds no dots
+            name = key.replace(".", "_")
             self._encoders[key] = name = f"{name}_part" if hasattr(self, name) or name == "merge" else name
             self.add_module(name, encoder)
             total += width
         self.merge = nn.Sequential(nn.Linear(total, features_dim), nn.ReLU())
 
     def forward(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Return the features, shape (batch, features_dim)."""
         return self.merge(self.encode(observations))
 
     def encode(self, observations: Mapping[str, Tensor]) -> Tensor:
-        """Return all parts side by side, shape (batch, width)."""
         encoders = ((observations[key], getattr(self, name)) for key, name in self._encoders.items())
         return torch.cat([encode(part if part.ndim > 1 else part[:, None]) for part, encode in encoders], dim=1)
 
 
 class FlatFeatures(ExplorerFeatures):
-    """The same for algorithms that take observations as vectors; see `flatten`."""
+    """`ExplorerFeatures` for vectors made by `flatten`."""
 
     def __init__(self, observation_space: spaces.Box, *, parts: spaces.Dict, **arguments: int) -> None:
-        """Build the layers for the parts that the vectors are made of; `arguments` are those of the base class."""
         super().__init__(parts, **arguments)
         self._shapes = {key: tuple(space.shape or (1,)) for key, space in sorted(parts.spaces.items())}
 
     def forward(self, observations: Tensor) -> Tensor:  # type: ignore[override]
-        """Return the features, shape (batch, features_dim)."""
         pieces = observations.split([math.prod(shape) for shape in self._shapes.values()], dim=1)
         return super().forward(
             {key: piece.reshape(-1, *shape) for (key, shape), piece in zip(self._shapes.items(), pieces, strict=True)}
@@ -77,10 +72,10 @@ class FlatFeatures(ExplorerFeatures):
 
 
 class JointPolicy(ActorCriticPolicy):
-    """A policy for PPO and A2C that says, in one method, how actions are distributed and what the state is worth."""
+    """PPO or A2C policy that computes action distribution and value together."""
 
     def judge(self, obs: Tensors) -> tuple[Distribution, Tensor]:
-        """Return the distribution of the actions, and the values, shape (batch, 1)."""
+        """Return the action distribution, and values of shape (batch, 1)."""
         raise NotImplementedError
 
     def forward(self, obs: Tensors, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
@@ -100,18 +95,18 @@ class JointPolicy(ActorCriticPolicy):
 
 
 def flat_space(parts: spaces.Dict) -> spaces.Box:
-    """Return the space of what `flatten` makes of observations."""
+    """Return the space of flattened observations."""
     return spaces.Box(-np.inf, np.inf, (spaces.flatdim(parts),), np.float32)
 
 
 def flatten(observations: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Return the parts of observations, shape (batch, ...) each, as one vector each: shape (batch, n), float32."""
+    """Concatenate observation parts, shape (batch, ...), to shape (batch, n), float32."""
     rows = [part.reshape(len(part), -1).astype(np.float32) for _, part in sorted(observations.items())]
     return np.concatenate(rows, axis=1)
 
 
 class ScanSectors(nn.Sequential):
-    """Features of a scan: of the nearest return and the share of lost beams in each sector."""
+    """Scan encoder: nearest return and share of invalid beams per sector."""
 
     def __init__(self, num_beams: int, width: int) -> None:
         beams_per_sector = math.ceil(num_beams / SECTORS)
@@ -119,9 +114,9 @@ class ScanSectors(nn.Sequential):
         self._beams_per_sector = beams_per_sector
 
     def forward(self, scan: Tensor) -> Tensor:
-        """Return the features, shape (batch, width), of scans, shape (batch, num_beams)."""
-        # 0 stands for "no measurement", which must not pass for "very near": it gets a channel of its own.
-        scan = scan[:, None]  # pooling of tables has no name in ONNX
+        """Return features, shape (batch, width), of scans, shape (batch, num_beams)."""
+        # Missing ranges (0) get a separate channel, distinct from near obstacles.
+        scan = scan[:, None]  # required by ONNX pooling
         invalid = (scan == 0).float()
         nearness = (1.0 - scan) * (1.0 - invalid)
         nearest = functional.max_pool1d(nearness, self._beams_per_sector, ceil_mode=True)
@@ -130,17 +125,16 @@ class ScanSectors(nn.Sequential):
 
 
 class MapPatches(nn.Conv2d):
-    """Features of the patches of a map crop."""
+    """Patch convolution over map crops."""
 
     def __init__(self, shape: tuple[int, ...], channels: int) -> None:
         super().__init__(shape[0], channels, PATCH, stride=PATCH)
         self._missing = -shape[2] % PATCH, -shape[1] % PATCH
 
     def forward(self, crop: Tensor) -> Tensor:
-        """Return the features, shape (batch, channels * patches), of crops from 0 to 255.
+        """Return features, shape (batch, channels * patches), of crops from 0 to 255.
 
-        The weights are scaled rather than the pixels, of which there are many more; so the policy must not
-        scale images itself (`normalize_images=False`).
+        Weights are scaled instead of pixels, which requires `normalize_images=False`.
         """
         if any(self._missing):
             crop = functional.pad(crop, (0, self._missing[0], 0, self._missing[1]))
@@ -148,19 +142,15 @@ class MapPatches(nn.Conv2d):
 
 
 class _Rows(nn.Sequential):
-    """An encoder that the rows of a part share."""
-
     def __init__(self, encoder: nn.Module, num_axes: int) -> None:
         super().__init__(encoder)
         self._num_axes = num_axes
 
     def forward(self, table: Tensor) -> Tensor:
-        """Return the features of all rows side by side, shape (batch, width)."""
         return super().forward(table.flatten(0, -self._num_axes - 1)).reshape(table.shape[0], -1)
 
 
 def _make_encoder(key: str, shape: tuple[int, ...], channels: int, is_crop: bool) -> tuple[nn.Module, int]:
-    """Return the encoder of a part, and the width of its features."""
     num_axes = 3 if is_crop else 1
     rows, shape = shape[:-num_axes], shape[-num_axes:] or (1,)
     if is_crop:

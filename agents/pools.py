@@ -1,4 +1,4 @@
-"""Where functions run side by side: in processes of this machine, or on a Ray cluster."""
+"""Parallel execution in local processes or on a Ray cluster."""
 
 import contextlib
 import glob
@@ -21,31 +21,33 @@ from lidarnaut.envs.files import read_bytes, read_mapping
 from lidarnaut.envs.processes import start_worker, stop_workers
 
 CONNECT_LIMIT = 10.0
-"""Longest wait for a Ray cluster [s]."""
+"""Timeout for connecting to a Ray cluster [s]."""
 _entered: list[tempfile.TemporaryDirectory[str] | None] = []
-"""Result of `enter_folder` in a worker of a cluster, once it is there."""
+"""Result of `enter_folder` in this cluster worker; empty before the first call."""
 
 
 class RayExecutor(Executor):
-    """A Ray cluster, on whose machines the project is installed in the same version. Each call takes a core.
+    """Executor on a Ray cluster; each call uses one core.
 
-    Files travel with the calls, see `collect_files` and `enter_folder`.
+    All machines need the same package version. Files travel with the calls; see `collect_files`.
     """
 
     def __init__(self, address: str, named: Any = ()) -> None:
-        """Connect to the cluster at an address, as `ray.init` takes it (`auto`, `HOST:PORT`, `ray://HOST:PORT`).
+        """Connect to a cluster.
 
-        `named` holds the names of files that calls read, see `collect_files`.
+        Args:
+            address: `auto`, `HOST:PORT` or `ray://HOST:PORT`, as in `ray.init`.
+            named: value that names files to send; see `collect_files`.
 
         Raises:
-            ImportError: Ray, an extra, is not installed.
-            ConnectionError: no cluster answers at the address.
+            ImportError: if Ray is not installed.
+            ConnectionError: if no cluster answers.
         """
         try:
             import ray
         except ImportError as error:
             raise ImportError("--ray needs Ray: pip install 'lidarnaut[ray]', or -e '.[ray]' in a checkout") from error
-        # In this process, Ray would try for minutes, log to the terminal, and ignore Ctrl-C.
+        # In this process, Ray would retry for minutes and ignore Ctrl-C.
         command = [sys.executable, "-c", "import ray, sys; ray.init(sys.argv[1], log_to_driver=False)", address]
         host, _, port = address.removeprefix("ray://").rpartition(":")
         try:
@@ -71,21 +73,18 @@ class RayExecutor(Executor):
         def take(inner: Future) -> None:
             if (error := inner.exception()) is None:
                 future.set_result(inner.result())
-            else:  # The text of Ray's own error is a coloured traceback.
+            else:
                 future.set_exception(getattr(error, "cause", None) or error)
 
-        # Pickled: a worker must enter the folder before it imports from there.
         call = self._ray.cloudpickle.dumps((function, args, kwargs))
         self._ray.remote(num_cpus=1)(_call).remote(self._files, call).future().add_done_callback(take)
         return future
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """Leave the cluster, which ends what is under way."""
         self._ray.shutdown()
 
 
 def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
-    """Call a pickled function in a worker of a cluster."""
     from ray import cloudpickle
 
     if not _entered:
@@ -95,10 +94,11 @@ def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
 
 
 def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
-    """Yield paths, absolute or relative to the current folder, and contents of files that calls elsewhere need.
+    """Yield path and content of files that remote calls need.
 
-    They are the files and the folders of policies that texts in the nested value `named` name, the images of maps, and
-    the modules that this process has imported from the current folder.
+    These are files and policy folders named in the nested value `named`, map images, and modules imported from the
+    current
+    folder.
     """
     here, paths = os.getcwd() + os.sep, []
     for text in set(re.findall(r'"([^"\\]+)"', json.dumps(named, default=str, ensure_ascii=False))):
@@ -114,15 +114,15 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Make `folder`, of another process or machine, the current one, if it holds the same `files`; else a copy of them.
+    """Change to `folder` if it holds `files`, else return and change to a temporary copy.
 
-    The copy is a temporary folder, which is returned. Raise a ValueError if this machine has no or another file of an
-    absolute path.
+    Raises:
+        ValueError: if a file with an absolute path is missing or differs.
     """
     files_here = {path: Path(folder, path) for path in files}
     wrong = [path for path, file in files_here.items() if not file.is_file() or read_bytes(file) != files[path]]
     for path in filter(os.path.isabs, wrong):
-        raise ValueError(f"{platform.node()} has no or another {path}; relative paths work on every machine")
+        raise ValueError(f"on {platform.node()}, {path} is missing or different; relative paths work on every machine")
     copy = None
     if wrong or not os.path.isdir(folder):
         copy = tempfile.TemporaryDirectory(prefix="lidarnaut_", ignore_cleanup_errors=True)
@@ -140,12 +140,11 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
 
 @contextlib.contextmanager
 def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iterator[Executor]:
-    """Yield processes of this machine, None for as many as there are cores, or the Ray cluster of an address.
+    """Yield local processes, by default one per core, or the Ray cluster at address `ray`.
 
-    An exception ends calls that are under way. `named` holds the names of files that calls on a cluster read, see
-    `collect_files`.
+    Exceptions cancel running calls. `named` names files for the cluster; see `collect_files`.
     """
-    # A fresh interpreter each: forked copies of a process that has threads (torch, numba) may hang.
+    # Forked copies of processes with threads (torch, numba) may deadlock.
     spawn = multiprocessing.get_context("spawn")
     with RayExecutor(ray, named) if ray is not None else ProcessPoolExecutor(num_workers, spawn, start_worker) as pool:
         try:

@@ -1,4 +1,4 @@
-"""The replay buffer of a training on disk: files of transitions, each written once."""
+"""Replay buffer on disk: files of transitions, each written once."""
 
 import hashlib
 from collections.abc import Iterator
@@ -16,32 +16,30 @@ from lidarnaut.agents.run_folder import RECORD_FILE, CheckpointError, list_check
 from lidarnaut.envs.files import own_folder, read_bytes, read_json, write_file
 
 FOLDER = "replay"
-"""Folder of a run with the files."""
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-"""What a buffer holds, shape (buffer_size, num_envs, ...) each."""
+"""Arrays of a replay buffer, shape (buffer_size, num_envs, ...) each."""
 
 
 class ReplayFiles:
-    """Writes what was added to a buffer since the last time, and reads what a checkpoint names.
+    """Saves new transitions of a replay buffer, and loads the files of a checkpoint.
 
-    A row is a step of all environments; a file is named by the first and the end of its rows.
+    A row is one step of all environments. File names hold the first row and the end row.
     """
 
     def __init__(self, buffer: ReplayBuffer, run: Path) -> None:
-        """Take an empty buffer, and the folder of a run."""
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """Row up to which files are written; row that would lie in slot 0 of the buffer, had it no end."""
+        """Index after the last written row; index of the row in slot 0 of the ring buffer."""
 
     def write(self, end: int) -> dict[str, str]:
-        """Write the rows up to `end`, and return the checksums of the files that the buffer is made of by their names.
+        """Write buffer rows up to `end`; return checksums of the buffer's files by name.
 
         Raises:
-            CheckpointError: if they cannot be written.
+            CheckpointError: if writing fails.
         """
         size = self._buffer.buffer_size
-        end -= (end - self._offset) % size != self._buffer.pos  # interrupted before the step was added
+        end -= (end - self._offset) % size != self._buffer.pos
         first = max(self._end, end - size)
         if first < end:
             slots = (np.arange(first, end) - self._offset) % size
@@ -58,7 +56,7 @@ class ReplayFiles:
         return dict(self._sums)
 
     def read(self, sums: dict[str, str]) -> None:
-        """Fill the buffer with the newest rows of files; CheckpointError if one is missing, altered or does not fit."""
+        """Fill the buffer from files; raise CheckpointError if a file is missing, altered or does not fit."""
         buffer, count = self._buffer, 0
         if sums:
             self._sums, self._end = dict(sums), _end_of(list(sums)[-1])
@@ -80,7 +78,7 @@ class ReplayFiles:
         buffer.pos, buffer.full = count % buffer.buffer_size, count == buffer.buffer_size
 
     def prune(self, run: Path) -> None:
-        """Remove the files that no checkpoint of the run needs."""
+        """Remove files that no checkpoint uses."""
         needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE).get("replay", {})}
         for path in self._folder.glob("*.safetensors"):
             if path.name not in needed:
@@ -92,7 +90,6 @@ def _end_of(name: str) -> int:
 
 
 def _arrays(buffer: ReplayBuffer) -> Iterator[tuple[str, np.ndarray]]:
-    """Yield the arrays of a buffer by name."""
     for name in ARRAYS:
         value: Any = getattr(buffer, name)
         for key, array in value.items() if isinstance(value, dict) else [("all", value)]:

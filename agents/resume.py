@@ -1,4 +1,4 @@
-"""Keys of a configuration that may change when a run goes on."""
+"""Configuration keys that may change on resume."""
 
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -22,39 +22,39 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs that may change a key, and the keys below it, on resume. The longest key counts; others are fixed."""
+"""Kinds of runs that may change a key on resume. The longest matching key applies."""
 DEFAULT = "the default"
-"""Stands for the value of a key that is left out."""
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
 
 def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
-    """Compare the configuration that a run, or a checkpoint, is to go on with to its former one.
+    """Raise CheckpointError if the configuration of a resumed run changes a fixed key.
 
-    `kind` is one of `MAY_CHANGE`; `was` None stands for the configuration in the run. A sweep's are mappings.
-
-    Raises:
-        CheckpointError: a key changes that must not; names it, both values, and the keys that may change.
+    Args:
+        now: new configuration.
+        kind: kind of run, see `MAY_CHANGE`.
+        run: folder of the run or checkpoint.
+        was: previous configuration; None reads it from `run`.
     """
     was = was or parse_config(read_mapping(run / "config.yaml"), str(run / "config.yaml"))
     old, new = (one if isinstance(one, Mapping) else one.model_dump(mode="json") for one in (was, now))
     wrong = []
     for key, before, value, kinds in _changes(old, new):
         if kind not in kinds:
-            wrong.append(f"another {key}: it needs {key}: {SHORT.repr(before)}, and not {SHORT.repr(value)}")
+            wrong.append(f"{key}: {SHORT.repr(before)}, not {SHORT.repr(value)}")
         elif key in ("total_steps", "generations") and value < (done := count_done(run)) and value < before:
-            wrong.append(f"{done} of {key}, and cannot end at {value}")
+            wrong.append(f"{done} of {key}, more than {value}")
     if wrong:
         allowed = ", ".join(key for key, kinds in MAY_CHANGE.items() if kind in kinds)
-        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; on resume ({kind}), these may change: {allowed}")
+        raise CheckpointError(f"{run} holds {'; '.join(wrong)}; keys that may change on resume ({kind}): {allowed}")
 
 
 def _changes(
     was: Mapping[str, Any], now: Mapping[str, Any], kinds: str = "", above: str = ""
 ) -> Iterator[tuple[str, Any, Any, str]]:
-    """Yield each changed key, such as `environment.world`, both values, and the kinds of runs that may change it.
+    """Yield each changed key, its old and new value, and the permitted kinds of runs.
 
-    A run's hyperparameters and network are complete; keys that `now` leaves out there are no changes.
+    Hyperparameters and network keys missing in `now` are unchanged.
     """
     for name in now if above.startswith(("hyperparameters.", "network.")) else {**was, **now}:
         key, value = f"{above}{name}", now.get(name, DEFAULT)

@@ -1,7 +1,4 @@
-"""Robots that policies for goals are trained with: the Jackal, with other lidars and limits.
-
-Of the library's robots none but the Jackal is seen in training.
-"""
+"""Training robots of goal-reaching policies: variants of the Jackal."""
 
 from dataclasses import replace
 from typing import Any
@@ -12,13 +9,13 @@ JACKAL = load_robot("jackal")
 
 
 def _variant(name: str, fov: float, range_max: float = JACKAL.lidar.range_max, **limits: Any) -> RobotParams:
-    """Return a Jackal with a lidar of 360 beams over an angle [rad] up to a range [m], and other limits."""
+    """Return a Jackal with 360 beams, field of view `fov` [rad], range [m] and other limits."""
     lidar = replace(JACKAL.lidar, num_beams=360, fov=fov, range_max=range_max)
     return replace(JACKAL, name=name, lidar=lidar, **limits)
 
 
 SEES_AHEAD = _variant("sees_ahead", 4.71)
-"""270 degrees, as the Jackal itself, with half its beams."""
+"""Jackal with half its lidar beams, over 270 degrees."""
 SEES_AROUND = _variant("sees_around", 6.28)
 SLOW_SEES_AROUND = _variant("slow_sees_around", 6.28, max_v=1.0, max_w=3.0)
 SMALL_SEES_AROUND = _variant(
@@ -32,4 +29,4 @@ SMALL_SEES_AROUND = _variant(
     max_acc_v=1.0,
     max_acc_w=3.2,
 )
-"""About as large, fast and far-sighted as a TurtleBot3."""
+"""Robot with about the size, speed and range of a TurtleBot3."""

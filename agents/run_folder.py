@@ -1,4 +1,4 @@
-"""The folder of a run: what is written when it opens, its checkpoints, and its table of evaluations."""
+"""Run folders: checkpoints and evaluation tables."""
 
 import contextlib
 import csv
@@ -19,19 +19,15 @@ from lidarnaut.agents.curves import Row, draw_learning_curve
 from lidarnaut.envs.files import Lock, dump_record, own_folder, read_bytes, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
-"""Libraries whose versions a run records."""
+"""Libraries with recorded versions."""
 GENERATIONS = "generations.csv"
-"""File of a run of evolution: the values of all individuals."""
 VERSIONS = "versions.json"
-"""File of a run: the versions of the libraries that began it."""
 SWEEP = "sweep.yaml"
-"""File of the folder of a sweep: the configuration of all its runs."""
 RECORD_FILE = "checkpoint.json"
-"""File of a checkpoint: everything that is not a tensor."""
 
 
 class CheckpointError(RuntimeError):
-    """A checkpoint cannot be written, read or used; the message names it, the reason, and the remedy."""
+    """Error for a checkpoint that cannot be written, read or used."""
 
 
 def list_checkpoints(run: Path) -> list[Path]:
@@ -40,7 +36,7 @@ def list_checkpoints(run: Path) -> list[Path]:
 
 
 def count_done(path: Path) -> int:
-    """Return the generations of a run of evolution, or the steps of a checkpoint or of a run's newest; 0 if unknown."""
+    """Return generations of an evolution run, or steps of the newest checkpoint; 0 if unknown."""
     if (path / GENERATIONS).exists():
         return read_bytes(path / GENERATIONS).count(b"\n")
     names = [path.name, *(one.name for one in list_checkpoints(path))]
@@ -48,18 +44,18 @@ def count_done(path: Path) -> int:
 
 
 def find_checkpoint(path: str | Path) -> Path:
-    """Return the checkpoint that a run folder or a checkpoint folder means; CheckpointError if there is none."""
+    """Return a checkpoint folder, the newest of a run folder; raise CheckpointError if missing."""
     path = Path(path)
     if path.is_dir() and (re.fullmatch(r"step_\d+", path.name) or (path / RECORD_FILE).exists()):
         return path
     if found := list_checkpoints(path):
         return found[-1]
-    what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is no folder"
-    raise CheckpointError(f"{path} {what}; a run folder has checkpoints/step_<number>/ in it")
+    what = "is neither a run folder nor a checkpoint folder" if path.is_dir() else "is not a folder"
+    raise CheckpointError(f"{path} {what}; a run folder contains checkpoints/step_<number>/")
 
 
 def find_config(path: str | Path) -> Path:
-    """Return the configuration of a run, a checkpoint or a sweep by its folder; CheckpointError if there is none."""
+    """Return the configuration file of a run, checkpoint or sweep; raise CheckpointError if missing."""
     path = Path(path)
     if (path / SWEEP).exists():
         return path / SWEEP
@@ -69,24 +65,22 @@ def find_config(path: str | Path) -> Path:
 
 @contextlib.contextmanager
 def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Iterator[Path]:
-    """Create a run folder with the resolved configuration in it; None makes `runs/<experiment>__<seed>__<time>`.
-
-    The folder is locked until the context ends.
+    """Create and lock the folder `run`, by default `runs/<experiment>__<seed>__<time>`.
 
     Raises:
-        ValueError: if the folder holds a run already.
-        lidarnaut.envs.files.LockedError: if another process is at it.
+        ValueError: if the folder already holds a run.
+        lidarnaut.envs.files.LockedError: if another process uses the folder.
     """
     run = run or Path("runs") / f"{config.experiment}__{config.seed}__{time.strftime('%Y%m%d-%H%M%S')}"
     with Lock(own_folder(run)):
         if list_checkpoints(run) or (run / GENERATIONS).exists():
-            raise ValueError(f"{run} holds a run already; go on with it by --resume {run}, or choose another folder")
+            raise ValueError(f"{run} already holds a run; resume it with --resume {run}, or choose another folder")
         prepare_folder(run, config)
         yield run
 
 
 def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
-    """Write the configuration and the versions into a locked folder of a run."""
+    """Write configuration and library versions to a run folder."""
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))
@@ -94,7 +88,7 @@ def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
 
 
 def discard_after(checkpoint: Path) -> Path:
-    """Rename what is newer than a checkpoint to `*.discarded`, in a run that is locked; return the run's folder."""
+    """Rename checkpoints newer than `checkpoint` to `*.discarded`; return the run folder."""
     run = checkpoint.parent.parent
     for newer in list_checkpoints(run):
         if newer.name > checkpoint.name:
@@ -105,13 +99,13 @@ def discard_after(checkpoint: Path) -> Path:
 
 
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
-    """Write the evaluations so far as `evaluations.csv` and as `learning_curve.png`, with `title` above the curve."""
+    """Write `evaluations.csv` and `learning_curve.png`."""
     write_table(run / "evaluations.csv", rows)
     draw_learning_curve({str(rows[-1]["policy"]): rows}, title, run / "learning_curve.png", axis)
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as CSV; where one lacks a column of another, it holds NaN."""
+    """Write rows as CSV, with NaN for missing columns."""
     table = io.StringIO()
     writer = csv.DictWriter(table, list(dict.fromkeys(key for row in rows for key in row)), "nan", lineterminator="\n")
     writer.writeheader()
@@ -120,7 +114,7 @@ def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
 
 
 def commit() -> str:
-    """Return the commit of the checkout that this code lies in, with "+" where it has been changed since."""
+    """Return the git commit of this code, with "+" for local changes."""
     command = ["git", "-C", str(Path(__file__).parent), "describe", "--always", "--abbrev=12", "--dirty=+"]
     try:
         done = subprocess.run(command, capture_output=True, text=True)

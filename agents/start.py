@@ -57,7 +57,7 @@ def train(
 
         return evolve(parsed, resume=resume, ray=ray, progress=progress)
     if ray is not None:
-        raise ValueError("--ray is for sweeps and evolutions; a single training runs on one machine")
+        raise ValueError("--ray supports sweeps and evolutions, not single trainings")
     from lidarnaut.agents import training
 
     return training.train(parsed, resume=resume, trust=trust, progress=progress)

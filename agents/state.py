@@ -1,4 +1,4 @@
-"""The state of a training: from a model of any algorithm to a checkpoint, and back."""
+"""Conversion between models and checkpoints."""
 
 from collections.abc import Mapping
 from operator import attrgetter
@@ -26,14 +26,14 @@ from lidarnaut.agents.curves import Row
 from lidarnaut.agents.run_folder import CheckpointError
 
 COUNTERS = ("_episode_num", "_n_calls", "exploration_rate")
-"""Numbers of algorithms that have them, besides steps and updates."""
+"""Saved attributes of algorithms, besides steps and updates."""
 
 
 def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row], control_hz: float) -> Checkpoint:
-    """Take the state of a training between two updates, but for the replay buffer; see `lidarnaut.agents.replay`."""
+    """Return the training state between two updates, without replay buffer."""
     state: Any = np.random.get_state()  # noqa: NPY002
     algorithm, key, position, has_gauss, gauss = state
-    env: Any = model.env  # whose parts are known also where the algorithm gets vectors
+    env: Any = model.env
     record = Record(
         steps=model.num_timesteps,
         updates=model._n_updates,
@@ -56,46 +56,42 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
 
 
 def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
-    """Bring a fresh model and the global generators to a checkpoint's state; CheckpointError if it does not fit."""
-    record, given = checkpoint.record, checkpoint.training
+    """Restore a checkpoint into a new model and the global generators; raise CheckpointError on mismatch."""
+    record, tensors = checkpoint.record, checkpoint.training
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
-    # An optimizer that has not met a weight yet keeps nothing of it.
-    _begin_moments(model, {name.rpartition(".")[0] for name in given})
+    # Optimizer state of a weight begins at its first update.
+    _begin_moments(model, {name.rpartition(".")[0] for name in tensors})
     moments = _moments(model)
     needed = {name: torch.as_tensor(state[moment]) for name, (state, moment) in moments.items()}
     needed |= {f"variable.{name}": value for name, value in _variables(model).items()}
     needed |= {"random.numpy": torch.zeros(624, dtype=torch.int64), "random.torch": torch.get_rng_state()}
-    check_tensors(folder, TRAINING_FILE, given, needed)
+    check_tensors(folder, TRAINING_FILE, tensors, needed)
 
     model.policy.load_state_dict(checkpoint.policy)
     for name, (state, moment) in moments.items():
         is_tensor = isinstance(state[moment], Tensor)
-        state[moment] = given[name].clone().to(state[moment].device) if is_tensor else given[name].item()
+        state[moment] = tensors[name].clone().to(state[moment].device) if is_tensor else tensors[name].item()
     for name, value in _variables(model).items():
-        value.data.copy_(given[f"variable.{name}"])
+        value.data.copy_(tensors[f"variable.{name}"])
     model.num_timesteps, model._n_updates = record.steps, record.updates
     for name, count in record.counters.items():
         if name in COUNTERS:
             setattr(model, name, count)
     algorithm, position, has_gauss, gauss = record.numpy_random
-    np.random.set_state((algorithm, given["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
-    torch.set_rng_state(given["random.torch"])
+    np.random.set_state((algorithm, tensors["random.numpy"].numpy().astype(np.uint32), position, has_gauss, gauss))  # noqa: NPY002
+    torch.set_rng_state(tensors["random.torch"])
     if record.action_random:
         try:
             model.action_space.np_random.bit_generator.state = record.action_random
         except (ValueError, TypeError, KeyError) as error:
             raise damaged(folder, f"checkpoint.json: action_random: {error}") from error
-    if model.device.type == "cuda":  # A GPU draws from a generator of its own, which a checkpoint does not hold.
+    if model.device.type == "cuda":  # checkpoints lack the GPU's generator
         seed = np.random.SeedSequence([record.config.seed, record.steps]).generate_state(1)[0]
         torch.cuda.manual_seed_all(int(seed))
 
 
 def check_spaces(record: Record, parts: Mapping[str, spaces.Space], action_space: spaces.Space, name: str) -> None:
-    """Hold the parts of an environment's observations and its actions against those of a checkpoint of some name.
-
-    Raises:
-        CheckpointError: if they differ; says which space is needed and which is there.
-    """
+    """Raise CheckpointError if environment spaces differ from those of checkpoint `name`."""
     offered: dict[str, Any] = {"action": action_space, **parts}
     needed = {**record.observation, "action": record.action}
     wrong = [
@@ -113,7 +109,6 @@ def _optimizers(model: BaseAlgorithm) -> list[Optimizer]:
 
 
 def _variables(model: BaseAlgorithm) -> dict[str, Tensor]:
-    """Return the tensors of an algorithm that belong to no network, such as the coefficient of the entropy."""
     return {name: attrgetter(name)(model) for name in model._get_torch_save_params()[1]}
 
 
@@ -123,7 +118,7 @@ def _weight_names(model: BaseAlgorithm) -> dict[Tensor, str]:
 
 
 def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
-    """Return where optimizers keep what they remember: a mapping and its key by `optimizer.<weight>.<moment>`."""
+    """Return state mapping and key of each optimizer moment, by `optimizer.<weight>.<moment>`."""
     names = _weight_names(model)
     return {
         f"optimizer.{names[weight]}.{moment}": (state, moment)
@@ -135,7 +130,7 @@ def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
 
 
 def _begin_moments(model: BaseAlgorithm, begun: set[str]) -> None:
-    """Let optimizers begin to remember, of the weights in `begun`, by a step without a gradient."""
+    """Create the optimizer state of weights in `begun` by a step with zero gradient."""
     names = _weight_names(model)
     for optimizer in _optimizers(model):
         for weight in (weight for group in optimizer.param_groups for weight in group["params"]):

@@ -1,4 +1,4 @@
-"""Several trainings by one configuration: `sweep`, values by key, and `seeds`; each in a run of its own."""
+"""Sweeps: several training runs by one configuration with `sweep` and `seeds`."""
 
 import contextlib
 import itertools
@@ -33,23 +33,23 @@ from lidarnaut.envs.progress import Progress
 
 TABLE, PICTURE = "sweep.csv", "sweep.png"
 TIME = "processor_time"
-"""File of a run: the processor time that its process has taken [s], but for processes that were killed."""
+"""File with the processor time of a run [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Member:
-    """A training of a sweep."""
+    """Training run of a sweep."""
 
     values: Mapping[str, Any]
-    """What the sweep gives it, by key; without the seed."""
+    """Values assigned by the sweep, without the seed."""
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """The name of its settings, the first where the sweep has several; its trainings share a picture."""
+    """Name of the first named settings; runs of a group share a picture."""
 
     @property
     def label(self) -> str:
-        """The values, for people."""
+        """Label of the run in tables and pictures."""
         return ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in self.values.items()) or "all"
 
 
@@ -62,21 +62,23 @@ def run_sweep(
     jobs: int = 1,
     progress: bool = True,
 ) -> Path:
-    """Train all of a sweep, or what is left of it, and write its table and its picture; return the folder.
+    """Train the unfinished runs of a sweep; write `sweep.csv` and pictures; return the folder.
 
-    It holds a run for each training, `sweep.yaml`, `sweep.csv` and pictures. `data`: a configuration that comes from
-    `source`, which messages name, with `sweep` or `seeds` in it; `resume`: folder of a sweep that is to go on; `ray`:
-    address of a Ray cluster to train on, whose machines reach the folder under its path; without one, `jobs` trainings
-    run side by side on this machine; `progress`: whether to show progress bars, and to print the table.
+    Args:
+        data: configuration with `sweep` or `seeds`.
+        source: origin of the configuration, for messages.
+        resume: sweep folder to resume.
+        ray: address of a Ray cluster that shares the folder; None trains locally.
+        jobs: number of parallel local trainings.
+        progress: show progress bars and the table.
 
     Raises:
-        ValueError: if a configuration is wrong, or trainings fail; the others go on. It has a line for each failure.
-        CheckpointError: if the folder holds trainings of another sweep, or a key changes that must not, see
-            `lidarnaut.agents.resume`.
-        KeyboardInterrupt: on Ctrl-C; what is trained is kept, and the message names the folder.
+        ValueError: if the configuration is invalid, or trainings fail after all others are done.
+        CheckpointError: if the folder holds another sweep, or a fixed key changes.
+        KeyboardInterrupt: on Ctrl-C; completed work is kept.
     """
     folder = resume or Path("runs") / f"{data.get('experiment')}__sweep__{time.strftime('%Y%m%d-%H%M%S')}"
-    folder = folder.absolute() if ray else folder  # for workers in other folders
+    folder = folder.absolute() if ray else folder
     if jobs < 1:
         raise ValueError(f"jobs must be at least 1, got {jobs}")
     if (folder / "config.yaml").exists():
@@ -86,7 +88,7 @@ def run_sweep(
         if not (found := [member.config for member in members if member.run == run]):
             raise CheckpointError(f"{run} is no longer in the sweep: sweep, exclude and seeds may only add trainings")
         check_changes(found[0], "sweep", run)
-    if (folder / SWEEP).exists():  # also keys that the sweep replaces
+    if (folder / SWEEP).exists():
         check_changes(yaml.safe_load(record), "sweep", folder, read_mapping(folder / SWEEP))
     held: Any = _processes(jobs) if jobs > 1 else contextlib.nullcontext()
     if ray is not None:
@@ -104,23 +106,20 @@ def run_sweep(
                 failures |= {member.run: failure} if failure else {}
                 bar.update()
     except KeyboardInterrupt:
-        raise KeyboardInterrupt(f"in a sweep; {resuming(folder, data)} goes on") from None
+        raise KeyboardInterrupt(f"in a sweep; resume with {resuming(folder, data)}") from None
     _summarise([member for member in members if member.run not in failures], folder, progress)
     if failures:
         said = "\n".join(f"{run.name}: {failure}" for run, failure in failures.items())
         raise ValueError(
-            f"{len(failures)} of {len(members)} trainings failed, {resuming(folder, data)} tries again:\n{said}"
+            f"{len(failures)} of {len(members)} trainings failed; retry with {resuming(folder, data)}:\n{said}"
         )
     return folder
 
 
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
-    """Return the trainings of a sweep, with runs in a folder.
+    """Return the runs of a sweep, with run folders in `folder`; raise ValueError if invalid.
 
-    Classic policies are measured once for each environment: by the first training there.
-
-    Raises:
-        ValueError: if `sweep`, `exclude` or `seeds` is not of its form, or a configuration is wrong.
+    Only the first run of an environment measures references.
     """
     axes, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
     if not isinstance(axes, dict) or not all(isinstance(values, list | dict) and values for values in axes.values()):
@@ -133,7 +132,7 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
     excluded = _read_excluded(data, axes, source)
     base = {key: value for key, value in data.items() if key not in ("sweep", "seeds", "exclude")}
     members, measured = list[Member](), list[Any]()
-    left = {path.parent for path in folder.glob("*/config.yaml")}  # their numbers are of the sweep that began them
+    left = {path.parent for path in folder.glob("*/config.yaml")}
     for values in itertools.product(*axes.values()):
         chosen = dict(zip(axes, values, strict=True))
         if any(all(chosen[key] in rule[key] for key in rule) for rule in excluded):
@@ -162,12 +161,10 @@ def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
 
 
 def _slug(name: str) -> str:
-    """Return a name for a file."""
     return re.sub(r"[^\w.+=-]+", "-", name)[:80]
 
 
 def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str) -> list[dict[str, list[Any]]]:
-    """Return which values are not trained together; ValueError names what is no value of the sweep."""
     rules = list(data.get("exclude") or [])
     for key, values in itertools.chain.from_iterable(rule.items() for rule in rules):
         known = list(axes.get(key, ()))
@@ -179,7 +176,6 @@ def _read_excluded(data: Mapping[str, Any], axes: Mapping[str, Any], source: str
 
 
 def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested settings with those of others, which count where both have one."""
     merged = dict(settings)
     for key, value in more.items():
         are_nested = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
@@ -188,7 +184,7 @@ def _merge(settings: Mapping[str, Any], more: Mapping[str, Any]) -> dict[str, An
 
 
 def is_finished(member: Member) -> bool:
-    """Tell whether a training has come to its end."""
+    """Return True if a training run is finished."""
     config, run = member.config, member.run
     if isinstance(config, EvolutionConfig):
         record = run / POLICY / "policy.json"
@@ -197,10 +193,10 @@ def is_finished(member: Member) -> bool:
 
 
 def try_member(member: Member, *, progress: bool = False) -> str:
-    """Train one as `train_member`; return its failure in a line, with the file of the traceback, or an empty text."""
+    """Train a run; return an empty text, or its failure in one line."""
     kept = member.run.with_name(f"{member.run.name}.traceback.txt")
     if not (member.run.parent / SWEEP).exists():
-        return f"{platform.node()} does not reach {member.run.parent}, which all machines must share"
+        return f"{platform.node()} cannot access {member.run.parent}, which all machines must share"
     kept.unlink(missing_ok=True)
     try:
         train_member(member, progress=progress)
@@ -212,7 +208,6 @@ def try_member(member: Member, *, progress: bool = False) -> str:
 
 @contextlib.contextmanager
 def _processes(jobs: int) -> Iterator[Executor]:
-    """Yield threads for calls of `_try_apart`; an exception ends their processes."""
     with ThreadPoolExecutor(jobs) as pool:
         try:
             yield pool
@@ -224,18 +219,17 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 
 def _try_apart(member: Member) -> str:
-    """Train one as `try_member`, in a process of its own: one that dies takes no other with it."""
+    """Call `try_member` in a separate process, to isolate crashes."""
     with make_pool(1, None) as pool, interrupts_held():
         return pool.submit(try_member, member).result()
 
 
 def _explain(error: BaseException) -> str:
-    """Return kind and text of an error in a line."""
     return printable(" ".join(f"{type(error).__name__}: {error}".split())[:1000])
 
 
 def train_member(member: Member, *, progress: bool = False) -> None:
-    """Train one, or go on with it, unless it is finished, and count its time; raises as `training.train`."""
+    """Train or resume an unfinished run, and record its processor time."""
     config, run, begun = member.config, member.run, time.process_time()
     if is_finished(member):
         return
@@ -254,15 +248,11 @@ def train_member(member: Member, *, progress: bool = False) -> None:
 
 
 def processor_time(run: Path) -> float:
-    """Return the processor time that a sweep's training has taken so far [s], without worker processes."""
+    """Return the processor time of a run [s], without worker processes."""
     return float(read_bytes(run / TIME)) if (run / TIME).exists() else 0.0
 
 
 def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
-    """Write a row for each training, and draw the learning curves of those that differ in the seed alone.
-
-    There is a picture for each of the settings with a name: what they measure may differ.
-    """
     table: list[dict[str, Any]] = []
     for group, some in itertools.groupby(members, lambda member: member.group):
         curves: dict[str, list[np.ndarray]] = {}
@@ -291,10 +281,10 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
 
 
 def interval(runs: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the mean of learning curves over seeds with its 95 % interval, by Student's t: shape (n, 4).
+    """Return the mean learning curve over seeds, with a 95 % Student's t interval.
 
-    Runs are steps and the measure, shape (n, 2) each, of which the shortest counts. Columns are steps, mean, and the
-    bounds, which are NaN for a single run.
+    `runs` hold steps and measure, shape (n, 2). Returns steps, mean and bounds, shape (n, 4); bounds of one run are
+    NaN.
     """
     length = min(len(run) for run in runs)
     values = np.array([run[:length, 1] for run in runs])

@@ -1,4 +1,4 @@
-"""A training from its first step, or from a checkpoint, to its last."""
+"""Training of a policy."""
 
 import contextlib
 from collections.abc import Iterable
@@ -34,32 +34,33 @@ def train(
 ) -> Path:
     """Train a policy; return the run folder.
 
-    `run`: folder for the results; None makes `runs/<experiment>__<seed>__<time>`. `resume`: run folder or checkpoint
-    folder to go on from, in whose run the results go, in place of `run`; see `lidarnaut.agents.resume` for the keys
-    that may change. `trust`: modules and names of code that the checkpoint may name, besides names in `config`.
-    `progress`: whether to show a progress bar.
+    Args:
+        config: configuration.
+        run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
+        resume: run or checkpoint folder to resume, instead of `run`; see `lidarnaut.agents.resume`.
+        trust: code names that the checkpoint may contain, besides those in `config`.
+        progress: show a progress bar.
 
     Raises:
-        ValueError: if a new run folder holds a run already, the environment refuses its arguments, or the training
-            diverges; then the message names the last good checkpoint.
-        CheckpointError: if a checkpoint cannot be read, does not fit, or cannot be written.
-        lidarnaut.envs.files.LockedError: if another process is at the run.
-        KeyboardInterrupt: on Ctrl-C; the state before the running rollout is saved, and the message names the run.
+        ValueError: if a new folder already holds a run, an argument is invalid, or training diverges.
+        CheckpointError: if a checkpoint cannot be read, written or resumed.
+        lidarnaut.envs.files.LockedError: if another process uses the run.
+        KeyboardInterrupt: on Ctrl-C, after saving the state before the current rollout.
     """
     source = checkpoint = None
     with contextlib.ExitStack() as held:
         if resume is not None:
             held.enter_context(Lock(own_folder(find_checkpoint(resume).parent.parent)))
-            source = find_checkpoint(resume)  # again: until now another process may have added to the run
+            source = find_checkpoint(resume)  # again, after locking
             checkpoint = load_checkpoint(source, trust=[*trust, *named_code(config.model_dump())])
-            check_changes(config, "training", source, checkpoint.record.config)  # without defaults of an algorithm
+            check_changes(config, "training", source, checkpoint.record.config)
         evaluator = held.enter_context(contextlib.closing(Evaluator(config)))
         is_flat = takes_vectors(find_algorithm(config.algorithm))
         env = held.enter_context(contextlib.closing(make_vec_env(config, is_flat=is_flat)))
         config = complete(config, env)
         model = build_model(config, env)
         if checkpoint is None or source is None:
-            for name in config.evaluation.references:  # which can be measured, or say why not before any work
+            for name in config.evaluation.references:
                 evaluator.make_reference(name)
             run = held.enter_context(new_run(config, run))
         else:
@@ -72,10 +73,10 @@ def train(
         if isinstance(model, OffPolicyAlgorithm) and model.replay_buffer is not None:
             replay = ReplayFiles(model.replay_buffer, run)
             replay.read(checkpoint.record.replay if checkpoint else {})
-        # Where in their episodes the environments were is not kept: a resumed training starts new ones.
+        # Checkpoints do not hold episodes: resumed trainings start new ones.
         env.seed(int(np.random.SeedSequence([config.seed, model.num_timesteps]).generate_state(1)[0] >> 1))
         evaluations = checkpoint.record.evaluations if checkpoint else []
-        # What belongs to the steps of the checkpoint was logged before it was saved, but for the first evaluation.
+        # The first evaluation of a run precedes its first checkpoint.
         purge_step = model.num_timesteps + 1 if evaluations else None
         model.set_logger(Logger(str(run), [_TensorBoard(run, purge_step)]))
         total_steps, steps = num_updates(config) * rollout_steps(config), model.num_timesteps
@@ -88,7 +89,7 @@ def train(
             except KeyboardInterrupt:
                 raise KeyboardInterrupt(keeper.save()) from None
             except ValueError as error:
-                if "to satisfy the constraint" not in str(error):  # how torch's distributions refuse NaN
+                if "to satisfy the constraint" not in str(error):  # torch's message for NaN
                     raise
                 raise keeper.diverged() from None
         model.logger.close()
@@ -96,7 +97,7 @@ def train(
 
 
 class _TensorBoard(TensorBoardOutputFormat):
-    """TensorBoard events in which a resumed run hides what the killed one had logged beyond its checkpoint."""
+    """TensorBoard writer that hides events logged after the resumed checkpoint."""
 
     def __init__(self, run: Path, purge_step: int | None) -> None:
         self.writer = SummaryWriter(str(run / "tensorboard"), purge_step=purge_step)

@@ -1,4 +1,4 @@
-"""The policy of PPO that chooses among the twists of the observation `trajectories`, by what each would lead to."""
+"""PPO policy that selects a twist of the observation `trajectories`."""
 
 from typing import Any
 
@@ -17,22 +17,21 @@ from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
-"""Observations that are read, beside `goal` or `carrot`; others are read as they are."""
+"""Required observation parts, besides `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Distance of a `goal` that is shown as 1, and of a `carrot` that is not the goal yet [m]."""
+"""Goal distance scaled to 1 in `goal`, and assumed for a distant `carrot` [m]."""
 LAST_ACTION = slice(2, 4)
-"""Entries of `motion`."""
+"""Last action in the observation `motion`."""
 OWN_NUMBERS = 6
-"""What a candidate is given beside its entries of `trajectories`."""
-MIXED = 0.05
-"""Gain of the last layer at first: all twists are about as likely."""
+"""Number of twist features in addition to `trajectories`."""
+INITIAL_GAIN = 0.05
+"""Initial gain of the last layer, for nearly uniform probabilities."""
 
 
 class TwistChoice(Distribution):
-    """One of a table of twists. Samples are the twists themselves, so that environments get actions as from others."""
+    """Categorical distribution over a table of twists; samples are twists."""
 
     def __init__(self, twists: Tensor) -> None:
-        """Take the table, shape (n, 2)."""
         super().__init__()
         self._twists = twists
 
@@ -40,7 +39,6 @@ class TwistChoice(Distribution):
         raise TypeError("TwistChoice has no layer of its own: the network gives logits")
 
     def proba_distribution(self, logits: Tensor) -> "TwistChoice":
-        """Set the logits, shape (batch, n)."""
         self.logits = logits
         return self
 
@@ -69,26 +67,25 @@ class TwistChoice(Distribution):
 
 
 class TrajectoryNetwork(nn.Module):
-    """Logits of the twists, each by the same two layers over what it leads to, and the value of the state.
+    """Logits of twists by a shared MLP, and the state value.
 
-    Of each twist it also sees how much nearer to the goal it leads, over what the robot drives in a second at its
-    greatest speed, and the cosine of the goal's bearing then; how far it is from the last action, and itself. The value
-    is made of mean and maximum over the twists' features, which layers of its own give.
+    Twist features are the row of `trajectories`, progress to the goal over the distance driven in 1 s at maximum speed,
+    cosine of the final goal bearing, change from the last action, and the twist. The value uses their mean and maximum.
     """
 
     twists: Tensor
 
     def __init__(self, observation_space: spaces.Dict, *, width: int, hidden: int) -> None:
-        """Build layers: `width` features of a twist, `hidden` of the value.
+        """Build layers: `width` features per twist, `hidden` for the value.
 
         Raises:
-            ValueError: if an observation is missing.
+            ValueError: if an observation part is missing.
         """
         super().__init__()
         names = set(observation_space.spaces)
         if not {*NEEDED} <= names or not names & {"goal", "carrot"}:
             raise ValueError(
-                f"the network that chooses among trajectories reads {list(NEEDED)} and `goal` or `carrot`, but the "
+                f"the trajectory network requires {list(NEEDED)} and `goal` or `carrot`, but the "
                 f"observation space has {sorted(names)}"
             )
         self.register_buffer("twists", torch.from_numpy(TWISTS))
@@ -101,7 +98,7 @@ class TrajectoryNetwork(nn.Module):
         self.judge = nn.Sequential(
             nn.Linear(2 * width + others, hidden), nn.ReLU(), nn.Linear(hidden, hidden), nn.ReLU(), nn.Linear(hidden, 1)
         )
-        nn.init.orthogonal_(self.rate[-1].weight, MIXED)  # type: ignore[arg-type]
+        nn.init.orthogonal_(self.rate[-1].weight, INITIAL_GAIN)  # type: ignore[arg-type]
         nn.init.zeros_(self.add.weight)
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
@@ -117,7 +114,7 @@ class TrajectoryNetwork(nn.Module):
             [shown, torch.stack([nearer, facing], dim=2), change, own[:, :, :1], own[:, :, 1:].abs()], dim=2
         )
         others = torch.cat([observations[name].flatten(1) for name in self._others], dim=1)
-        # The layer over both, in halves: what all twists share is multiplied once.
+        # Split layer: features common to all twists are multiplied once.
         weight, shared = self.embed.weight.split([twists.shape[2], others.shape[1]], dim=1)
         rows = functional.linear(twists, weight) + functional.linear(others, shared, self.embed.bias)[:, None]
         logits = (self.rate(rows) + self.add(twists)).squeeze(2)
@@ -125,7 +122,7 @@ class TrajectoryNetwork(nn.Module):
         return logits, self.judge(torch.cat([seen.mean(dim=1), seen.amax(dim=1), others], dim=1))
 
     def _goal(self, observations: Tensors) -> Tensor:
-        """Return where to go, shape (batch, 2), base frame, in what the robot drives in a second at most."""
+        """Return the goal position, shape (batch, 2), base frame, over the distance driven in 1 s at maximum speed."""
         if "carrot" in observations:
             carrot = observations["carrot"]
             goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
@@ -135,7 +132,7 @@ class TrajectoryNetwork(nn.Module):
 
 
 class TrajectoryPolicy(JointPolicy):
-    """Draws twists by the logits of a `TrajectoryNetwork`, which also gives the values."""
+    """Samples twists by the logits of a `TrajectoryNetwork`."""
 
     def __init__(
         self,
@@ -147,9 +144,9 @@ class TrajectoryPolicy(JointPolicy):
         hidden: int = 64,
         **arguments: Any,
     ) -> None:
-        """Build the network; see there for `width` and `hidden`. `arguments` are those of the base class."""
+        """Build a `TrajectoryNetwork` of `width` and `hidden`."""
         self._sizes = {"width": width, "hidden": hidden}
-        # The extractor has no weights; it is what the base class asks for.
+        # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor
         super().__init__(observation_space, action_space, lr_schedule, **arguments)
 

@@ -1,4 +1,4 @@
-"""Names of code in records from elsewhere: policy folders, run folders and sweeps."""
+"""Checks of code names in records from other users."""
 
 import inspect
 import re
@@ -19,36 +19,31 @@ REGISTERED = {
     *(f"torch.optim:{name}" for name in _OPTIMIZERS),
     *(f"stable_baselines3.common.torch_layers:{name}" for name in _EXTRACTORS),
 }
-"""Names with a colon that any record may hold."""
+"""Code names allowed in any record."""
 _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return the key of each text in nested mappings and lists that names code to import, by the text.
+    """Return code names in a nested record, each with the key of its entry.
 
-    A text with a colon is such a name, `module:attribute` or `module:id`, except a path that begins with a drive and an
-    id of the package.
+    Texts with a colon name code (`module:attribute`, `module:id`), except drive paths and ids of the package.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 
 
 def resuming(run: Path, record: Any) -> str:
-    """Return the options of `train.py` that resume a run with a record of names."""
+    """Return the options of `train.py` that resume a run, with `--trust` if needed."""
     trust = sorted(set(named_code(record)) - REGISTERED)
     return " ".join([f"--resume {run}", *(["--trust", *trust] if trust else [])])
 
 
 def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
-    """Refuse a record from elsewhere that names code, except registered names and names that the caller trusts.
+    """Raise ValueError if a record contains code names that are not registered or trusted.
 
     Args:
         record: nested mappings and lists.
-        source: the file, for messages.
-        trust: modules, each with the modules inside; only objects that such a module defines are trusted, not the
-            objects that it imports. Full names, `module:attribute`, are trusted as they are.
-
-    Raises:
-        ValueError: names the key and the code, and how to trust it.
+        source: file name for messages.
+        trust: modules including submodules, or `module:attribute`. Objects imported by a module are not trusted.
     """
     trusted = {trust} if isinstance(trust, str) else {*trust}
     for name, key in named_code(record).items():
@@ -56,8 +51,8 @@ def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
             module = name.partition(":")[0]
             remedy = name if any(_covers(one, module) for one in trusted) else module
             raise ValueError(
-                f"{source}: {SHORT.repr(key)} names the code {SHORT.repr(name)}, which is not part of the package. A "
-                f"record runs no code that you do not name. If you know this code, pass trust=[{SHORT.repr(remedy)}], "
+                f"{source}: {SHORT.repr(key)} names the code {SHORT.repr(name)}, which is not part of the package. "
+                f"Records run only trusted code. If you know this code, pass trust=[{SHORT.repr(remedy)}], "
                 f"or on the command line --trust {SHORT.repr(remedy)[1:-1]}"
             )
 
@@ -71,7 +66,7 @@ def _is_trusted(name: str, trust: set[str]) -> bool:
         return False
     try:
         found = load_object(name)
-    except ValueError:  # an id, or absent: loading raises the error later
+    except ValueError:
         return True
     home = getattr(found, "__module__", None) or type(found).__module__
     is_data = not callable(found) and not inspect.ismodule(found)
@@ -83,7 +78,7 @@ def _covers(root: str, module: str) -> bool:
 
 
 def _texts(value: Any, key: str) -> Iterator[tuple[str, str]]:
-    """Yield all texts in nested mappings and lists, keys of mappings too, each with its own key, such as `a.b.0`."""
+    """Yield each text, including mapping keys, with its dotted key such as `a.b.0`."""
     if isinstance(value, str):
         yield key, value
     elif isinstance(value, Mapping):

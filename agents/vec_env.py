@@ -1,4 +1,4 @@
-"""The environments of an experiment, and vector environments of Gymnasium adapted to stable-baselines3."""
+"""Training environments, and adapters from Gymnasium to stable-baselines3."""
 
 import contextlib
 import multiprocessing
@@ -24,7 +24,7 @@ from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.vector import LidarVectorEnv
 
 Observations = dict[str, np.ndarray]
-"""Observations of several environments, stacked along axis 0."""
+"""Observation parts by name, stacked over environments along axis 0."""
 Split = Literal["train", "test"]
 
 
@@ -34,11 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Make one environment on the worlds of a split.
-
-    Raises:
-        ValueError: if there is no such environment, it refuses an argument, or its task declares no measures.
-    """
+    """Make an environment with worlds of a split; raise ValueError if id, argument or task is unsuitable."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)
@@ -51,25 +47,21 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
 def make_vector(
     config: EnvironmentConfig, split: Split, num_envs: int
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
-    """Make several environments on the worlds of a split. One whose episode ends starts the next at once.
-
-    Raises:
-        ValueError: if there is no such environment, or it refuses an argument.
-    """
+    """Make a vector environment with same-step autoreset; raise ValueError if id or argument is invalid."""
     spec, arguments = find_spec(config.id), _arguments(config, split)
     entry: Any = spec.entry_point
     entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
     settings: dict[str, Any] = {"autoreset_mode": AutoresetMode.SAME_STEP}
     if mode == "native" and (spec.additional_wrappers or (isinstance(entry, type) and not hasattr(entry, "outcome"))):
-        mode = "sync"  # wrappers of an id, or an environment of another kind, which shards cannot step
+        mode = "sync"  # native workers support no wrappers
     if mode != "sync":
-        # Never "fork": torch has threads, and a copy of a process whose threads are gone may hang.
+        # Never "fork": copies of processes with threads (torch) may deadlock.
         settings["context"] = "spawn"
         if "forkserver" in multiprocessing.get_all_start_methods():
             settings["context"] = "forkserver"
-            multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])  # imported once, not by each worker
+            multiprocessing.set_forkserver_preload(["lidarnaut.envs.vector"])
     if mode != "native":
-        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)  # by a wrapper
+        may_end = spec.max_episode_steps or spec.additional_wrappers or not isinstance(entry, type)
         return gymnasium.make_vec(spec, num_envs, mode, settings, [LastInfo] * bool(may_end), **arguments)
     settings["num_workers"] = config.num_workers
     if spec.vector_entry_point is not None:
@@ -79,10 +71,10 @@ def make_vector(
 
 
 def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":
-    """Make the environments of a training, those of each robot for itself; `is_flat` as in `GymnasiumVecEnv`.
+    """Make the training environments, divided among the robots; `is_flat` as in `GymnasiumVecEnv`.
 
     Raises:
-        ValueError: as `make_vector`; or there are fewer sub-environments than robots, or robots whose spaces differ.
+        ValueError: as `make_vector`, or if sub-environments are too few or spaces differ.
     """
     each = config.environment.each_robot
     bounds = np.linspace(0, config.num_envs, len(each) + 1).round().astype(int)
@@ -90,66 +82,51 @@ def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "Gymnasium
         raise ValueError(f"num_envs is {config.num_envs}, fewer than the {len(each)} robots of environment.robots")
     with contextlib.ExitStack() as made:
         vectors: list[VectorEnv] = []
-        for one, count in zip(each, np.diff(bounds).tolist()):  # `GymnasiumVecEnv` waits until its workers have started
+        for one, count in zip(each, np.diff(bounds).tolist()):
             vectors.append(made.enter_context(contextlib.closing(make_vector(one, "train", count))))
             if vectors[-1].single_observation_space != vectors[0].single_observation_space:
-                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has other observations than the first")
+                raise ValueError(f"robot {one.robots[0]!r} of environment.robots has observations unlike the first")
         envs = [GymnasiumVecEnv(vector, is_flat=is_flat) for vector in vectors]
         made.pop_all()
     return JoinedVecEnv(envs) if len(envs) > 1 else envs[0]
 
 
 def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
-    """Return the arguments of an environment, with its split and quick physics where it takes them.
-
-    Raises:
-        ValueError: if there is no such environment, or an argument is unknown; names the nearest.
-    """
-    taken, given = arguments_of(config.id), config.arguments
-    if unknown := [name for name in given if name not in taken]:
-        raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], taken)}")
+    accepted, arguments = arguments_of(config.id), config.arguments
+    if unknown := [name for name in arguments if name not in accepted]:
+        raise ValueError(f"environment: {config.id} has no argument {explain_unknown(unknown[0], accepted)}")
     usual = {"split": split, "physics": "kinematic"}
-    return {name: value for name, value in usual.items() if name in taken} | given
+    return {name: value for name, value in usual.items() if name in accepted} | arguments
 
 
 def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the entries of a vector environment's `info` that hold a value for each sub-environment."""
+    """Return the entries of `info` with one value per sub-environment."""
     return {name: value for name, value in info.items() if name[0] != "_" and isinstance(value, np.ndarray)}
 
 
 class GymnasiumVecEnv(VecEnv):
-    """Adapts a Gymnasium vector environment that resets a sub-environment in the step that ends its episode.
+    """Adapts a Gymnasium vector environment with same-step autoreset to stable-baselines3.
 
-    Sub-environment i is seeded with seed + i. `infos` are filled for those whose episode ended (as by `Monitor`), and
-    empty for all others: stable-baselines3 looks at nothing else. `env_method`, `get_attr` and `set_attr` reach the
-    sub-environments through Gymnasium's `call`, `get_attr` and `set_attr`; where observations hold an `action_mask`,
-    `env_method("action_masks")` is answered from the latest ones, so that masking costs nothing. Actions outside a
-    `Box` are the environment's affair: algorithms of stable-baselines3 clip what a Gaussian draws before they step.
+    Sub-environment i has seed + i. `infos` are filled only for finished episodes, as by `Monitor`. Masks of
+    `env_method("action_masks")` come from the latest observations. Actions are not clipped: algorithms of
+    stable-baselines3 clip Gaussian samples.
     """
 
     def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
-        """Wrap `env`; with `is_flat`, observations are vectors (`lidarnaut.agents.networks.flatten`).
-
-        Raises:
-            ValueError: if `env` was made with another autoreset mode than `AutoresetMode.SAME_STEP`.
-        """
+        """Wrap `env`, with vectors as observations if `is_flat`; raise ValueError for other autoreset modes."""
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
         self.env, self._is_flat = env, is_flat
         self._observations: Observations = {}
         self.parts: spaces.Dict = env.single_observation_space  # type: ignore[assignment]
-        """Space of the observations as the environment gives them."""
+        """Observation space before flattening."""
         super().__init__(env.num_envs, flat_space(self.parts) if is_flat else self.parts, env.single_action_space)
         self._has_masks = isinstance(self.parts, spaces.Dict) and "action_mask" in self.parts.spaces
         self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
 
     def reset(self) -> Any:
-        """Start an episode in every sub-environment, with the seeds and options that `seed` and `set_options` gave.
-
-        Raises:
-            ValueError: if the options differ between sub-environments.
-        """
+        """Start an episode in every sub-environment; raise ValueError if options differ."""
         if any(options != self._options[0] for options in self._options):
             raise ValueError("options must be the same for all sub-environments")
         seeds: Any = self._seeds
@@ -180,24 +157,22 @@ class GymnasiumVecEnv(VecEnv):
         return list(pictures or [None] * self.num_envs)
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """Return an attribute of the sub-environments; AttributeError if they do not have it."""
         inner: Any = self.env.unwrapped
         chosen = self._get_indices(indices)
         if attr_name == "action_masks" and self._has_masks:
-            return [None for _ in chosen]  # only asked whether there is one
+            return [None for _ in chosen]
         has_attributes = hasattr(inner, "get_attr")
         values = inner.get_attr(attr_name) if has_attributes else [getattr(inner, attr_name)] * self.num_envs
         return [values[i] for i in chosen]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Set an attribute of the sub-environments to one value."""
         inner: Any = self.env.unwrapped
         chosen = set(self._get_indices(indices))
         values = [value] * self.num_envs if len(chosen) == self.num_envs else list(inner.get_attr(attr_name))
         inner.set_attr(attr_name, [value if i in chosen else values[i] for i in range(self.num_envs)])
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of the sub-environments; ValueError if it is to be called in some of them only."""
+        """Call a method of all sub-environments; raise ValueError for a subset."""
         chosen = list(self._get_indices(indices))
         if method_name == "action_masks" and self._has_masks:
             return list(self._observations["action_mask"].astype(np.bool_)[chosen])
@@ -207,16 +182,16 @@ class GymnasiumVecEnv(VecEnv):
         return list(inner.call(method_name, *args, **kwargs))
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        """Return whether `infos` hold what a wrapper would add: those of `Monitor` are there, no others."""
+        """Return True for `Monitor` alone, because `infos` hold its entries."""
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def _shown(self, observations: Observations) -> Any:
         return flatten(observations) if self._is_flat else observations
 
     def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
-        """Return what stable-baselines3 and its callbacks look for where the episode of sub-environment i ended.
+        """Return the `info` of a finished episode for stable-baselines3.
 
-        Beside return and length, `episode` holds each number of the last `info`, summed over the robots of a team.
+        `episode` holds return, length, and numbers of the last `info`, summed over robots.
         """
         final = {name: np.asarray(value[i]) for name, value in columns_of(info["final_info"]).items()}
         episode = {name: float(value.sum()) for name, value in final.items() if value.dtype.kind in "biuf"}
@@ -229,22 +204,20 @@ class GymnasiumVecEnv(VecEnv):
 
 
 class JoinedVecEnv(VecEnv):
-    """Several vector environments with the same spaces as one; they are stepped one after the other."""
+    """Vector environments with equal spaces as one, stepped sequentially."""
 
     def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
-        """Join environments, whose spaces must be the same."""
         self._envs, self.parts = envs, envs[0].parts
         self._firsts = np.cumsum([0, *(env.num_envs for env in envs)])
         super().__init__(int(self._firsts[-1]), envs[0].observation_space, envs[0].action_space)
 
     def reset(self) -> Any:
-        """Start an episode in every sub-environment; see `GymnasiumVecEnv`."""
         for env, first in zip(self._envs, self._firsts):
             env.seed(self._seeds[first])
             env.set_options(self._options[first])
         self._reset_seeds()
         self._reset_options()
-        return self._joined([env.reset() for env in self._envs])
+        return self._concatenate([env.reset() for env in self._envs])
 
     def step_async(self, actions: np.ndarray) -> None:
         for env, share in zip(self._envs, np.split(actions, self._firsts[1:-1])):
@@ -252,7 +225,7 @@ class JoinedVecEnv(VecEnv):
 
     def step_wait(self) -> tuple[Any, np.ndarray, np.ndarray, list[dict[str, Any]]]:
         observations, rewards, dones, infos = zip(*(env.step_wait() for env in self._envs))
-        return self._joined(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
+        return self._concatenate(observations), np.concatenate(rewards), np.concatenate(dones), [*chain(*infos)]
 
     def close(self) -> None:
         for env in self._envs:
@@ -277,14 +250,13 @@ class JoinedVecEnv(VecEnv):
         return [*chain(*(env.env_is_wrapped(wrapper_class, own) for env, own in self._shares(indices)))]
 
     def _shares(self, indices: Any) -> Iterator[tuple[GymnasiumVecEnv, list[int]]]:
-        """Yield the environments that hold sub-environments of some indices, and which of theirs these are."""
         chosen = np.sort(list(self._get_indices(indices)))
         for env, first in zip(self._envs, self._firsts):
             own = chosen[(chosen >= first) & (chosen < first + env.num_envs)] - first
             if len(own):
                 yield env, own.tolist()
 
-    def _joined(self, observations: Sequence[Any]) -> Any:
+    def _concatenate(self, observations: Sequence[Any]) -> Any:
         if not isinstance(observations[0], dict):
             return np.concatenate(observations)
         return {name: np.concatenate([one[name] for one in observations]) for name in observations[0]}

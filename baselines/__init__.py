@@ -1,4 +1,4 @@
-"""Classic policies, by the tasks that they can do."""
+"""Classical policies by task."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -11,9 +11,8 @@ from gymnasium import spaces
 from lidarnaut.envs.files import resolve
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 
-from .explorer import Explorer, Omniscient, OnePerRobot, Policy
-from .frontier.explorer import RuleExplorer
-from .frontier.pursuit import PursuitExplorer
+from .frontier.pursuit_explorer import PursuitExplorer
+from .frontier.rule_explorer import RuleExplorer
 from .frontier.rules import (
     PUBLISHED_LITE,
     PUBLISHED_VIEWS,
@@ -27,7 +26,8 @@ from .frontier.rules import (
 )
 from .frontier.tour import TourExplorer, TourParams
 from .frontier.utility import FrontierExplorer, FrontierParams
-from .oracle.explorer import OracleExplorer
+from .oracle.oracle_explorer import OracleExplorer
+from .policy import Explorer, OnePerRobot, Policy, PrivilegedPolicy
 from .reactive import RandomChooser, RandomExplorer, RouteFollower, WallFollower
 from .rrt.detector import RrtParams
 from .rrt.team import RrtExplorer, RrtTeam
@@ -50,14 +50,13 @@ EXPLORERS: dict[str, Callable[[], Explorer]] = {
     "rrt": RrtExplorer,
     "oracle": OracleExplorer,
 }
-"""Explorers by name; `:published` have the parameters of their sources, the others tuned ones.
+"""Explorers by name; `:published` variants have the parameters of their sources, other explorers tuned parameters.
 
-:meta hide-value:
-"""
+:meta hide-value:"""
 Makers = Mapping[str, Callable[[], Any]]
-"""What makes policies, by their names."""
+"""Factories of policies by name."""
 ANY: Makers = {"random": RandomExplorer, "wall_follower": WallFollower}
-"""Of robots that are driven by twists, whatever their task."""
+"""Policies for robots with velocity commands in any task."""
 _PATIENT = GoalParams(max_recoveries=50, max_searches=20, search_radius=1.0)
 DRIVES = {
     "pursuit": _PATIENT,
@@ -65,14 +64,13 @@ DRIVES = {
     "dwb": replace(_PATIENT, local_planner="dwb", track_people=True),
     "mppi": replace(_PATIENT, local_planner="mppi", track_people=True),
 }
-"""Drives to goals by name. They do not give up soon: what blocks the path may be somebody who walks on.
-Where the task goes on after they have arrived, the goal is somewhere near."""
+"""Parameters of goal navigation by policy name, with many recoveries because people block paths temporarily."""
 OFFERED: Mapping[str, Makers] = {
     "coverage": EXPLORERS,
     "goal": {name: partial(GoalNavigator, params) for name, params in DRIVES.items()},
     "route": {"route_follower": RouteFollower},
 }
-"""Of tasks that offer something: attributes of the task; see `policies_for`."""
+"""Policies for tasks with an attribute of this name, by attribute; see `policies_for`."""
 TEAMS: Mapping[str, Makers] = {
     "coverage": {
         "rrt_team": RrtTeam,
@@ -80,16 +78,15 @@ TEAMS: Mapping[str, Makers] = {
         "mtsp": partial(TeamExplorer, MinMaxTours()),
     }
 }
-"""The same of tasks of teams, where actions have an axis for the robots."""
+"""Policies for team tasks with an attribute of this name, by attribute."""
 CLASSIC = frozenset(name for makers in (ANY, *OFFERED.values(), *TEAMS.values()) for name in makers)
-"""Names of all classic policies."""
+"""Names of all classical policies."""
 
 
 def policies_for(env: gymnasium.Env[Any, Any]) -> Makers:
-    """Return the classic policies that can do the task of an environment, by name; it must have been reset.
+    """Return the classical policies for the task of an environment after its reset, by name.
 
-    What the task offers decides, and how the environment is driven: a task of your own with a `goal` is driven by
-    `pursuit`, too. The same name may mean another policy where the task is another.
+    Task attributes decide: a custom task with a `goal` offers `pursuit`.
     """
     inner: Any = getattr(env.unwrapped, "explore", env.unwrapped)
     if isinstance(env.action_space, spaces.Discrete):
@@ -106,10 +103,10 @@ def _one_per_robot(make: Callable[[], Explorer]) -> OnePerRobot:
 
 
 def make_explorer(name: str) -> Explorer:
-    """Return a new explorer with its default parameters, by name or as `module:attribute`.
+    """Create an explorer with default parameters by name or `module:attribute`.
 
     Raises:
-        ValueError: the name is unknown.
+        ValueError: if the name is unknown.
     """
     explorer: Explorer = resolve(name, EXPLORERS, "explorer")()
     return explorer
@@ -130,10 +127,10 @@ __all__ = [
     "NearestExplorer",
     "NextBestViewExplorer",
     "NextBestViewParams",
-    "Omniscient",
     "OnePerRobot",
     "OracleExplorer",
     "Policy",
+    "PrivilegedPolicy",
     "PursuitExplorer",
     "RandomExplorer",
     "RouteFollower",

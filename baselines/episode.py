@@ -1,4 +1,4 @@
-"""Episodes: one loop that lets anything drive in any environment, and what is measured of it."""
+"""Episodes of policies in environments, and their measures."""
 
 import math
 import time
@@ -13,24 +13,22 @@ from gymnasium import spaces
 
 from lidarnaut.envs.core import NO_TRACKS, lidar_env_of
 from lidarnaut.envs.files import explain_unknown
-from lidarnaut.envs.measures import Course, CourseRecorder, measures_of
+from lidarnaut.envs.measures import EpisodeHistory, HistoryRecorder, measures_of
 from lidarnaut.envs.navigation import HomeNavigator
 from lidarnaut.envs.rendering.scene import people_in
 
-from .explorer import Omniscient, Policy, to_action
+from .policy import Policy, PrivilegedPolicy, to_action
 
 Info = dict[str, Any]
-"""What an environment returns beside the observation."""
 Observation = dict[str, np.ndarray]
-"""What an environment returns to an explorer or a policy."""
 Decide = Callable[[Observation], np.ndarray | np.integer | str]
-"""Returns the action for an observation, or the reason to stop."""
+"""Function that returns the action for an observation, or a reason to stop."""
 Watch = Callable[[Info], None]
-"""Is called with `info` after the reset and after every step."""
+"""Callback with `info`, after the reset and after every step."""
 
 
 class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
-    """Adds measures and `end_reason` to the last `info` of an episode that another wrapper ends."""
+    """Adds measures and `end_reason` to the last `info` if another wrapper ends the episode."""
 
     def step(self, action: Any) -> tuple[Any, Any, bool, bool, Info]:
         *outcome, terminated, truncated, info = self.env.step(action)
@@ -41,13 +39,13 @@ class LastInfo(gymnasium.Wrapper[Any, Any, Any, Any]):
 
 
 class Ended(NamedTuple):
-    """How a loop ended."""
+    """Result of `run`."""
 
     observation: Observation
     info: Info
-    """The last ones; `info` has an `end_reason`, unless `max_steps` ended the loop."""
+    """Last `info`, with an `end_reason` unless `max_steps` ended the loop."""
     decision_times: list[float]
-    """Time of each decision [s]."""
+    """Duration of each decision [s]."""
 
 
 def run(
@@ -60,11 +58,10 @@ def run(
     max_steps: float = math.inf,
     clock: Callable[[], float] = time.perf_counter,
 ) -> Ended:
-    """Step an environment, after its reset, until its episode ends, or `decide` returns a reason to stop.
+    """Step an environment after its reset until the episode ends or `decide` returns a reason to stop.
 
-    `observation`, `info`: of the reset, or of the last step; `watch`: called with `info` now and after every step, to
-    take samples or pictures; `max_steps`: number of steps after which the loop ends all the same; `clock`: measures
-    decisions [s].
+    `observation` and `info` are results of the reset or last step. `watch` is called with `info` now and after every
+    step. `clock` measures decisions [s].
     """
     env, decision_times, watch = LastInfo(env), list[float](), watch or (lambda _: None)
     watch(info)
@@ -84,26 +81,26 @@ def run(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Episode:
-    """The measures of one episode, in simulated time and true distances.
+    """Measures of one episode, in simulated time and true distances.
 
-    A mark that was never reached has infinite time and distance. Statistics that need a number take `time_limit` and
-    `distance_limit` instead, so that ending early never counts as fast.
+    Values are infinite for thresholds that were never reached. Statistics replace these by `time_limit` and
+    `distance_limit`.
     """
 
     values: Mapping[str, float]
-    """By the names of the task's measures, and of those of all tasks (`lidarnaut.envs.measures.measures_of`)."""
-    course: Course
-    """Samples of `info`, from which they were computed."""
+    """Measures by name; see `lidarnaut.envs.measures.measures_of`."""
+    history: EpisodeHistory
+    """Recorded samples of `info`."""
     decision_times: np.ndarray
-    """Shape (k,), processor time of each decision, of all threads [s]: other processes of the machine do not count."""
+    """Processor time of each decision in all threads [s], shape (k,)."""
     end_reason: str
-    """Why it ended: what the task says, "time_limit", or why the policy stopped ("no_reachable_frontier", ...)."""
+    """Reason of the end: from the task, "time_limit", or from the policy."""
     duration: float
-    """Time at the end [s]."""
+    """Simulated time at the end [s]."""
     time_limit: float
     """Time limit [s]."""
     distance_limit: float
-    """Distance that a robot can drive within the time limit, at full speed [m]."""
+    """Distance at full speed within the time limit [m]."""
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.4g}" for name, value in self.values.items())
@@ -124,9 +121,9 @@ class Episode:
 def begin_episode(
     env: gymnasium.Env[Any, Any], policy: Policy, seed: int, rng: np.random.Generator
 ) -> tuple[Observation, Info]:
-    """Reset an environment by a seed, and then the policy, which draws from `rng`; returns what the reset does.
+    """Reset an environment and a policy; return the result of `env.reset`.
 
-    A policy that has `set_goal` or `set_route` gets the task's goal or route, an `Omniscient` one ground truth.
+    Passes the route of the task to `set_route`, and ground truth to a `PrivilegedPolicy`.
     """
     observation, info = env.reset(seed=seed)
     inner = lidar_env_of(env)
@@ -134,9 +131,9 @@ def begin_episode(
     rate = getattr(policy, "control_hz", None)
     if rate and abs(period * rate - 1.0) > 0.01 and not _chooses(env):
         name = type(policy).__name__
-        warnings.warn(f"{name} states control_hz {rate:g}: it decides every {period:.3g} s here", stacklevel=2)
+        warnings.warn(f"{name} has control_hz {rate:g}, but decides every {period:.3g} s here", stacklevel=2)
     policy.reset(inner.robot, period, rng)
-    if isinstance(policy, Omniscient) and hasattr(inner.task, "coverage"):
+    if isinstance(policy, PrivilegedPolicy) and hasattr(inner.task, "coverage"):
         policy.reveal(inner.task.coverage, inner.task.target_coverage)
     if hasattr(policy, "set_route"):
         policy.set_route(inner.task.route)
@@ -144,10 +141,10 @@ def begin_episode(
 
 
 def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
-    """Return the decisions of a policy in an environment, which also gets its plans to draw.
+    """Return the decision function of a policy in an environment, which also stores planned paths.
 
-    A policy that states another rate than the environment's (`control_hz`) repeats its actions. Where robots are to
-    come back after exploring, a navigator drives once the policy has stopped, or the task calls the robot back.
+    Actions are repeated if the policy has a lower `control_hz`. With `return_home`, a navigator drives home after
+    exploration.
     """
     inner, repeats, calls = lidar_env_of(env), _repeats(policy, env), 0
     decide_once, task = _decide_once(policy, env), inner.task
@@ -173,18 +170,13 @@ def decide_with(policy: Policy, env: gymnasium.Env[Any, Any]) -> Decide:
 
 
 def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observation], np.ndarray | np.integer]:
-    """Return what asks a policy for an action, in the way that it wants to be asked.
-
-    Raises:
-        ValueError: it drives one robot and the environment has a team, or the other way round; or it does not choose.
-    """
     inner, name = lidar_env_of(env), type(policy).__name__
     outer: Any = env.unwrapped
     if _chooses(env):
-        if hasattr(policy, "choose"):  # without any candidates, 0 looks around
+        if hasattr(policy, "choose"):  # turn in place without candidates
             return lambda _: np.int64(policy.choose(outer.navigator, outer.belief) if len(outer.candidates) else 0)
         if hasattr(policy, "act"):
-            raise ValueError(f"{name} drives by twists, and cannot choose frontiers")
+            raise ValueError(f"{name} outputs twists and cannot choose frontiers")
         return policy
 
     def decide(observation: Observation) -> np.ndarray:
@@ -196,8 +188,8 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
         return decide
     is_team = len(inner.action_space.shape or ()) > 1
     if is_team != getattr(policy, "is_team", False):
-        hint = f"; OnePerRobot({name}()) drives each robot of a team by itself" if is_team else ""
-        raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, and not {inner.action_space}{hint}")
+        hint = f"; OnePerRobot({name}()) drives each robot of a team separately" if is_team else ""
+        raise ValueError(f"{name} drives {'one robot' if is_team else 'teams'}, but not {inner.action_space}{hint}")
     goal, tell = None, getattr(inner.task, "tell_goal", lambda _: inner.task.goal)
 
     def act(_: Observation) -> np.ndarray:
@@ -223,12 +215,10 @@ def _decide_once(policy: Any, env: gymnasium.Env[Any, Any]) -> Callable[[Observa
 
 
 def _chooses(env: gymnasium.Env[Any, Any]) -> bool:
-    """Tell whether actions choose frontiers."""
     return isinstance(env.action_space, spaces.Discrete)
 
 
 def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
-    """Return for how many steps a policy's action is taken, by the rate that it states."""
     rate = getattr(policy, "control_hz", None)
     if rate is None or _chooses(env):
         return 1
@@ -236,17 +226,16 @@ def _repeats(policy: Policy, env: gymnasium.Env[Any, Any]) -> int:
 
 
 def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step: Watch | None = None) -> Episode:
-    """Let a policy drive until the task or the time limit ends the episode, or the policy stops.
+    """Run an episode until the task, the time limit or the policy ends it.
 
     Args:
-        env: any environment of this package, or of a task of your own, wrapped or not.
-        policy: an explorer, a team, or what is called with observations; see `lidarnaut.baselines.explorer`. It gets
-            what the robots sense and estimate only, unless it is `Omniscient`.
-        seed: of everything: world, start, noise, and the policy's own draws.
-        on_step: called with `info` after the reset and after every step, to record pictures.
+        env: environment, possibly wrapped.
+        policy: explorer, team or observation policy; only a `PrivilegedPolicy` gets ground truth.
+        seed: seed of environment and policy.
+        on_step: callback with `info` after the reset and after every step.
     """
-    inner, recorder = lidar_env_of(env), CourseRecorder()
-    # The environment spawns its generators from the seed; the pair is a root of its own beside them.
+    inner, recorder = lidar_env_of(env), HistoryRecorder()
+    # Independent of the generators that the environment spawns.
     observation, info = begin_episode(env, policy, seed, np.random.default_rng([seed, 1]))
 
     def watch(info: Info) -> None:
@@ -256,10 +245,10 @@ def run_episode(env: gymnasium.Env[Any, Any], policy: Policy, seed: int, on_step
 
     decide = decide_with(policy, env)
     _, info, decision_times = run(env, decide, observation, info, watch, clock=time.process_time)
-    course = recorder.course(info, inner.time_limit, inner.robot.max_v)
+    history = recorder.history(info, inner.time_limit, inner.robot.max_v)
     return Episode(
-        values={measure.name: float(measure.compute(course)) for measure in measures_of(inner.task.measures)},
-        course=course,
+        values={measure.name: float(measure.compute(history)) for measure in measures_of(inner.task.measures)},
+        history=history,
         decision_times=np.array(decision_times),
         end_reason=info["end_reason"],
         duration=info["time"],

@@ -1,9 +1,7 @@
 """Map, localize globally, navigate: `python -m lidarnaut.baselines.global_localization --world turtlebot3_world`.
 
-The whole experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022), in one command. A robot explores an
-unknown world and saves the map as PGM and YAML. Then it starts at an unknown pose on that map. It drives by the scan
-alone until the particle filter has converged, and then from goal to goal. A GIF shows the particles converging and the
-path driven.
+Experiment of Nguyen, Tran and Nguyen, "SLAM cho robot di động" (2022): a robot maps an unknown world, localizes
+globally on this map by a particle filter, and drives to goals. A GIF shows the particles.
 """
 
 from dataclasses import replace
@@ -27,28 +25,25 @@ from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.worlds import save_map
 
 AMCL = replace(load_preset("default"), lost_fit=0.7)
-"""AMCL for a map that a SLAM made: such maps are off by centimetres, and explain a little less of a scan."""
+"""AMCL parameters for maps made by SLAM, which match scans less precisely."""
 PICTURE_SIZE = (1280, 720)
-"""Width and height of the GIF [px]."""
 FRAME_TIMES = {True: 0.1, False: 1.0}
-"""Simulated time between two frames while the robot is lost, and while it is localized [s]."""
+"""Simulated time between frames [s], by whether the robot is lost."""
 FRAME_MS = {True: 400, False: 80}
-"""How long a frame of either kind is shown [ms]."""
+"""Display time of a frame [ms], by whether the robot is lost."""
 TIME_PER_GOAL = 600.0
-"""Simulated time for a goal at most, on average; half of it to localize [s]."""
+"""Simulated time per goal [s]; at most half of this time is for localization."""
 MAX_FRAMES = 240
-"""Frames of the GIF at most; of a longer drive every second or third one is left out."""
 
 
 class Animation:
-    """Collects pictures of a drive."""
+    """Records frames of a drive."""
 
     def __init__(self) -> None:
         self._picture, self._next = Picture(PICTURE_SIZE), 0.0
         self._frames: list[tuple[Image.Image, int]] = []
 
     def take(self, env: LidarEnv) -> None:
-        """Take a picture if it is time for one."""
         scene = env.scene()
         if scene.time < self._next:
             return
@@ -57,10 +52,7 @@ class Animation:
         self._frames.append((Image.frombytes("RGB", PICTURE_SIZE, pixels), FRAME_MS[scene.belief.is_lost]))
 
     def save(self, path: Path) -> None:
-        """Write the GIF, with its last picture shown for two seconds, and three of its pictures side by side as PNG.
-
-        These are the first one, the first one after the robot was localized, and the last one.
-        """
+        """Write the GIF, and three of its frames as PNG."""
         kept = self._frames[:: -(-len(self._frames) // MAX_FRAMES)]
         first, *others = (frame.quantize(64, dither=Image.Dither.NONE) for frame, _ in kept)
         durations = [*(duration for _, duration in kept[:-1]), 2000]
@@ -79,14 +71,14 @@ def main(
     robot: str | None = None,
     physics: str = "bullet",
 ) -> None:
-    """Explore a world, save its map, start at an unknown pose on it, localize, and drive to goals.
+    """Explore a world, save its map, localize globally on the map, and drive to goals.
 
     Args:
         world: Library world, or path of a world file.
-        out: Folder for map.yaml, map.pgm, global_localization.gif and three of its frames, global_localization.png.
-        seed: Of everything random.
-        goals: Goals to drive to.
-        robot: Library robot; by default the world's usual one.
+        out: Folder for map.yaml, map.pgm, global_localization.gif and global_localization.png.
+        seed: Random seed.
+        goals: Number of goals.
+        robot: Library robot; default is the robot of the world.
         physics: bullet or kinematic.
     """
     out.mkdir(parents=True, exist_ok=True)

@@ -1,1 +1,1 @@
-"""Measuring explorers: the arena, the demo."""
+"""Benchmarks: the arena, recorded drives, throughput, and the demo."""

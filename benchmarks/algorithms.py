@@ -1,11 +1,9 @@
-"""The table of algorithms: a sweep over tasks and algorithms as a page of the documentation.
+"""Write the page that compares learning algorithms, `docs/algorithms.md`, from a training sweep.
 
 python train.py --config algorithms --jobs 2
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__20250101-120000
 
-Scores of a training are the headline measure of its task in the episodes of its last evaluation; classic policies meet
-the same episodes. Interquartile means over seeds, and bootstrap intervals, follow Agarwal et al., "Deep Reinforcement
-Learning at the Edge of the Statistical Precipice" (2021); resamples draw seeds and episodes, each by themselves.
+Statistics: Agarwal et al., "Deep Reinforcement Learning at the Edge of the Statistical Precipice" (2021).
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,7 +18,7 @@ from lidarnaut.agents.curves import LEARNED_NAMES, SCORES, read_evaluations
 from lidarnaut.agents.run_folder import SWEEP
 from lidarnaut.agents.sweep import Member, expand, is_finished, processor_time
 from lidarnaut.agents.vec_env import make_env
-from lidarnaut.baselines.explorer import GROUND_TRUTH
+from lidarnaut.baselines.policy import GROUND_TRUTH
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, write_markdown
 from lidarnaut.benchmarks.arena.plots import INK, LINES, MUTED, render
 from lidarnaut.benchmarks.arena.statistics import NUM_RESAMPLES, TAILS, Estimate, estimate, interquartile_mean
@@ -31,58 +29,59 @@ from lidarnaut.envs.files import read_mapping
 from lidarnaut.envs.measures import Measure, headline_of
 
 TEXT = """\
-What the algorithms of [`train.py`](training.md) learn in minutes of one core, beside the classic policies. Tasks,
-budgets, and what is made easier than in the registered environments, are in
-[`configs/algorithms.yaml`](../configs/algorithms.yaml); hyperparameters are those that
-`train.py` takes by default, but that PPO and RecurrentPPO begin twists by driving ahead at half speed. In
-ExploreFrontiers, PPO begins as the rule `gain_over_cost` (`PPO_from_rule` there): what training has changed is its
-difference from that rule, not from random.
+Scores of the algorithms of [`train.py`](training.md) after minutes of training on one core, compared with classic
+policies. Tasks, training budgets, and simplifications relative to the registered environments are in
+[`configs/algorithms.yaml`](../configs/algorithms.yaml). Hyperparameters are the defaults of `train.py`, except that
+with twist actions PPO and RecurrentPPO start from driving ahead at half speed. In ExploreFrontiers, PPO starts from the
+rule `gain_over_cost` (`PPO_from_rule` in the configuration): compare its score with that rule, not with random.
 
 ```
-python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER goes on
+python train.py --config algorithms --jobs 2     # or --ray ADDRESS; --resume FOLDER continues
 python -m lidarnaut.benchmarks.algorithms runs/algorithms__sweep__TIME
 ```
 
-A score is the mean of the task's headline measure over the evaluation's episodes, in worlds of the test split; all
-policies meet the same episodes. Shown are interquartile means over seeds with 95 % intervals of the bootstrap over
-seeds and episodes (Agarwal et al. 2021); of fewer than four seeds the interquartile mean is the mean. An algorithm is
-above or below another policy where the interval of the difference in the same episodes leaves out 0.
+A score is the mean of the task's headline measure over the episodes of the last evaluation, in worlds of the test
+split; all policies run the same episodes. Values are interquartile means over seeds with 95 % bootstrap intervals over
+seeds and episodes (Agarwal et al. 2021); with fewer than four seeds, the interquartile mean is the mean. An algorithm
+is above or below another policy if the 95 % interval of the paired difference excludes 0.
 """
-RANDOM, SHARE = "random", Measure("share", "share of the way from random to the best classic", "", True, digits=2)
+RANDOM, SHARE = "random", Measure("share", "normalised score (random 0, best classic 1)", "", True, digits=2)
 DASHES = ("dashed", "dashdot", (0, (5.0, 1.2)), (0, (1.0, 1.2)))
 Scores = Mapping[str, np.ndarray]
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """What was measured of a task."""
+class TaskResults:
+    """Results of all algorithms and classic policies on one task."""
 
     name: str
     measure: Measure
     steps: Mapping[str, np.ndarray]
-    """Steps at evaluations, shape (n,), by algorithm."""
+    """Environment steps at each evaluation, by algorithm: shape (n,)."""
     scores: Scores
-    """Scores then, shape (n, seeds, episodes), by algorithm."""
+    """Headline measure at each evaluation, by algorithm: shape (n, seeds, episodes)."""
     references: Scores
-    """Scores of the classic policies, best first, and of `random`, shape (1, episodes) each."""
+    """Headline measure of classic policies, best first, and `random`: shape (1, episodes)."""
     times: Mapping[str, float]
-    """Mean processor time of a training by algorithm [s]."""
+    """Mean processor time of a training run, by algorithm [s]."""
     missing: int
-    """Number of trainings that are not done."""
 
     @property
     def classic(self) -> str:
-        """The best classic policy."""
+        """Best classic policy without access to ground truth."""
         return next((name for name in self.references if name != RANDOM and not name.endswith(GROUND_TRUTH)), "")
 
     @property
     def sign(self) -> float:
-        """1 where more of the measure is better, else -1."""
+        """1 if higher is better, else -1."""
         return 1.0 if self.measure.higher_is_better else -1.0
 
 
 def score(scores: np.ndarray) -> Estimate:
-    """Return the interquartile mean over seeds of the mean over episodes; shape (seeds, episodes)."""
+    """Return the interquartile mean over seeds of the mean over episodes; `scores` has shape (seeds, episodes).
+
+    The bootstrap resamples seeds and episodes independently.
+    """
     rng, (num_seeds, num_episodes) = np.random.default_rng(0), scores.shape
     seeds = rng.integers(num_seeds, size=(NUM_RESAMPLES, num_seeds))
     episodes = rng.integers(num_episodes, size=(NUM_RESAMPLES, num_episodes))
@@ -91,14 +90,12 @@ def score(scores: np.ndarray) -> Estimate:
     return Estimate(float(interquartile_mean(scores.mean(axis=1))), float(low), float(high), scores.size)
 
 
-def read_tasks(file: Path) -> list[Task]:
-    """Read the tasks of a sweep, by its configuration in its folder."""
+def read_tasks(file: Path) -> list[TaskResults]:
     members = expand(read_mapping(file), str(file), file.parent)
     return [read_task(name, list(some)) for name, some in groupby(members, lambda member: member.group)]
 
 
-def read_task(name: str, members: Sequence[Member]) -> Task:
-    """Read what the trainings of a task have measured, and are done with."""
+def read_task(name: str, members: Sequence[Member]) -> TaskResults:
     done = {member.run: read_evaluations(member.run) for member in members if is_finished(member)}
     env = make_env(members[0].config.environment, "test")  # type: ignore[union-attr]
     measure = headline_of(lidar_env_of(env).task.measures)
@@ -115,31 +112,30 @@ def read_task(name: str, members: Sequence[Member]) -> Task:
         steps[algorithm] = np.array([row["steps"] for row in curves[0]])
         scores[algorithm] = np.array([[_numbers(row[SCORES]) for row in rows] for rows in zip(*curves, strict=True)])
         times[algorithm] = float(np.mean([processor_time(run) for run in runs]))
-    return Task(name, measure, steps, scores, references, times, len(members) - len(done))
+    return TaskResults(name, measure, steps, scores, references, times, len(members) - len(done))
 
 
 def _numbers(text: object) -> np.ndarray:
     return np.array(str(text).split(), dtype=np.float64)
 
 
-def difference(task: Task, algorithm: str, policy: str) -> Estimate:
-    """Return how much more an algorithm scores at the end than a policy that meets the same episodes."""
+def difference(task: TaskResults, algorithm: str, policy: str) -> Estimate:
+    """Return the final score of an algorithm minus that of a policy, paired by episode."""
     return score(task.scores[algorithm][-1] - task.references[policy])
 
 
-def task_section(task: Task) -> Section:
-    """Return what is known of a task: who is above what in a sentence, curves, and the numbers."""
+def task_section(task: TaskResults) -> Section:
     if not task.scores or not {RANDOM, task.classic} <= task.references.keys():
-        return Section(task.name, (f"Not measured yet: {task.missing} trainings are to be done.",))
+        return Section(task.name, (f"Not measured yet: {task.missing} training runs are missing.",))
     sentences, lines, measure = list[str](), list[Sequence[Cell]](), task.measure
-    for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic, {task.classic}")):
-        groups: dict[str, list[str]] = {"Above": [], "Not told apart from": [], "Below": []}
+    for policy, words in ((RANDOM, "random"), (task.classic, f"the best classic policy, {task.classic}")):
+        groups: dict[str, list[str]] = {"Above": [], "Not distinguishable from": [], "Below": []}
         for name in task.scores:
             low, high = sorted(task.sign * end for end in difference(task, name, policy)[1:3])
-            groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not told apart from"].append(name)
+            groups["Above" if low > 0.0 else "Below" if high < 0.0 else "Not distinguishable from"].append(name)
         sentences += [f"{group} {words}: {', '.join(names)}." for group, names in groups.items() if names]
     if task.missing:
-        sentences.append(f"{task.missing} trainings are not done yet.")
+        sentences.append(f"{task.missing} training runs are not finished.")
     for name in task.scores:
         others = [difference(task, name, policy) for policy in (RANDOM, task.classic)]
         gaps = [Cell.of(gap, measure, sign="+") for gap in others]
@@ -148,14 +144,13 @@ def task_section(task: Task) -> Section:
         lines.append((Cell(name), Cell.of(score(task.scores[name][-1]), measure), *gaps, *counts))
     for name, scores in task.references.items():
         lines.append((Cell(name), Cell.of(score(scores), measure), *[Cell("")] * 5))
-    head = ("", measure.title, "over random", f"over {task.classic}", "seeds", "steps", "processor time s")
-    caption = f"{measure.title} in the evaluation's episodes over training steps, with 95 % intervals"
+    head = ("", measure.title, "vs. random", f"vs. {task.classic}", "seeds", "steps", "processor time s")
+    caption = f"{measure.title} over training steps, with 95 % intervals"
     picture = Figure(slug(task.name), render(draw_task, task), caption)
     return Section(task.name, (" ".join(sentences), picture, Table(head, lines, is_open=True)))
 
 
-def draw_task(task: Task) -> Picture:
-    """Draw the learning curves of a task, with the levels of the classic policies and of `random`."""
+def draw_task(task: TaskResults) -> Picture:
     figure, scale = Picture(figsize=(6.6, 3.6)), task.measure.scale
     axes = figure.subplots()
     for color, (name, scores) in zip(cycle(LINES), task.scores.items()):
@@ -170,11 +165,8 @@ def draw_task(task: Task) -> Picture:
     return figure
 
 
-def overview(tasks: Sequence[Task]) -> Section:
-    """Return how far the algorithms get over all tasks that have been measured.
-
-    A score is 0 for `random` and 1 for the best classic policy; resamples draw the seeds of each task by themselves.
-    """
+def overview(tasks: Sequence[TaskResults]) -> Section:
+    """Return a section with normalised scores over all tasks: 0 is `random`, 1 the best classic policy."""
     strata: dict[str, list[np.ndarray]] = {}
     for task in tasks:
         levels = {name: float(scores.mean()) for name, scores in task.references.items()}
@@ -182,21 +174,21 @@ def overview(tasks: Sequence[Task]) -> Section:
         for name, scores in task.scores.items() if task.sign * (one - none) > 0.0 else ():
             strata.setdefault(name, []).append((scores[-1].mean(axis=1) - none) / (one - none))
     if not strata:
-        return Section("At a glance", ("No training is done yet.",))
+        return Section("At a glance", ("No training run is finished yet.",))
     lines = [
         (Cell(name), Cell.of(estimate(some), SHARE), Cell(str(len(some))), Cell(str(sum(map(len, some)))))
         for name, some in strata.items()
     ]
-    text = "Interquartile means over seeds and tasks with stratified bootstrap intervals, of the tasks that fit."
-    return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "trainings"), lines, is_open=True)))
+    text = "Interquartile means over seeds and supported tasks, with stratified bootstrap intervals."
+    return Section("At a glance", (text, Table(("", SHARE.label, "tasks", "training runs"), lines, is_open=True)))
 
 
 def main(sweep: Path, /, *, docs: Path = Path("docs")) -> None:
-    """Write `algorithms.md`, and its pictures into `algorithms/`.
+    """Write `algorithms.md`, and its figures to `algorithms/`.
 
     Args:
-        sweep: folder of a sweep, finished or not; or a configuration, for a page without results.
-        docs: folder of the documentation.
+        sweep: sweep folder, or a configuration file for a page without results.
+        docs: documentation folder.
     """
     tasks = read_tasks(sweep / SWEEP if sweep.is_dir() else sweep)
     sections = [overview(tasks), *map(task_section, tasks)]

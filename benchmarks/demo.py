@@ -1,4 +1,4 @@
-"""Train a policy for crowds from nothing, then show the shipped policies where none was trained; write a report."""
+"""Train a policy among people, evaluate the shipped policies, and write a report."""
 
 import contextlib
 import logging
@@ -47,13 +47,13 @@ TRAINING = {
     "evaluation.references": ["pursuit", "dwb"],
     "evaluation.environment.people.number": 14,
 }
-"""What the demo changes of that configuration."""
+"""Changes to the configuration `CONFIG`, for a short training."""
 RIVAL = "pursuit"
-"""The classic controller above whose success the training must end."""
+"""Classic controller that the trained policy should beat in success rate."""
 
 
 class Scene(NamedTuple):
-    """Where shipped policies are shown: the last one, in its episode with the median headline measure."""
+    """Evaluation of shipped policies. The report replays the median episode of the last policy."""
 
     folder: str
     title: str
@@ -65,8 +65,8 @@ SCENES = (
     Scene(
         "people",
         "A shipped policy among people",
-        "The policy that comes with the package, in halls that no training saw, full of people of whom half do not see "
-        "the robot; beside classic controllers. It may come from a longer training than yours, in halls and corridors.",
+        "The shipped policy and classic controllers in halls not used in training, among people of whom half ignore "
+        "the robot. The shipped policy may have been trained longer than yours, in halls and corridors.",
         Settings(
             id="lidarnaut/ReachCrowd-v0",
             policies=(RIVAL, "dwb", "crowd=ppo:pretrained/crowd"),
@@ -80,8 +80,8 @@ SCENES = (
     Scene(
         "house",
         "Shipped explorers in an unknown house",
-        "No training saw this house. A score of frontiers (learned) and PPO that drives with a plan in view (twist), "
-        "beside the usual baseline (nearest). None sees ground truth: map and pose come from Hector SLAM.",
+        "This house was not used in training. A learned frontier score (learned) and PPO that observes the planned "
+        "path (twist) are compared with a baseline (nearest). Map and pose are estimated by Hector SLAM.",
         Settings(
             policies=("nearest", "learned=learned:pretrained/frontiers", "twist=ppo:pretrained/twist"),
             worlds=("turtlebot3_house",),
@@ -93,14 +93,12 @@ SCENES = (
 
 
 def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES, jobs: int = 2) -> str:
-    """Train, run the episodes of the scenes, and report; return what came of the training, in a sentence.
-
-    The results of an earlier demo in the folder are replaced once the new ones are complete.
+    """Train, evaluate and write the report, replacing an earlier one; return the training result as a sentence.
 
     Raises:
-        lidarnaut.envs.files.LockedError: if another process is at it.
+        lidarnaut.envs.files.LockedError: if another process uses `folder`.
     """
-    from lidarnaut.agents.training import train  # torch takes seconds to load: the first line should not wait for it
+    from lidarnaut.agents.training import train  # imports torch, which takes seconds
 
     console, began = Console(stderr=True), time.monotonic()
 
@@ -118,7 +116,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             evaluations = read_evaluations(train(config, run=work / "training"))
         draw_learning_curve({"PPO": evaluations}, f"PPO learns {task}", curve := work / "learning_curve.png")
         lesson = describe_learning(evaluations, task)
-        caption = "The same episodes for all, in worlds that the training does not draw."
+        caption = "All policies run the same episodes, in worlds not used in training."
         learned = lesson, Figure(curve.stem, curve.read_bytes(), caption, is_wide=True)
         sections = [Section("PPO learns to reach goals among people", learned)]
         for number, scene in enumerate(scenes, start=2):
@@ -126,7 +124,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
             sections.append(show(scene, work, jobs, console))
         links = [[Cell(one.title), Cell("report", link=f"{one.folder}/report.html")] for one in scenes]
         sections.append(Section("All episodes", (Table(("", "curves, pairs, typical and worst episodes"), links),)))
-        page = to_html(sections, title="Lidarnaut: trained here, and shipped", facts={})
+        page = to_html(sections, title="Lidarnaut demo: trained and shipped policies", facts={})
         write_file(work / "report.html", page)
         shutil.rmtree(folder, ignore_errors=True)
         work.rename(folder)
@@ -136,7 +134,7 @@ def demo(config: TrainingConfig, folder: Path, scenes: Sequence[Scene] = SCENES,
 
 @contextlib.contextmanager
 def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
-    """Run the episodes of scenes in another process meanwhile; `show` runs those that it has not ended."""
+    """Run the evaluation episodes in a background process during the `with` block."""
     with interrupts_held():
         process = multiprocessing.get_context("spawn").Process(target=_run, args=(scenes, work), daemon=True)
         process.start()
@@ -149,13 +147,13 @@ def running(scenes: Sequence[Scene], work: Path) -> Iterator[None]:
 
 def _run(scenes: Sequence[Scene], work: Path) -> None:
     start_worker()
-    logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # what there is to say, the other process says
+    logging.getLogger("lidarnaut").setLevel(logging.ERROR)  # the main process prints these messages
     for scene in scenes:
         Evaluation(scene.settings, work / scene.folder).run(record=True)
 
 
 def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
-    """Run the episodes of a scene, write their report, and return its part of the demo's."""
+    """Run the remaining episodes of a scene and return its section of the report."""
     evaluation = Evaluation(scene.settings, work / scene.folder)
     run_with_progress(evaluation, jobs, console, record=True)
     print_results(evaluation, publish(evaluation), console)
@@ -170,7 +168,7 @@ def show(scene: Scene, work: Path, jobs: int, console: Console) -> Section:
 
 
 def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
-    """Return a sentence with the success of PPO before and after its training, and of the classic policies."""
+    """Return the success rates of PPO before and after training, and of the classic policies, as a sentence."""
     shares = [float(row["success"]) for row in evaluations if row["policy"] in LEARNED_NAMES]
     others = [row for row in evaluations if row["policy"] not in LEARNED_NAMES]
     rivals = ", ".join(f"{row['policy']} {float(row['success']):.0%}" for row in others)
@@ -180,12 +178,11 @@ def describe_learning(evaluations: Sequence[CurveRow], task: str) -> str:
 
 
 def main() -> None:
-    """Run the demo."""
     try:
         config = parse_record(change(read_mapping(CONFIG), TRAINING), str(CONFIG), TrainingConfig)
         print(demo(config, FOLDER))
     except KeyboardInterrupt:
-        sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is as it was\n")
+        sys.stderr.write(f"stopped; an earlier demo in {FOLDER} is unchanged\n")
         sys.exit(130)
 
 

@@ -1,7 +1,4 @@
-"""Films of environments: `python -m lidarnaut.benchmarks.films` films all that are registered, for the documentation.
-
-`python -m lidarnaut.benchmarks.films --only Explore-v0 --out FILM.gif --policy frontier` films one of them.
-"""
+"""Record animations of environments for the documentation: `python -m lidarnaut.benchmarks.films`."""
 
 import math
 from collections.abc import Sequence
@@ -22,36 +19,36 @@ from lidarnaut.envs.files import resolve
 from lidarnaut.envs.geometry.lines import lengths_along
 
 NUM_FRAMES = 48
-"""Frames of a film, besides the last one, at most; at least half as many in episodes that last."""
+"""Maximum number of frames, without the final frame."""
 FRAME_MS, HOLD_MS = 100, 3000
-"""How long a frame is shown, and the last one [ms]."""
+"""Display time of a frame, and of the final frame [ms]."""
 QUALITY = 50
-"""Of WebP pictures, up to 100."""
+"""WebP quality, 0 to 100."""
 WORLDS = {
     "lidarnaut/Explore-v0": "aws_small_house",
     "lidarnaut/ExploreFrontiersAbstract-v0": "rrt_house",
     "lidarnaut/ExploreTeam-v0": "rrt_house",
     "lidarnaut/Navigate-v0": "turtlebot3_house",
 }
-"""Worlds of ids whose default is shown by another one."""
+"""Worlds shown instead of the default, by environment id."""
 SEEDS = {"lidarnaut/Navigate-v0": 3}
-"""Seeds of ids, others have 0: this one drives from room to room."""
+"""Seeds by environment id; the default is 0."""
 
 
 class Film:
-    """Takes pictures of an episode at equal intervals of simulated time, also within decisions."""
+    """Records frames of an episode at equal intervals of simulated time."""
 
     def __init__(self, env: gymnasium.Env, every: float | None = None) -> None:
-        """Film an environment with `render_mode="rgb_array"`, every so often [s]; None for about `NUM_FRAMES`."""
+        """Attach to an environment with `render_mode="rgb_array"`; `every` is the interval [s]."""
         self._env: Any = lidar_env_of(env)
         self._interval, self._most = (self._env.control_period, NUM_FRAMES) if every is None else (every, math.inf)
         self.frames: list[np.ndarray] = []
-        """Shape (height, width, 3), uint8 each."""
+        """Images: shape (height, width, 3), uint8."""
         self._plans: list[float] = []
         self._env.on_period = self.shoot
 
     def shoot(self, _: Any) -> None:
-        """Take a picture if it is time for one; the interval doubles whenever there are too many."""
+        """Record a frame if due; at the maximum, drop every second frame and double the interval."""
         if self._env.time < len(self.frames) * self._interval - 1e-6:
             return
         if len(self.frames) == self._most:
@@ -60,20 +57,19 @@ class Film:
         self.finish()
 
     def finish(self) -> None:
-        """Take a picture in any case, such as the last one."""
         self.frames.append(self._env.render())
         plan = self._env.plan
         self._plans.append(0.0 if plan is None else float(lengths_along(plan)[-1]))
 
     @property
     def hero(self) -> np.ndarray:
-        """The picture that shows most at a glance: with the longest planned path in the middle third of the film."""
+        """Still image: the frame with the longest planned path in the middle third of the film."""
         third = len(self.frames) // 3
         return max(zip(self._plans[third:], self.frames[third : len(self.frames) - third]), key=lambda both: both[0])[1]
 
 
 def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> None:
-    """Save frames, shape (height, width, 3), uint8 each, as an endless GIF or WebP of a width [px], by its ending."""
+    """Save frames, shape (height, width, 3), uint8, as a looping GIF or WebP of a width [px]."""
     size = width, round(frames[0].shape[0] * width / frames[0].shape[1])
     first, *rest = [Image.fromarray(frame).resize(size, Image.Resampling.LANCZOS) for frame in frames]
     if path.suffix == ".gif":
@@ -85,10 +81,7 @@ def save_film(frames: Sequence[np.ndarray], path: Path, width: int = 960) -> Non
 
 
 def _palette(frames: Sequence[np.ndarray]) -> Image.Image:
-    """Return an image whose palette is the most frequent colours: unlike with adaptive ones, even areas keep theirs.
-
-    Of colours that are nearly alike, which Pillow does not tell apart, it has the most frequent one.
-    """
+    """Return a palette image of the most frequent colours; an adaptive palette would alter uniform areas."""
     packed = np.concatenate([frame.reshape(-1, 3) @ np.array([1 << 16, 1 << 8, 1]) for frame in frames])
     values, counts = np.unique(packed, return_counts=True)
     values = values[np.argsort(-counts, kind="stable")]
@@ -109,22 +102,22 @@ def main(
     arguments: str = "{}",
     picture: Path | None = None,
 ) -> None:
-    """Film an episode of registered environments.
+    """Record an episode of registered environments.
 
     Args:
-        only: Film only ids that contain this.
-        out: Folder of the films, one per id, or with one id the film, a .gif or .webp.
-        policy: Classic policy that drives; None for that which evaluations compare with.
+        only: Record only ids that contain this text.
+        out: Output folder; or, for a single id, a .gif or .webp file.
+        policy: Classic policy; default: the reference of evaluations.
         physics: Simulator.
         seed: Seed of world, start and noise.
-        every: Simulated time between two pictures [s]; None for about 48 pictures.
-        arguments: Further arguments of the environment, YAML: "{world: rooms, slam: graph}".
-        picture: Where one picture of the film goes.
+        every: Simulated time between frames [s]; default: about 48 frames.
+        arguments: Environment arguments, YAML: "{world: rooms, slam: graph}".
+        picture: Also save a still image to this file.
     """
     ids = [id for id in gymnasium.registry if id.startswith("lidarnaut/") and only in id]
-    for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # those that set no arguments come first
-        given = ({"world": WORLDS[id]} if id in WORLDS else {}) | yaml.safe_load(arguments)
-        env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **given)
+    for id in sorted(ids, key=lambda id: bool(gymnasium.spec(id).kwargs)):  # default configurations first
+        options = ({"world": WORLDS[id]} if id in WORLDS else {}) | yaml.safe_load(arguments)
+        env = gymnasium.make(id, physics=physics, render_mode="rgb_array", disable_env_checker=True, **options)
         start = SEEDS.get(id, 0) if seed is None else seed
         env.reset(seed=start)
         film = Film(env, every)

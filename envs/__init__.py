@@ -1,7 +1,4 @@
-"""Lidarnaut: Gymnasium environments in which lidar robots explore unknown worlds.
-
-Importing this package registers the environments under the namespace `lidarnaut`.
-"""
+"""Gymnasium environments of lidar robots, registered in the namespace `lidarnaut` on import."""
 
 from typing import Any
 
@@ -23,7 +20,10 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ExploreTeam-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.explore:ExploreTeam"}),
     "lidarnaut/ExploreFrontiers-v0": ("lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv", {}),
     "lidarnaut/ExploreTeamFrontiers-v0": ("lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv", {}),
-    "lidarnaut/ExploreFrontiersAbstract-v0": ("lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv", {}),
+    "lidarnaut/ExploreFrontiersAbstract-v0": (
+        "lidarnaut.envs.explore_frontiers_abstract:ExploreFrontiersAbstractEnv",
+        {},
+    ),
     "lidarnaut/Navigate-v0": (LIDAR_ENV, {"task": "lidarnaut.envs.tasks.navigate:Navigate"}),
     "lidarnaut/ReachGoal-v0": (LIDAR_ENV, {"task": _REACH}),
     "lidarnaut/ReachClutter-v0": (
@@ -34,23 +34,25 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
     "lidarnaut/ReachHouse-v0": (LIDAR_ENV, {"task": _REACH, "world": "turtlebot3_house", "min_distance": 5.0}),
     "lidarnaut/Track-v0": (
         LIDAR_ENV,
-        {"task": "lidarnaut.envs.tasks.follow_route:FollowRoute", "robot": "mpo_500", "control_hz": 17.0},
+        {"task": "lidarnaut.envs.tasks.track:Track", "robot": "mpo_500", "control_hz": 17.0},
     ),
 }
-"""Environments: id -> class and arguments, of which one is the task. Vector environments: `lidarnaut.envs.vector`."""
+"""Registered environments: id -> (class, arguments). `lidarnaut.envs.vector` contains their vector environments."""
 
 
 def register(id: str, task: Any, **defaults: Any) -> None:
-    """Register environments of a task for `gymnasium.make` and `gymnasium.make_vec`, with defaults of their arguments.
+    """Register a task for `gymnasium.make` and `gymnasium.make_vec`.
 
-    `id` is such as "my_lab/Escape-v0", and `task` a subclass of `lidarnaut.envs.task.Task` or `module:attribute` of
-    one.
+    Args:
+        id: environment id, for example "my_lab/Escape-v0".
+        task: subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one.
+        defaults: default arguments of the environment.
     """
     _register(id, LIDAR_ENV, {"task": task, **defaults})
 
 
 def _register(id: str, entry_point: str, arguments: dict[str, Any]) -> None:
-    gymnasium.registry.pop(id, None)  # of an earlier import: Gymnasium would warn
+    gymnasium.registry.pop(id, None)  # of an earlier import; Gymnasium would warn
     vector = f"lidarnaut.envs.vector:{entry_point.partition(':')[2]}s"
     gymnasium.register(id=id, entry_point=entry_point, vector_entry_point=vector, kwargs=arguments)
 

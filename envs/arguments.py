@@ -1,4 +1,4 @@
-"""Checks of arguments, and robots by the world that they are usual in."""
+"""Argument checks, and default robots of worlds."""
 
 import inspect
 import math
@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.worlds import World
 
 USUAL_ROBOT = "turtlebot3_burger"
-"""Robot of worlds that `USUAL_ROBOTS` does not name."""
+"""Default robot of worlds that `USUAL_ROBOTS` does not name."""
 USUAL_ROBOTS = {
     "turtlebot3_house": "turtlebot3_waffle_pi",
     "tugbot_warehouse": "tugbot",
@@ -21,60 +21,60 @@ USUAL_ROBOTS = {
     "create3_maze": "create3",
     "barn": "jackal",
 }
-"""Robot that a world is driven with when none is named; `barn` stands for `barn:0` and all others."""
+"""Default robot by world; `barn` stands for all worlds `barn:N`."""
 
 
 def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:
-    """Return a robot by name, path or as it is; for None the world's usual one."""
+    """Return robot parameters by name, path or `RobotParams`; None selects the default robot of the world."""
     name = world if isinstance(world, str) else getattr(world, "name", "")
     return load_robot(USUAL_ROBOTS.get(name.partition(":")[0], USUAL_ROBOT) if robot is None else robot)
 
 
 def is_pose(pose: Any, size: int = 3) -> bool:
-    """Return True for (x, y, theta), all finite; with `size=2` for (x, y)."""
+    """Return True for a finite pose (x, y, theta), or with `size=2` a finite position (x, y)."""
     try:
         return len(pose) == size and all(math.isfinite(value) for value in pose)
     except TypeError:
-        # No sequence, or one of something else than numbers.
+        # Not a sequence, or not of numbers.
         return False
 
 
 def is_number(value: Any) -> bool:
-    """Tell whether something is a real number, not infinite and not NaN."""
+    """Return True if `value` is a finite real number."""
     try:
         return isinstance(value, Real) and not isinstance(value, bool) and math.isfinite(value)
-    except OverflowError:  # a whole number beyond all floating-point ones
+    except OverflowError:  # an integer too large for a float
         return False
 
 
 def is_whole(value: Any) -> TypeGuard[int]:
-    """Tell whether something is a whole number, of Python or of NumPy."""
+    """Return True if `value` is an integer of Python or NumPy."""
     return isinstance(value, Integral) and not isinstance(value, bool)
 
 
 def read_options(options: Any) -> dict[str, Any]:
-    """Return a copy of the options of a reset; ValueError if they are not by name."""
+    """Return a copy of the options of a reset; ValueError if they are not a mapping."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options must map names to values, got {options!r}")
     return dict(options or {})
 
 
 def check_positive(**values: float) -> None:
-    """Refuse numbers that are not positive and finite; ValueError names the first of them."""
+    """Raise ValueError for the first argument that is not positive and finite."""
     for name, value in values.items():
         if not (is_number(value) and value > 0):
             raise ValueError(f"{name} must be positive, got {value!r}")
 
 
 def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
-    """Return what to add to the refusal of actions outside [-1, 1] where an argument of the environment helps."""
+    """Return a hint for errors on actions outside [-1, 1] if the environment has `clip_actions`."""
     if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
         return ""
-    return "; clip_actions=True clips what lies outside"
+    return "; clip_actions=True clips actions to this range"
 
 
 def read_action(action: Any) -> np.ndarray:
-    """Return an action, or several, as an array; ValueError if they are no numbers, or masked, which would count."""
+    """Return an action as an array; ValueError if it is masked or does not contain real numbers."""
     numbers = np.asarray(action)
     if numbers.dtype.kind not in "iuf" or isinstance(action, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype

@@ -1,4 +1,4 @@
-"""Command lines of functions, whose mistakes end in a message, and the console that tables are printed on."""
+"""Command-line interfaces of functions."""
 
 import contextlib
 import functools
@@ -31,18 +31,16 @@ Count = Annotated[
         1, "COUNT", _read_count, lambda value: isinstance(value, int), lambda count: [str(count)]
     ),
 ]
-"""A whole number from 1."""
+"""Command-line option for a positive integer."""
 
 
 def program_name() -> str:
-    """Return how this program was called: `python -m MODULE`, or the name of its file or of the installed command."""
-    spec = sys.modules["__main__"].__spec__  # what is run by its path has none
+    """Return the program name as the user called it."""
+    spec = sys.modules["__main__"].__spec__  # None if run by its path
     return f"python -m {spec.name.removesuffix('.__main__')}" if spec else Path(sys.argv[0]).name
 
 
 class _Output(io.FileIO):
-    """A standard stream that goes nowhere once its reader has closed the pipe, as `head` does after its lines."""
-
     def write(self, data: Any) -> int:
         try:
             return super().write(data)
@@ -51,10 +49,7 @@ class _Output(io.FileIO):
 
 
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
-    """Return the options of a command: `arguments`, or those of this process; print the version for `--version`.
-
-    The process goes on without output after the reader of a pipe has ended, and with closed standard streams.
-    """
+    """Return the options of the command line, None for those of the process; print `--version`."""
     if arguments is None:
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
@@ -70,16 +65,16 @@ def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
 
 
 def fail(error: object) -> int:
-    """Say on the standard error what went wrong in this program; return the exit status of wrong arguments."""
+    """Print an error to standard error; return exit status 2."""
     sys.stderr.write(f"{program_name().removeprefix('python -m ')}: {printable(error)}\n")
     return 2
 
 
-def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
-    """Return what a command line makes of a class or function; see `tyro.cli`, which takes `how`.
+def parse_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
+    """Parse a command line into a class or function call by `tyro.cli(**how)`.
 
     Raises:
-        ValueError: an option is wrong, or a value of a pydantic model; names it and what is allowed, in plain lines.
+        ValueError: if an option, or a value of a pydantic model, is invalid.
     """
     said = io.StringIO()
     try:
@@ -100,7 +95,6 @@ def read_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) 
 
 
 def _in_a_line(box: str) -> str:
-    """Return what tyro writes into a box, but for the help and the explanations of options, which are indented."""
     rows = [row[2:].rstrip(" │") for row in re.sub(r"\x1b\[[\d;]*m", "", box).splitlines()[1:]]
     text = " ".join(row.strip() for row in rows if not row.startswith(" " * 8))
     text = re.sub(r"\s*(─{3,}╯?|-{5,})\s*", "; ", text.replace("Argument helptext:", "it is"))
@@ -111,16 +105,18 @@ def _in_a_line(box: str) -> str:
 def run_command(
     main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None, status: int = 2
 ) -> Any:
-    """Call a function with the options of the command line, whose help is that of its module; return what it returns.
+    """Call a function with options of the command line and return its result; exit on errors.
 
-    `arguments`: options; None takes those of the process. `options`: class of the function's argument; None for
-    arguments of its own. SystemExit, with the reason on the standard error: with status 2 if an option is wrong, with
-    `status` if the function raises an error that speaks for itself, such as for a missing file.
+    Args:
+        main: function; the docstring of its module is the help text.
+        arguments: command line; None for that of the process.
+        options: class of the argument of `main`; None for several arguments.
+        status: exit status after errors of `main`.
     """
     arguments = begin_command(arguments)
     later = functools.wraps(main)(lambda *args, **kwargs: functools.partial(main, *args, **kwargs))
     try:
-        read = read_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
+        read = parse_options(options or later, arguments, description=sys.modules[main.__module__].__doc__)
     except ValueError as error:
         sys.exit(fail(error))
     try:
@@ -131,5 +127,5 @@ def run_command(
 
 
 def make_console() -> Console:
-    """Return a console on the standard output: as wide as the terminal, or as any table where there is none."""
+    """Return a console on standard output, 180 columns wide if it is not a terminal."""
     return Console(width=None if sys.stdout.isatty() else 180)

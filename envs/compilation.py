@@ -1,7 +1,4 @@
-"""Compiled kernels: their cache on disk, a lock so that one process compiles each, and a progress bar.
-
-The cache is optional. A kernel whose files cannot be read or written is compiled in memory, with one warning.
-"""
+"""Numba kernels: cache on disk, lock between processes, and progress bar."""
 
 import contextlib
 import errno
@@ -35,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Wait for a process that compiles a kernel before a warning names it, and before this one compiles it, too [s]."""
+"""Waiting times for another process that compiles a kernel: until a warning, and until compiling it here too [s]."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -45,16 +42,15 @@ _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*
 
 
 class KernelCache(caching.NullCache):
-    """Keeps the code of a kernel in a file for each signature: the hash of the rest, then key and code, pickled.
+    """Kernel cache with one file per signature: a hash, then key and code, pickled.
 
-    By itself Numba keeps kernels beside their source and compares that file alone: each new checkout compiles all of
-    them again, and an outdated kernel stays in use where another one that it calls has changed. The folder is
-    `NUMBA_CACHE_DIR`, or `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`. If it cannot be used, the folder is
-    `lidarnaut-UID` among the temporary files. Loading a kernel executes its file: other users must not write there.
+    Unlike Numba's cache, it depends on called kernels, too. The folder is `NUMBA_CACHE_DIR`, or `lidarnaut` in
+    `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file: other users must
+    not have write access.
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the folder. OSError if there is none, or if a source file cannot be read."""
+        """Choose the cache folder; OSError if none is usable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -69,11 +65,11 @@ class KernelCache(caching.NullCache):
         except OSError as error:
             self._base, self._closed = os.path.join(tempfile.gettempdir(), f"lidarnaut-{_USER}"), 0o077
             self.path()
-            if multiprocessing.parent_process() is None:  # a worker's parent has said so
+            if multiprocessing.parent_process() is None:  # workers are silent
                 _warn("compiled kernels are kept in %s: %s", self._base, error)
 
     def path(self, key: Any = None) -> str:
-        """Return the path of a key's file, or of the lock. OSError if its folder is open to others or not made."""
+        """Return the path of a key's file, or of the lock; OSError if the folder is unsafe."""
         for folder in (self._base, os.path.join(self._base, self._module)):
             os.makedirs(folder, 0o755 & ~self._closed, exist_ok=True)
             state = os.lstat(folder)
@@ -85,7 +81,7 @@ class KernelCache(caching.NullCache):
         return os.path.join(folder, f"{self._kernel}.{end}")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the code for a signature; None if there is none, or its file cannot be used."""
+        """Return the cached code for a signature, or None."""
         target_context.refresh()
         key, path = (sig, target_context.codegen().magic_tuple()), self._base
         try:
@@ -96,14 +92,14 @@ class KernelCache(caching.NullCache):
                 raise ValueError("it is damaged")
             kept, code = pickle.loads(content)
             return CompileResult._rebuild(target_context, *code) if kept == key else None
-        except (FileNotFoundError, ImportError, AttributeError):  # or a record that it takes is in another module now
+        except (FileNotFoundError, ImportError, AttributeError):  # or a class was moved
             pass
         except Exception as error:
             _warn("%s is compiled again: %s", path, error)
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Keep the code for a signature, if its file can be written and the code has no addresses of this process."""
+        """Write the code for a signature, unless it contains addresses of this process."""
         if data.library.has_dynamic_globals:
             return
         key, path = (sig, data.codegen.magic_tuple()), self._base
@@ -120,8 +116,6 @@ class KernelCache(caching.NullCache):
 
 
 class _Progress(event.Listener):
-    """Announces once that kernels compile, and counts them where standard error is a terminal."""
-
     def __init__(self) -> None:
         self._depth = 0
         self._bar: Any = None
@@ -131,9 +125,9 @@ class _Progress(event.Listener):
         if self._depth > 1 or not _OWN.match(str(event.data["dispatcher"].py_func.__module__)):
             return
         if self._bar is None:
-            if not multiprocessing.current_process().daemon:  # workers that compile what their parent does
-                _log.warning("compiling kernels for this machine, once: it takes one to two minutes")
-            is_off = True if multiprocessing.parent_process() else None  # None: if this is no terminal
+            if not multiprocessing.current_process().daemon:
+                _log.warning("compiling kernels for this machine, which takes one to two minutes the first time")
+            is_off = True if multiprocessing.parent_process() else None
             self._bar = tqdm(bar_format="compiling: {n} kernels [{elapsed}]", leave=False, disable=is_off)
         self._bar.refresh()
 
@@ -142,11 +136,11 @@ class _Progress(event.Listener):
         if self._bar is not None:
             self._bar.update()
             if self._depth == 0:
-                self._bar.clear()  # whatever is printed next begins on a clean line
+                self._bar.clear()
 
 
 def sources(path: str) -> list[str]:
-    """Return a file and those of this project that it, or one of them, imports at its top level."""
+    """Return a file and all project files that it imports, directly or indirectly."""
     found, new = {path}, {path}
     while new:
         new = {other for one in new for other in _read(one)[1]} - found
@@ -156,14 +150,12 @@ def sources(path: str) -> list[str]:
 
 @cache
 def _hash(path: str) -> str:
-    """Return the hash of all that may shape the kernels of a file: code and constants of what it imports, and Numba."""
     parts = (f"{_name(source)}\n{_read(source)[0]}" for source in sources(path))
     return hashlib.sha256("\n".join([numba.__version__, *parts]).encode()).hexdigest()
 
 
 @cache
 def _read(path: str) -> tuple[str, list[str]]:
-    """Return the text of a file, and the files of this project that it imports at its top level."""
     with open(path, encoding="utf-8") as file:
         text = file.read()
     stems = []
@@ -177,12 +169,10 @@ def _read(path: str) -> tuple[str, list[str]]:
 
 
 def _name(path: str) -> str:
-    """Return the name of the module in a file of this project."""
     return path.removeprefix(_ROOT + os.sep).removesuffix(".py").replace(os.sep, ".")
 
 
 def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) -> None:
-    """Give a kernel of this project its cache. Warn if no folder can be used: it is compiled in memory then."""
     if not _OWN.match(_name(dispatcher.py_func.__code__.co_filename)):
         return enable(dispatcher)
     try:
@@ -192,12 +182,11 @@ def _enable_caching(dispatcher: Any, enable: Any = Dispatcher.enable_caching) ->
 
 
 def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> Any:
-    """Compile a kernel in one process; others that need it, too, wait until it is kept, and load it."""
     if not isinstance(dispatcher._cache, KernelCache):
         return compile(dispatcher, sig)
-    with global_compiler_lock, _lock(dispatcher, sig):  # Numba's lock first: threads take both in one order
+    with global_compiler_lock, _lock(dispatcher, sig):
         is_on = gc.isenabled()
-        gc.disable()  # it takes a good part of a compilation's time and finds little
+        gc.disable()
         try:
             return compile(dispatcher, sig)
         finally:
@@ -207,14 +196,14 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 
 @contextlib.contextmanager
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
-    """Hold the lock of a kernel that is not kept yet, once no other process does; go on without it if there are none.
+    """Hold the lock of a kernel until it is cached, if locks are available.
 
-    Not by `lidarnaut.envs.files.Lock`: an edit of what this module imports would have all kernels compiled again.
+    Edits of `lidarnaut.envs.files.Lock` would recompile all kernels.
     """
     cache, begin = dispatcher._cache, time.monotonic()
     hangs = "the lock %s stays with %s: this process compiles the kernel, too"
     with contextlib.ExitStack() as stack:
-        with contextlib.suppress(OSError, AttributeError):  # no folder, no space, no locks; Windows
+        with contextlib.suppress(OSError, AttributeError):  # no folder, disk space or locks; Windows
             path, kept = cache.path(), cache.path((sig, dispatcher.targetctx.codegen().magic_tuple()))
             descriptor = os.open(path, os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW, 0o644)
             stack.callback(os.close, descriptor)
@@ -237,7 +226,6 @@ def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
 
 
 def _warn(text: str, subject: str, reason: object) -> None:
-    """Log a warning, once for each reason and not for each kernel."""
     cause = text, str(getattr(reason, "strerror", None) or reason)
     if cause not in _warned:
         _warned.add(cause)

@@ -1,4 +1,4 @@
-"""The environment: simulation + estimation + task + observations, for one robot or several."""
+"""Environments of lidar robots for all tasks."""
 
 import copy
 import inspect
@@ -27,22 +27,22 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.sensor import Measured, make_sensors
 from lidarnaut.envs.simulation import KinematicSimulator, Reading, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.simulation.crowd.params import PeopleLike, crowd_of
+from lidarnaut.envs.simulation.crowd.crowd_params import PeopleLike, crowd_of
 from lidarnaut.envs.simulation.rows import Rows
 from lidarnaut.envs.task import Task, total
 from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
-"""Nobody is tracked."""
+"""Empty array of people tracks, shape (0, 5): x, y, vx, vy, radius."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""What a vector environment does for many environments at once, if none of them does it in its own way."""
-WORLDS = 2**32 - 1
-"""Spawn key of the generator of worlds, which `Generator.spawn` does not reach."""
+"""Methods that the batched path replaces. An environment that overrides one is stepped alone."""
+WORLD_SPAWN_KEY = 2**32 - 1
+"""Spawn key of the generator of worlds; `Generator.spawn` does not reach this key."""
 
 
 class WholeStep:
-    """Require a reset before the next step if the block of a `with`, a part of a step, raises an exception."""
+    """Context manager that requires a reset after an exception in a part of a step."""
 
     def __init__(self, env: "LidarEnv") -> None:
         self._env = env
@@ -56,40 +56,39 @@ class WholeStep:
 
 
 class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
-    """Lidar robots in a world, driven by twists, one control period in a step.
+    """Lidar robots in a planar world, driven by velocity commands.
 
-    What the robots are to do is a task; see `lidarnaut.envs.task.Task`. Actions are forward speed and yaw rate
-    (counter-clockwise) as fractions of the robot's limits.
+    One step is one control period. Actions are forward speed and yaw rate (counter-clockwise), as fractions of the
+    robot's limits. A `lidarnaut.envs.task.Task` defines goal, reward and episode end.
 
     ## Arguments
-    The parameters of the task, and these, which all tasks share:
+    The arguments of the task, and:
 
-    - `robot` (`None`): library robot, path of a robot YAML, or `RobotParams`; `None` takes the world's usual robot.
-    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`; vector environments are kinematic unless told
-      otherwise.
+    - `robot` (`None`): library robot, path of a robot YAML, or `RobotParams`; `None` selects the world's default.
+    - `physics` (`"bullet"`): `"bullet"` (PyBullet) or `"kinematic"`, the default of vector environments.
     - `control_hz` (`10.0`): steps per second.
-    - `time_limit` (`None`): length of an episode [s]; `None` gives the task's usual one.
-    - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` gives the
-      task's usual ones.
-    - `people` (`None`): how many people walk around, (low, high), a crowd's name (`"sparse"`, `"dense"`, `"corridor"`,
-      `"doorway"`, `"crossing"`), a `lidarnaut.envs.simulation.Crowd`, or a mapping of its parameters; drawn for each
-      episode. At its end `info` has the measures of people as well, see `lidarnaut.envs.measures.PEOPLE`.
-    - `track_people` (`None`): whether robots track people by their scans (`belief.people`) and leave them out of their
-      maps; `None`: where `people` are asked for, and scans are matched.
-    - `sensors` (`()`): sensors of your own, see `lidarnaut.envs.sensor.Sensor`.
-    - `randomize` (`None`): (low, high) by the name of a parameter of the robot, from which each episode draws the true
-      robot's; see docs/domain_randomization.md.
-    - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped, or refused.
-    - `collision_monitor` (`False`): whether twists are slowed down so that the robot can stop short of what its lidar
-      sees, see `lidarnaut.envs.navigation.collision_monitor`.
+    - `time_limit` (`None`): maximum duration of an episode [s]; `None` selects the task's default.
+    - `observations` (`None`): parts of the observation, see `lidarnaut.envs.observations.make_parts`; `None` selects
+      the task's default.
+    - `people` (`None`): number of pedestrians, (low, high), name of a crowd (`"sparse"`, `"dense"`, `"corridor"`,
+      `"doorway"`, `"crossing"`), `lidarnaut.envs.simulation.Crowd`, or mapping of its parameters; sampled in each
+      episode. The last `info` then contains `lidarnaut.envs.measures.PEOPLE`.
+    - `track_people` (`None`): whether robots track people in scans (`belief.people`) and exclude them from maps; `None`
+      enables tracking if `people` is given and the estimator is not dead reckoning.
+    - `sensors` (`()`): custom sensors, see `lidarnaut.envs.sensor.Sensor`.
+    - `randomize` (`None`): ranges (low, high) by robot parameter; each episode samples the simulated robot,
+      see docs/domain_randomization.md.
+    - `clip_actions` (`False`): whether actions outside [-1, 1] are clipped instead of raising an error.
+    - `collision_monitor` (`False`): whether commands are slowed down to stop before obstacles in the scan, see
+      `lidarnaut.envs.navigation.collision_monitor`.
     - `render_mode` (`None`): `"human"` or `"rgb_array"`.
     - `fixed_info` (`False`): whether `info` has the same keys in every step, as Minari's
-      `DataCollector(record_infos=True)` needs. Entries of the last step are NaN, empty or `False` before it.
+      `DataCollector(record_infos=True)` requires; entries of the last step are NaN, empty or `False` before.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 10}
     uses_ground_truth: bool = False
-    """Whether observations hold ground truth: with a part that says so, or in a subclass of the user's own."""
+    """Whether observations contain ground truth; subclasses may set it."""
 
     def __init__(
         self,
@@ -110,13 +109,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         fixed_info: bool = False,
         **settings: Any,
     ) -> None:
-        """Assemble an environment for a task, a subclass of `lidarnaut.envs.task.Task` or `module:attribute` of one.
+        """Create an environment from a subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one.
 
-        See the class for the other arguments, of which `settings` are the task's.
+        `settings` are arguments of the task; the class docstring describes the other arguments.
 
         Raises:
-            ValueError: if an argument is not among the allowed values; the message names it and them.
-            TypeError: if the task has no such argument; the message names the nearest one.
+            ValueError: if the value of an argument is not allowed.
+            TypeError: if the task has no such argument.
         """
         if render_mode is not None and render_mode not in self.metadata["render_modes"]:
             raise ValueError(f"render_mode must be None or one of {self.metadata['render_modes']}, got {render_mode!r}")
@@ -124,9 +123,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         if time_limit is not None and time_limit != math.inf and not (is_number(time_limit) and time_limit > 0):
             raise ValueError(f"time_limit must be positive or None, got {time_limit!r}")
         self.task: Any = make_task(task, settings)
-        """The `Task`, with attributes of its own."""
         self.robot = choose_robot(robot, getattr(self.task, "world", ""))
-        """The nominal robot, as everything but the simulator takes it to be."""
+        """Nominal robot parameters; randomization changes only the simulated robot."""
         self.control_period = period = 1.0 / control_hz
         self.task.attach(self.robot, period, physics)
         num_robots = self.task.num_robots
@@ -140,25 +138,23 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._randomization: Randomization | None = None
         if randomize:
             self._randomization = Randomization(randomize, self.robot, self.simulator.ignored)
-            # Room for what any episode may draw.
             self.simulator.set_robot(self._randomization.robot(self._randomization.highest))
         self.time_limit = time_limit or math.inf
-        """Length of the episode [s]."""
+        """Maximum duration of the episode [s]."""
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(control_hz))}
         self.plans: list[np.ndarray | None] = [None] * num_robots
-        """Planned path of each robot for drawing, shape (n, 2), map frame [m]; set them from outside, `reset` clears
-        them."""
+        """Planned path of each robot for rendering, shape (n, 2), map frame [m], or None; set by the user, cleared by
+        `reset`."""
         self.tracks = NO_TRACKS
-        """People whom the first robot tracks, for drawing, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
-        it from outside, `reset` clears it."""
+        """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
+        by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Called after a reset with None, and after each control period with the commands, to record the episode."""
+        """Recorder callback, called with None after a reset and with the twists after each control period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = self.task.is_team
         self.collision_monitor = CollisionMonitor(self.robot, period) if collision_monitor else None
-        """What slows commands down."""
         self.sensors = make_sensors(sensors)
         measured = {sensor.name: partial(Measured, sensor) for sensor in self.sensors}
         chosen = self.task.default_observations() if observations is None else observations
@@ -181,7 +177,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._prepared: tuple[Any, ...] = (None,) * 4
         self.whole_step, self._fixed_info = WholeStep(self), fixed_info
         self.has_begun = False
-        """Whether a step may follow: the last reset and all steps since then have succeeded."""
+        """Whether `step` may be called."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
@@ -193,33 +189,32 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """Start an episode and return the first observation and info.
 
         Args:
-            seed: of everything random.
-            options: choices for this episode alone: `world`, `start`, and those of the task (`reset_options`), with the
-                values that the constructor's arguments of the same names take.
+            seed: seed of all random numbers.
+            options: settings of this episode: `world`, `start` and `reset_options` of the task, with values as in the
+                constructor.
 
         Raises:
-            ValueError: if an option is unknown or not allowed.
+            ValueError: if an option is unknown or has a value that is not allowed.
         """
         self.begin(seed=seed, options=options)
         return self.observe(), self.info(dict.fromkeys(self.task.rewards.weights, 0.0))
 
     def begin(self, *, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode without observation and info; arguments and errors as for `reset`."""
+        """Start an episode as `reset` does, without computing observation and info."""
         task, num_robots, options = self.task, len(self.robots), read_options(options)
         allowed = ("world", "start", *task.reset_options)
         if unknown := sorted(map(str, set(options) - set(allowed))):
             raise ValueError(f"reset has unknown options {unknown}; allowed are {list(allowed)}")
         super().reset(seed=seed)
-        self.has_begun = False  # unless all of it succeeds
+        self.has_begun = False
         self.world = task.place(self._next_world(options.get("world")), options.get("start"))
         starts = task.choose_starts(self.world, options.get("start"), self.np_random)
         rngs = self.np_random.spawn(2 * num_robots)
         if self._randomization is not None:
-            # After all others and from a generator of its own: the same seed without randomization has the same
-            # world, starts and task.
+            # Spawned last: randomization does not change other parts of the episode.
             self.randomized = self._randomization.draw(self.np_random.spawn(1)[0])
             self.simulator.set_robot(self._randomization.robot(self.randomized))
-        # Generators after all others: the same seed without sensors or people has the same episode.
+        # Spawned last: sensors and people do not change other parts of the episode.
         sensor_rngs = self.np_random.spawn(len(self.sensors))
         crowd_rng = self.np_random.spawn(1)[0] if self.simulator.crowd.crowd else None
         readings = self.simulator.reset(self.world, starts, rngs[::2], crowd_rng)
@@ -231,7 +226,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 sensor.reset(self.world, rng)
             readings = self._measure(readings)
         self.priors = [task.prior(k, rng) for k, rng in enumerate(rngs[1::2])]
-        """What each robot was told at the start."""
+        """Initial pose, covariance and map of each robot."""
         reset_robots(self.robots, rows, readings, self.priors, rngs[1::2])
         own = {key: options[key] for key in task.reset_options if key in options}
         usual = task.reset(self.simulator, self.robots, self.np_random, own)
@@ -250,10 +245,11 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.render()
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for one control period.
+        """Apply an action for one control period.
 
         Raises:
-            ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1] and is not clipped.
+            ValueError: if the action has the wrong shape, is not finite, or lies outside [-1, 1] without
+                `clip_actions`.
             gymnasium.error.ResetNeeded: if no episode has begun, or a step has failed.
         """
         self.apply(action)
@@ -264,13 +260,11 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return observation, *outcome
 
     def apply(self, action: Any) -> None:
-        """Drive for one control period without an observation or outcome; raises as `step`."""
         commands = self.twists(action)
         with self.whole_step:
             self.advance(commands)
 
     def twists(self, action: Any) -> list[Twist]:
-        """Return the twists that an action commands, and let the robots remember it; raises as `step`."""
         self.check_begun()
         action = read_action(action).astype(np.float32, copy=False)
         if action.shape != self._action_shape:
@@ -293,19 +287,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return [Twist(v, w) for v, w in commands.tolist()]
 
     def check_begun(self) -> None:
-        """Raise `gymnasium.error.ResetNeeded` if `reset` was not called, or the last reset or step has failed."""
+        """Raise `gymnasium.error.ResetNeeded` if no episode has begun, or a step has failed."""
         if not self.has_begun:
             message = f"call reset of {type(self).__name__} first: no episode has begun, or a step has failed"
             raise gymnasium.error.ResetNeeded(message)
 
     def advance(self, commands: Sequence[Twist]) -> None:
-        """Drive for one control period without making observation, reward or info."""
         self.simulator.move(commands)  # world -> physics -> sensors
         update_robots(self.rows.numbers, self.simulator.crowd.rows)  # odometry -> predicted poses
         self.finish()
 
     def finish(self) -> None:
-        """Do what the kernels of a control period leave: own sensors, scans, the task."""
+        """Complete a control period after the kernels."""
         if self.sensors:
             readings = self._measure([robot.reading for robot in self.robots])
             for robot, reading in zip(self.robots, readings, strict=True):
@@ -317,7 +310,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def locate(self) -> None:
-        """Bring the robots' estimates up to date, and their trails."""
+        """Update pose estimates, maps and recorded paths."""
         flags = self.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
@@ -325,21 +318,19 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
                 truth.remember()
 
     def _measure(self, readings: Sequence[Reading]) -> list[Reading]:
-        """Return the readings with what the user's own sensors measure."""
         return [
             reading._replace(extra={sensor.name: sensor.measure(self.simulator, k) for sensor in self.sensors})
             for k, reading in enumerate(readings)
         ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last control period, truncated here if `is_last`."""
+        """Return reward, terminated, truncated and info; `is_last` truncates."""
         rewards = self.task.rewards.terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
 
     def judge(
         self, rewards: Mapping[str, float], info: dict[str, Any], is_last: bool, reason: str | None = None
     ) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return the outcome of a step by its reward terms and info; a `reason` terminates an episode that goes on."""
         terminated, truncated = self.is_over
         if terminated or truncated:
             reason = self.task.end_reason
@@ -351,33 +342,33 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return what `info` tells at the end of an episode as well: of the task, and of people where there are any."""
+        """Return the entries of the last `info` only."""
         has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property
     def is_fused(self) -> bool:
-        """Whether a vector environment steps physics and sensing of many such environments by one kernel call."""
+        """Whether vector environments can step many such environments in one kernel call."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Why it does not; empty where it does."""
+        """Reason why the batched kernel cannot step the environment; empty if it can."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
-            return f"{kind.__name__} has {own[0]} of its own"
+            return f"{kind.__name__} overrides {own[0]}"
         if self._fixed_info:
-            return "info has entries of the last step in every step"
+            return "fixed_info adds entries of the last step to every info"
         return "" if physics is KinematicSimulator else f"{physics.__name__} steps in Python"
 
     @property
     def is_over(self) -> tuple[bool, bool]:
-        """Whether the episode is terminated, and whether it is truncated."""
+        """Flags (terminated, truncated) of the episode."""
         terminated = self.task.end_reason is not None
         return terminated, not terminated and self.time >= self.time_limit - 1e-6
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in fresh arrays, or write it to the arrays of `out`."""
+        """Return the observation in new arrays, or write it into the arrays of `out`."""
         if out is None:
             out = {name: np.empty(shape, dtype) for name, shape, dtype in self._layout}
         for name in self.parts:
@@ -385,7 +376,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return dict(out)
 
     def write_part(self, name: str, out: np.ndarray) -> None:
-        """Write a part of the observation."""
         part: Any = self.parts[name]
         shows_truth = self.uses_ground_truth and getattr(part, "uses_ground_truth", False)
         if not (shows_truth or self._is_team):
@@ -395,7 +385,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             part.write(robot, row, *(truth,) * shows_truth)
 
     def info(self, rewards: dict[str, float]) -> dict[str, Any]:
-        """Return what there is to tell of this moment."""
         info: dict[str, Any] = self._blank | self.task.metrics()
         rows = self.rows.numbers
         if self._randomization is not None:
@@ -410,10 +399,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return info
 
     def prepare(self) -> None:
-        """Draw the world of the next episode ahead of time, if it depends on the generator of worlds alone.
+        """Draw the next world in advance if the task has a `sampler_ahead`.
 
-        May run in another thread between two resets. A `reset` with a seed or a world, or another sampler of the task
-        by then, discards it.
+        May run in another thread between two resets. Unused if `reset` gets a seed or a world.
         """
         sampler = self.task.sampler_ahead
         if sampler is not None and self._root is self.np_random:
@@ -422,7 +410,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def rows(self) -> Rows:
-        """What the robots' readings, poses and true states are views of."""
+        """Arrays with readings, estimated poses and true states."""
         return self.simulator.rows
 
     @property
@@ -432,12 +420,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def map_pose(self) -> Pose2D:
-        """Pose of the map frame in the world."""
+        """Pose of the map frame in the world frame."""
         return self.task.map_pose
 
     @property
     def reading(self) -> Reading:
-        """What the first robot's sensors say."""
+        """Last sensor reading of the first robot."""
         return self.robots[0].reading
 
     @property
@@ -447,7 +435,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Planned path of the first robot for drawing; see `plans`."""
         return self.plans[0]
 
     @plan.setter
@@ -455,7 +442,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plans[0] = path
 
     def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
+        """Draw the current state; return an image, shape (height, width, 3), uint8, for `rgb_array`."""
         if self.render_mode is None:
             gymnasium.logger.warn("render() does nothing without a render_mode; pass one to gymnasium.make")
             return None
@@ -467,13 +454,12 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._renderer.draw(self.scene())
 
     def scene(self) -> Scene:
-        """Return this moment for drawing: ground truth beside the robots' estimates."""
         first, *peers = (scene_of(self, k) for k in range(len(self.robots)))
         first.peers = tuple(peers)
         return first
 
     def close(self) -> None:
-        """Release the physics engine and the window; the episode ends."""
+        """End the episode; release the physics engine and the window."""
         self.has_begun = False
         self.simulator.close()
         if self._renderer is not None:
@@ -481,14 +467,13 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self._renderer = None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Leave the window behind when pickled."""
         return {**self.__dict__, "_renderer": None}
 
     def set_goal(self, goal: Sequence[float]) -> None:
-        """Set a further goal, (x, y, theta) or (x, y), map frame; the next step goes on towards it.
+        """Set the next goal, (x, y, theta) or (x, y), map frame [m, rad], and continue the episode.
 
         Raises:
-            ValueError: if the goal is not finite, or no pose that the robot can reach; the goal before stays.
+            ValueError: if the goal is not finite or not reachable; the previous goal stays.
             gymnasium.error.ResetNeeded: if no episode has begun.
         """
         self.check_begun()
@@ -496,20 +481,16 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.plan = None
 
     def _next_world(self, wanted: Any) -> World:
-        """Return the world of an episode, prepared or drawn now; `wanted` as for `Task.draw_world`.
-
-        The first one after a seed comes from the seeded generator, the following ones from a generator of their own.
-        """
         (sampler, before, after, world), self._prepared = self._prepared, (None,) * 4
         if self._root is not self.np_random:
             self._root, root = self.np_random, self.np_random.bit_generator.seed_seq
-            key = (*root.spawn_key, WORLDS)  # type: ignore[attr-defined]
+            key = (*root.spawn_key, WORLD_SPAWN_KEY)  # type: ignore[attr-defined]
             self._world_rng = np.random.default_rng(np.random.SeedSequence(root.entropy, spawn_key=key))  # type: ignore[attr-defined]
             return self.task.draw_world(wanted, self.np_random)
         if wanted is None and before is self._world_rng and sampler is self.task.sampler_ahead:
             self._world_rng = after
             return world
-        rng = copy.deepcopy(self._world_rng)  # `prepare` may copy it at this moment
+        rng = copy.deepcopy(self._world_rng)  # `prepare` may copy the original now
         try:
             return self.task.draw_world(wanted, rng)
         finally:
@@ -521,15 +502,15 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
-    """Return the environment in which robots drive, by twists or decisions, whatever wraps it; else TypeError."""
+    """Return the `LidarEnv` inside wrappers or a frontier environment; TypeError if missing."""
     inner = getattr(env.unwrapped, "explore", env.unwrapped)
     if not isinstance(inner, LidarEnv):
-        raise TypeError(f"{type(inner).__name__} is no LidarEnv")
+        raise TypeError(f"{type(inner).__name__} is not a LidarEnv")
     return inner
 
 
 def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
-    """Return a new task of a class, or `module:attribute` of one; see `LidarEnv` for what is raised."""
+    """Create a task from a class or `module:attribute`; errors as for `LidarEnv`."""
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise ValueError(
@@ -538,10 +519,10 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
     allowed = [*inspect.signature(kind).parameters, *SHARED]
     if unknown := [name for name in settings if name not in allowed]:
         hint = explain_unknown(unknown[0], allowed)
-        raise TypeError(f"task {kind.__name__} got an unexpected keyword argument {hint}")  # as Python words it
+        raise TypeError(f"task {kind.__name__} got an unexpected keyword argument {hint}")
     made: Task = kind(**settings)
     return made
 
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])
-"""Names of the arguments that environments of all tasks share."""
+"""Names of the constructor arguments of all tasks."""

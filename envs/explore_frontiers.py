@@ -1,4 +1,4 @@
-"""Exploration at the level of decisions: choose a frontier, and the robot drives there."""
+"""Frontier exploration by decisions."""
 
 import math
 from collections.abc import Mapping
@@ -10,7 +10,7 @@ from gymnasium import spaces
 
 from lidarnaut.envs.arguments import check_positive, is_whole
 from lidarnaut.envs.core import LidarEnv
-from lidarnaut.envs.drive import UNCHECKED, drive
+from lidarnaut.envs.drive_kernel import UNCHECKED, drive
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import (
     FEATURES,
@@ -29,95 +29,89 @@ from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
-"""Most candidates of a decision: the observation has a number for each pair of them."""
+"""Upper limit of `max_candidates`, because the observation contains all pairs of candidates."""
 RESET, EPISODE_END = "reset", "episode_end"
-"""Outcomes beside those of `FrontierNavigator`: there was no drive yet; the episode ended in the midst of one."""
+"""Outcomes in addition to those of `FrontierNavigator`: no drive yet, and episode end during a drive."""
 
 
 class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
-    """Explore an unknown world by choosing, again and again, the frontier to drive to.
+    """Explore an unknown world by repeatedly choosing the frontier to drive to.
 
     ## Description
-    The world, the robot, its sensors and its SLAM are those of `Explore-v0`. The policy does not steer: each step it
-    picks one of the frontiers (free cells of the map beside unknown ones) that the robot can get to. A navigator plans
-    the path with each decision (and every four seconds of a longer one), follows it, keeps clear of what the lidar
-    sees, and backs up when the robot gets nowhere.
-    A step ends as soon as a new decision is due, after some control steps.
+    World, robot, sensors and SLAM are those of `Explore-v0`. In each step, the policy chooses a reachable frontier
+    (free map cells next to unknown cells). A navigator plans the path, again every four seconds, avoids obstacles in
+    the scan, and recovers if the robot is blocked. The step ends when the next decision is due.
 
     ## Action Space
-    `Discrete(max_candidates)`: the candidate to go to. Candidates come by increasing cost of the path, so 0 is the
-    nearest one. `action_masks()` and `info["action_mask"]` tell which actions have a candidate. An action without one
-    is no error: the last candidate is taken instead, and `info["action"]` says which.
+    `Discrete(max_candidates)`: index of a candidate, by increasing path cost. `action_masks()` and
+    `info["action_mask"]` mark valid actions. An invalid action selects the last candidate.
 
     ## Observation Space
-    `Dict`, as the robot sees it when the decision is due (fresh arrays each step):
+    `Dict` of new arrays:
 
     | key | space | meaning |
     |---|---|---|
-    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | a row per candidate; rows without one are 0 |
+    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | one row per candidate; unused rows are 0 |
     | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
-    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between the candidates; h = 5 m |
-    | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
+    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between candidates; h = 5 m |
+    | `action_mask` | `MultiBinary(max_candidates)` | 1 for valid candidates |
     | `map` | `Box(0, 255, (3, 40, 40), uint8)` | map around the robot, as `map_far` of `Explore-v0` |
-    | `robot` | `Box(0, 1, (3,), float32)` | range of the lidar, h = 10 m; radius, h = 0.5 m; speed, h = 1 m/s |
+    | `robot` | `Box(0, 1, (3,), float32)` | lidar range, h = 10 m; radius, h = 0.5 m; maximum speed, h = 1 m/s |
 
-    Nothing tells the time or the size of the world. Lengths, areas and times without an end are given as x / (x + h).
-    Views end at the lidar's range, and at 8 m; sectors go counter-clockwise from the direction in which most unknown
-    area lies. Features of a candidate:
+    Unbounded quantities x are scaled to x / (x + h). Views are limited to the lidar range and 8 m. Sectors run
+    counter-clockwise from the direction with most unknown area. Candidate features:
 
     | column | meaning |
     |---|---|
-    | 0 `visible` | unknown area in view of the viewpoint, if nothing unknown blocks the view; h = 10 m2 |
-    | 1 `unknown_1m`, 2 `unknown_2m`, 3 `unknown_4m` | share of the area around the frontier that is unknown |
-    | 4 `cost` | length of the path, weighted by nearness to obstacles; h = 5 m |
-    | 5 `cost_ratio` | 1 m and the cost of the cheapest, over 1 m and the cost of this one |
-    | 6 `rank` | row, over `max_candidates` |
-    | 7 `turn` | from the robot's heading to the beginning of the path, counter-clockwise, over pi |
-    | 8 `size` | length of the frontier; h = 2 m |
-    | 9 `clearance` | distance from obstacles at the viewpoint, over that from which they cost nothing |
-    | 10 `age` | time for which there has been a candidate within 0.5 m, also while it moved on; h = 60 s |
-    | 11 `ahead`, 12 `left` | where the frontier lies, in the robot's frame, over 16 m |
-    | 13 `failures` | attempts to get here that failed, over the three after which it is no longer offered |
-    | 14 `chosen` | 1 for the one nearest to the frontier that the last decision was for, and within 0.5 m of it |
+    | 0 `visible` | unknown area visible from the viewpoint, through unknown cells; h = 10 m2 |
+    | 1 `unknown_1m`, 2 `unknown_2m`, 3 `unknown_4m` | unknown fraction of the area around the frontier |
+    | 4 `cost` | path length, weighted by proximity to obstacles; h = 5 m |
+    | 5 `cost_ratio` | (lowest cost + 1 m) / (cost + 1 m) |
+    | 6 `rank` | row / `max_candidates` |
+    | 7 `turn` | angle from heading to path start, counter-clockwise, / pi |
+    | 8 `size` | frontier length; h = 2 m |
+    | 9 `clearance` | obstacle distance of the viewpoint / distance without obstacle cost |
+    | 10 `age` | time with a candidate within 0.5 m, tracked as it moves; h = 60 s |
+    | 11 `ahead`, 12 `left` | frontier position, base frame / 16 m |
+    | 13 `failures` | failed attempts / 3, the limit |
+    | 14 `chosen` | 1 for the candidate nearest to the previous choice, within 0.5 m |
 
-    Frontiers longer than 2 m are split. If there are more than `max_candidates`, the cheapest to get to are offered.
-    Frontiers that the robot has looked at from as near as it gets, and which are there still, are not offered again.
+    Frontiers longer than 2 m are split. The `max_candidates` cheapest are offered. A frontier that remains after the
+    robot has observed it from the closest viewpoint is excluded.
 
     ## Rewards
-    The sum of `Explore-v0`'s reward over the control steps of the decision, term by term in `info["rewards"]`.
+    Sum of the `Explore-v0` reward over the control steps of the decision; terms are in `info["rewards"]`.
 
     ## Starting State
-    As `Explore-v0`'s.
+    As in `Explore-v0`.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
-    2. Termination: no frontier is left that the robot could get to, after it has looked around once more. The robot is
-       stuck if no cell of its map near it is traversable, or it has not come ten centimetres far for half a minute.
-    3. Truncation: `time_limit` seconds have passed; decisions are cut short.
+    2. Termination: no reachable frontier is left after a turn in place. The robot is stuck if no map cell near it is
+       traversable, or if it has moved less than 0.1 m in 30 s.
+    3. Truncation: `time_limit` seconds have passed, also during a decision.
 
-    With `return_home=True` the navigator drives the robot back to its start in cases 1 and 2, within the same step, and
-    the episode ends there: see `Explore-v0`.
+    With `return_home=True`, the navigator drives back to the start in cases 1 and 2, within the same step: see
+    `Explore-v0`.
 
-    A decision is due when the robot has arrived, when its frontier is gone (and at least a second has passed), when it
-    has not come half a metre far for ten seconds or there is no path any more, or when the drive has taken
-    `max_decision_time`. A recovery is finished first, and looking around, where no frontier is left, comes
-    on top: `decision_time` counts both. To go on to the same frontier, choose it again: `chosen` marks it.
+    A decision is due when the robot arrives, when its frontier disappears (after one second at the earliest), when it
+    has moved less than 0.5 m in 10 s, when no path is left, or after `max_decision_time`. Choose the candidate marked
+    `chosen` to continue.
 
     ## Information
-    What `Explore-v0` gives, and each step: `action_mask` (int8), `action` (the candidate that was taken; -1 where there
-    was none and the robot looked around), `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`,
-    `"looked_around"`, `"episode_end"`; `"reset"` after one), `decision_time` [s], `decision_length` [m],
-    `decision_steps` (control steps), `area_left` (explorable and unknown) [m2]. `end_reason` may also be
-    `"no_reachable_frontier"` or `"stuck"`; with `return_home=True` instead `"arrived_home"` where the robot is back by
-    its pose estimate, and in truth farther off than 0.3 m, or `"no_path_home"`.
+    As in `Explore-v0`, and each step: `action_mask` (int8), `action` (selected candidate, or -1 for a turn in place),
+    `outcome` (`"arrived"`, `"frontier_gone"`, `"failed"`, `"time_up"`, `"looked_around"`, `"episode_end"`, `"reset"`),
+    `decision_time` [s], `decision_length` [m], `decision_steps` (control steps), `area_left` (explorable and unknown)
+    [m2]. Further `end_reason`: `"no_reachable_frontier"`, `"stuck"`; with `return_home=True` instead `"no_path_home"`,
+    or `"arrived_home"` if the robot is home by its estimate but truly more than 0.3 m away.
 
     ## Arguments
-    Those of `Explore-v0` but for `observations`, and
+    As in `Explore-v0`, without `observations`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `max_candidates` | `48` | frontiers that are offered at most |
-    | `max_decision_time` | `4.0` | longest drive, but for recoveries and looking around [s] |
+    | `max_candidates` | `48` | maximum number of offered frontiers |
+    | `max_decision_time` | `4.0` | maximum drive time, without recoveries and turns in place [s] |
     | `control_hz` | `5.0` | control steps per second |
 
     ## Version History
@@ -126,7 +120,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     metadata = LidarEnv.metadata
     task_kind: type[Explore] = Explore
-    """The task that decisions are made for."""
+    """Class of the exploration task."""
 
     def __init__(
         self,
@@ -136,14 +130,13 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         control_hz: float = 5.0,
         **arguments: Any,
     ) -> None:
-        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
         if not (is_whole(max_candidates) and 1 <= max_candidates <= MAX_CANDIDATES):
-            raise ValueError(f"max_candidates must be whole and from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
+            raise ValueError(f"max_candidates must be an integer from 1 to {MAX_CANDIDATES:,}, got {max_candidates!r}")
         if "observations" in arguments:
-            raise ValueError("observations cannot be chosen where actions are frontiers: see Observation Space")
+            raise ValueError("observations is not an argument of frontier environments: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
-        """The environment that is driven. Control steps within a decision make no observations and no `info`."""
+        """Underlying environment with velocity commands; no observations within a decision."""
         self._task: Explore = env.task
         self.navigator = FrontierNavigator(
             env.robot, env.control_period, max_candidates=max_candidates, max_time=max_decision_time
@@ -170,7 +163,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode and return the first observation and info; see `LidarEnv.reset`."""
         super().reset(seed=seed)
         explore = self.explore
         explore.begin(seed=seed, options=options)
@@ -193,7 +185,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             return self.observe(), *self.outcome()
 
     def apply(self, action: Any) -> None:
-        """Drive until the next decision is due, without an observation or outcome; raises as `step`."""
         self.explore.check_begun()
         if isinstance(action, np.ma.MaskedArray) or not self.action_space.contains(action):
             raise ValueError(f"action must be an integer from 0 to {self._max_candidates - 1}, got {action!r}")
@@ -208,12 +199,11 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 self._home_reason = self._drive_home()
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info of the last decision; see `LidarEnv.outcome`."""
         info = self._info()
         return self.explore.judge(info["rewards"], info, is_last, self._end_reason)
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in fresh arrays, or write it to the arrays of `out`, which may lack the `map`."""
+        """Return the observation in new arrays, or write it into `out`, which may lack the `map`."""
         if out is None:
             spaces_ = self.observation_space.spaces  # type: ignore[attr-defined]
             out = {name: np.empty(space.shape, space.dtype) for name, space in spaces_.items()}
@@ -225,81 +215,72 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return dict(out)
 
     def action_masks(self) -> np.ndarray:
-        """Return which actions have a candidate, shape (max_candidates,), bool, as sb3-contrib's MaskablePPO asks."""
+        """Return the mask of valid actions for `MaskablePPO`, shape (max_candidates,), bool."""
         return self._mask().astype(np.bool_)
 
     @property
     def candidates(self) -> Candidates:
-        """What there is to choose from."""
+        """Frontier candidates of the current decision."""
         return self.navigator.candidates
 
     @property
     def deciding(self) -> Robot:
-        """The robot whose decision is due."""
+        """Robot that decides next."""
         return self.explore.robots[0]
 
     @property
     def belief(self) -> Belief:
-        """Pose estimate and map of that robot."""
+        """Pose estimate and map of the deciding robot."""
         return self.deciding.belief
 
     @property
     def robot(self) -> RobotParams:
-        """The robot."""
         return self.explore.robot
 
     @property
     def time_limit(self) -> float:
-        """Length of the episode at most [s]."""
         return self.explore.time_limit
 
     def prepare(self) -> None:
-        """Draw the world of the next episode ahead of time; see `LidarEnv.prepare`."""
         self.explore.prepare()
 
     def render(self) -> np.ndarray | None:
-        """Draw this moment; an array (height, width, 3), uint8, for `rgb_array`."""
         return self.explore.render()
 
     def close(self) -> None:
-        """Release the physics engine and the window."""
         self.explore.close()
 
     @property
     def is_fused(self) -> bool:
-        """Whether kernels drive for several control periods at once; False before the first reset."""
+        """Whether a kernel drives several control periods at once."""
         return self._is_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Why control periods of this episode need Python one by one; empty where they do not."""
+        """Reason why control periods require Python; empty if a kernel can drive."""
         env = self.explore
         if env.why_not_fused or not env.robots[0].follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
         if not env.task.rests_between_scans:
-            return f"task {type(env.task).__name__} looks at every control period"
+            return f"task {type(env.task).__name__} needs every control period"
         if env.sensors or env.on_period or env.render_mode == "human" or env.robots[0].tracker is not None:
-            return "own sensors, trackers of people, recorders and windows look at every control period"
+            return "custom sensors, people trackers, recorders and windows need every control period"
         return ""
 
     @property
     def _end_reason(self) -> str | None:
-        """Why exploration is over though the task is not; None while it goes on."""
         return self._home_reason or (None if len(self.candidates) else self.navigator.end_reason)
 
     def _begin(self) -> None:
-        """Find the first candidates."""
         self.navigator.begin(self.explore.reading, self.belief)
 
     def _choose(self, index: int) -> None:
-        """Let the robot drive to a candidate; where there is none (-1), it looks around."""
         if index >= 0:
             self.navigator.choose(index)
         else:
             self.navigator.look_around()
 
     def _drive(self) -> str:
-        """Drive until a decision is due, and return why."""
         while True:
             result = self._advance_fused() if self._is_fused else self._advance()
             if result is not None:
@@ -307,7 +288,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
                 return result
 
     def _advance(self) -> str | None:
-        """Drive for one control period; return why a decision is due, if it is."""
         explore, navigator, robot = self.explore, self.navigator, self.explore.robots[0]
         explore.plan = navigator.plan
         self._control(navigator.command(robot.belief))
@@ -317,7 +297,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.update(robot.reading, robot.belief)
 
     def _control(self, *twists: Twist) -> None:
-        """Drive by a twist for each robot for one control period."""
         explore = self.explore
         if explore.render_mode == "human":
             explore.render()
@@ -327,7 +306,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         self._note(1, 0)
 
     def _drive_home(self) -> str | None:
-        """Drive back to the start; return why the drive ended before the episode did, if so."""
         explore, robot = self.explore, self.explore.robots[0]
         self._task.call_back()
         home = HomeNavigator(explore.robot, explore.control_period, explore.np_random)
@@ -342,14 +320,13 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return home.home_reason
 
     def _advance_fused(self) -> str | None:
-        """Do the same for as many control periods as a kernel can do; the task processes the last one."""
         env, navigator = self.explore, self.navigator
         simulator, robot, truth, rows = env.simulator, env.robots[0], env.truths[0], env.rows
         left = math.ceil(min((env.time_limit - 1e-6) / env.control_period, 1e12)) - rows.steps  # may be inf
         rows.draw_ahead(simulator.rngs)
-        around = env.world.segments, env.world.circles, simulator.crowd.arrays
+        world_arrays = env.world.segments, env.world.circles, simulator.crowd.arrays
         check_from = min(navigator.check_from, 1 << 40)
-        arrays = rows.numbers, rows.draws, rows.ranges, around, navigator.navigator.arrays, self._noted
+        arrays = rows.numbers, rows.draws, rows.ranges, world_arrays, navigator.navigator.arrays, self._noted
         count, progress, num_contacts = drive(*arrays, max(left, 1), check_from)
         v, w = rows.numbers[0, at.COMMAND_V : at.COMMAND_W + 1].tolist()
         robot.action = v / robot.params.max_v, w / robot.params.max_w
@@ -372,7 +349,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.conclude(progress, reading, belief)
 
     def _note(self, count: int, contacts: int) -> None:
-        """Sum what is rewarded of `count` control periods, of which all but the last had `contacts` with something."""
+        """Add the rewarded quantities of the last `count` control periods, `contacts` of them in contact."""
         self._steps += count
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():
@@ -387,7 +364,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return mask
 
     def _info(self) -> dict[str, Any]:
-        """Return the info of the exploration after a decision, with what there is to say of the decision."""
         explore = self.explore
         info = explore.info(explore.task.rewards.terms(self._quantities))
         return info | {

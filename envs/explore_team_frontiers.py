@@ -1,4 +1,4 @@
-"""Exploration by several robots at the level of decisions, one robot at a time."""
+"""Frontier exploration by decisions for a team."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -17,59 +17,54 @@ from lidarnaut.envs.tasks.explore import ExploreTeam
 
 
 class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
-    """Explore an unknown world with a team, by choosing the next frontier of the robot that needs one.
+    """Explore an unknown world with a team by choosing the next frontier of one robot at a time.
 
     ## Description
-    The team, its shared map and its start are those of `ExploreTeam-v0`, the decisions those of `ExploreFrontiers-v0`.
-    A step is the decision of one robot, the one whose drive has ended; it lasts until a decision of any robot is due,
-    while the others drive on. Where several are due at once they decide one after the other, without any time in
-    between. So one policy, which chooses for a robot, explores with all of them, and policies for `ExploreFrontiers-v0`
-    that leave `peers` alone run unchanged. Robots that meet give way to each other as those of `rrt_team` do.
+    Team, shared map and start are those of `ExploreTeam-v0`, decisions those of `ExploreFrontiers-v0`. A step is the
+    decision of the robot that has finished its drive, and lasts until any robot needs a decision. Policies of
+    `ExploreFrontiers-v0` that ignore `peers` run unchanged. Robots that meet yield as in `rrt_team`.
 
-    What another robot will see is no gain: the unknown area in view of candidates less than 2 m from a frontier that
-    another robot drives to counts in proportion to that distance.
+    The visible unknown area of candidates within 2 m of another robot's target counts in proportion to that distance.
 
     ## Action Space
-    That of `ExploreFrontiers-v0`: the candidate that `info["robot"]` goes to.
+    As in `ExploreFrontiers-v0`, for the robot `info["robot"]`.
 
     ## Observation Space
-    `Dict`, as the robot sees it whose decision is due (fresh arrays each step); see `ExploreFrontiers-v0`:
+    `Dict` for the deciding robot, as in `ExploreFrontiers-v0`:
 
     | key | space | meaning |
     |---|---|---|
-    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | a row per candidate; rows without one are 0 |
-    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from viewpoints: 24 free ranges, 24 unknown shares |
-    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between the candidates |
-    | `action_mask` | `MultiBinary(max_candidates)` | 1 for rows with a candidate |
-    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | shared map around the robot; channel 2 is where any robot has been |
-    | `robot` | `Box(0, 1, (3,), float32)` | range of the lidar, radius, speed |
-    | `peers` | `Box(-1, 1, (7 * (num_robots - 1),), float32)` | with two robots or more, of each of the others, in the order of their indices: position ahead and to the left over 16 m, cosine and sine of the heading; 1 if it drives to a frontier, and where that lies, ahead and to the left over 16 m |
-
-    `chosen` marks the candidate that this robot's last decision was for.
+    | `candidates` | `Box(-1, 1, (max_candidates, 15), float32)` | one row per candidate; `chosen` refers to this robot |
+    | `sectors` | `Box(0, 1, (max_candidates, 48), float32)` | view from the viewpoint |
+    | `gaps` | `Box(0, 1, (max_candidates, max_candidates), float32)` | distances between candidates |
+    | `action_mask` | `MultiBinary(max_candidates)` | 1 for valid candidates |
+    | `map` | `Box(0, 255, (3, 40, 40), uint8)` | shared map around the robot; channel 2 shows the paths of all robots |
+    | `robot` | `Box(0, 1, (3,), float32)` | lidar range, radius, maximum speed |
+    | `peers` | `Box(-1, 1, (7 * (num_robots - 1),), float32)` | for each other robot, by index: position ahead and left / 16 m, cosine and sine of the heading; 1 if it drives to a frontier, and frontier position ahead and left / 16 m |
 
     ## Rewards
-    `ExploreTeam-v0`'s, of the team: the sum over the control steps since the last decision of any robot.
+    `ExploreTeam-v0` reward, summed since the last decision of any robot.
 
     ## Starting State
-    `ExploreTeam-v0`'s.
+    As in `ExploreTeam-v0`.
 
     ## Episode End
     1. Termination: the explored fraction reaches `target_coverage`.
-    2. Termination: no robot is left that could get to a frontier. A robot without any waits for the others.
-    3. Truncation: `time_limit` seconds have passed; decisions are cut short.
+    2. Termination: no robot can reach a frontier. A robot without candidates waits for the other robots.
+    3. Truncation: `time_limit` seconds have passed, also during a decision.
 
     ## Information
-    That of `ExploreFrontiers-v0` and of `ExploreTeam-v0`, and `robot`, the index of the robot whose decision is due;
-    `decision_time`, `decision_steps` and `decision_length` (of all robots) count from the last decision of any robot,
-    `outcome` tells how the last drive of this robot has ended.
+    As in `ExploreFrontiers-v0` and `ExploreTeam-v0`, and `robot`, the index of the deciding robot. `decision_time`,
+    `decision_steps` and `decision_length` (of all robots) count from the last decision of any robot. `outcome` is that
+    of the deciding robot's last drive.
 
     ## Arguments
-    Those of `ExploreFrontiers-v0` but for `return_home`, and
+    As in `ExploreFrontiers-v0`, without `return_home`, and
 
     | argument | default | meaning |
     |---|---|---|
-    | `num_robots` | `2` | robots, 1 to 4 |
-    | `start` | `"random"` | also a pose for each robot, see `ExploreTeam-v0` |
+    | `num_robots` | `2` | number of robots, 1 to 4 |
+    | `start` | `"random"` | also one pose per robot, see `ExploreTeam-v0` |
 
     ## Version History
     * v0: first version
@@ -78,9 +73,8 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
     task_kind = ExploreTeam
 
     def __init__(self, *, num_robots: int = 2, max_decision_time: float = 4.0, **arguments: Any) -> None:
-        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
         if arguments.get("return_home"):
-            raise ValueError("return_home is for one robot: choose lidarnaut/ExploreFrontiers-v0")
+            raise ValueError("return_home supports one robot only: choose lidarnaut/ExploreFrontiers-v0")
         super().__init__(num_robots=num_robots, max_decision_time=max_decision_time, **arguments)
         self._max_time = max_decision_time
         self._peers = Peers(num_robots - 1)
@@ -91,16 +85,13 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
 
     @property
     def deciding(self) -> Robot:
-        """The robot whose decision is due."""
         return self.explore.robots[self.navigator.index if isinstance(self.navigator, TeamRobot) else 0]
 
     @property
     def why_not_fused(self) -> str:
-        """Why control periods need Python one by one."""
-        return "robots of a team take note of each other in each control period"
+        return "robots of a team react to each other in every control period"
 
     def observe(self, out: Mapping[str, np.ndarray] | None = None) -> dict[str, np.ndarray]:
-        """Return the observation in fresh arrays, or write it to the arrays of `out`, which may lack the `map`."""
         seen = super().observe(out)
         if "peers" not in seen:
             return seen
@@ -116,7 +107,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         return seen
 
     def _begin(self) -> None:
-        """Find the first candidates of all robots, which are all due."""
         explore, numbers = self.explore, range(len(self.explore.robots))
         make = partial(TeamRobot, max_candidates=self._max_candidates, max_time=self._max_time)
         team = [make(explore.robot, explore.control_period, k) for k in numbers]
@@ -125,7 +115,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         self._turn(self._due.pop(0) if self._due else team[0])
 
     def _update(self) -> list[TeamRobot]:
-        """Process what the last control period has brought; return the robots that have to choose."""
         robots = self.explore.robots
         due = self._team.update([robot.reading for robot in robots], [robot.belief for robot in robots])
         idle = [robot for robot in due if len(robot.candidates) == 0]
@@ -133,19 +122,17 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         return [robot for robot in due if len(robot.candidates)]
 
     def _turn(self, robot: TeamRobot) -> None:
-        """Let a robot decide next: what others go to is no gain for it."""
+        """Let a robot decide next, with gains discounted near the targets of other robots."""
         self.navigator = robot
         for peer, target in zip(self._team.team, self._team.targets, strict=True):
             if peer is not robot and peer not in self._due and target is not None:
                 discount(robot.candidates, target)
 
     def _choose(self, index: int) -> None:
-        """Let the robot drive to a candidate; where there is none (-1), it waits for the others."""
         assert isinstance(self.navigator, TeamRobot)
         self._team.choose([self.navigator], [index])
 
     def _drive(self) -> str:
-        """Drive until a decision is due, and return how the last drive of that robot has ended."""
         explore = self.explore
         while not self._due:
             explore.plans[:] = self._team.plans

@@ -1,4 +1,4 @@
-"""Registered environments, a user's own among them: found by their ids, with the arguments that they take."""
+"""Registered environments and their arguments."""
 
 import importlib
 import inspect
@@ -13,17 +13,17 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from lidarnaut.envs.files import explain_unknown, resolve
 
 EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
-"""Exploration by twists, and by decisions."""
+"""Ids of exploration by velocity commands, and by frontier decisions."""
 
 
 def find_spec(id: str) -> EnvSpec:
-    """Return what is registered under an id; of `module:id`, once the module is imported, also from the current folder.
+    """Return the spec of an id, or of `module:id` after importing the module.
 
     Raises:
-        ValueError: if there is no such module, or no such id; lists those that there are.
+        ValueError: if the module or the id is unknown.
     """
     module, _, name = id.rpartition(":")
-    if module and not name.startswith(("/", "\\")):  # a path that begins with a drive is no id
+    if module and not name.startswith(("/", "\\")):
         if os.getcwd() not in sys.path:
             sys.path.append(os.getcwd())
         try:
@@ -32,16 +32,15 @@ def find_spec(id: str) -> EnvSpec:
             raise ValueError(f"id {id!r}: there is no module {error.name!r} in {os.getcwd()}") from error
     if name not in gymnasium.registry:
         known = [one for one in gymnasium.registry if one.startswith((f"{name.partition('/')[0]}/", "lidarnaut/"))]
-        raise ValueError(f"unknown id {explain_unknown(name, known)}, and module:id of your own")
+        raise ValueError(f"unknown id {explain_unknown(name, known)}, or module:id of your own")
     return gymnasium.registry[name]
 
 
 @cache
 def arguments_of(id: str) -> dict[str, Any]:
-    """Return the arguments of an environment by name, with their defaults, or what the id sets.
+    """Return all arguments of an environment by name, with their defaults or the values of its id.
 
-    They are those of its class, of the classes that this one passes arguments on to, and of its task. Of what does not
-    say to what it passes arguments on, those of `EXPLORE` count.
+    Includes arguments of base classes and of the task; unresolved `**kwargs` are those of `EXPLORE`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

@@ -1,4 +1,4 @@
-"""Measures of an episode: what a task declares, and how numbers are computed from the course of an episode."""
+"""Measures of an episode."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -10,72 +10,70 @@ import numpy as np
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Course:
-    """The course of an episode, as `info` told it: n samples, one at the reset and one after every step."""
+class EpisodeHistory:
+    """Recorded `info` of an episode: n samples, at the reset and after every step."""
 
     samples: Mapping[str, np.ndarray]
-    """Shape (n, ...), float64, by the name of an entry of `info`; with an axis for the robots of a team."""
+    """Samples by name of an `info` entry, each of shape (n, ...), float64; teams have an axis for robots."""
     final: Mapping[str, Any]
-    """The last `info`, with `end_reason`."""
+    """Last `info`, including `end_reason`."""
     time_limit: float
-    """Time limit [s]."""
+    """Time limit of the episode [s]."""
     max_speed: float
-    """Greatest forward speed of the robot [m/s]."""
+    """Maximum forward speed of the robot [m/s]."""
 
     def of(self, name: str) -> np.ndarray:
-        """Return the samples of a number, summed over the robots of a team; shape (n,), float64."""
+        """Return the samples of an `info` entry, summed over robots; shape (n,), float64."""
         samples = self.samples[name]
         return samples.reshape(len(samples), -1).sum(axis=1)
 
 
-class CourseRecorder:
-    """Collects the numbers of `info`, moment by moment."""
+class HistoryRecorder:
+    """Records the numeric entries of `info` at every step."""
 
     def __init__(self) -> None:
         self._rows: list[list[Any]] = []
         self._names: list[str] = []
 
     def watch(self, info: Mapping[str, Any]) -> None:
-        """Take a sample: of the reset, or of a step."""
         if not self._rows:
             numbers = {name: value for name, value in info.items() if not isinstance(value, list | tuple | dict)}
             self._names = [name for name, value in numbers.items() if np.asarray(value).dtype.kind in "biuf"]
         self._rows.append([info.get(name, math.nan) for name in self._names])
 
-    def course(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> Course:
-        """Return the course of an episode that has ended with an `info`; see `Course` for the other arguments."""
+    def history(self, final: Mapping[str, Any], time_limit: float, max_speed: float) -> EpisodeHistory:
         columns = zip(*self._rows, strict=True)
         samples = {name: np.array(column, dtype=np.float64) for name, column in zip(self._names, columns, strict=True)}
-        return Course(samples, final, time_limit, max_speed)
+        return EpisodeHistory(samples, final, time_limit, max_speed)
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number of an episode: how it is computed, named and printed."""
+    """A number that describes an episode: computation, name and format."""
 
     name: str
     """Column of `episodes.csv`, and key in `summary.json`."""
     label: str
     unit: str
     higher_is_better: bool | None
-    """None where neither is better by itself."""
-    compute: Callable[[Course], float] = None  # type: ignore[assignment]
-    """Returns the number of an episode; infinite for a mark that was never reached. By default it is the one that the
-    last `info` has under this name."""
+    """Whether higher values are better; None for a neutral measure."""
+    compute: Callable[[EpisodeHistory], float] = None  # type: ignore[assignment]
+    """Function that computes the measure of an episode, infinite if a threshold was never reached. Default: the entry
+    `name` of the last `info`."""
     digits: int = 1
-    """Decimals in tables."""
+    """Number of decimals in tables."""
     scale: float = 1.0
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
-    """Whether it is 0 or 1, so that its mean is a share."""
+    """Whether values are 0 or 1, with a share of episodes as the mean."""
     limit: str = ""
-    """Column that counts where the mark was never reached; empty where there is no mark."""
+    """Column with the substitute value if the threshold is never reached; empty without a threshold."""
     is_headline: bool = False
-    """Whether policies are ranked by it; a task has one such measure, which every episode has."""
+    """Whether policies are ranked by this measure, which must have a value in every episode."""
     is_relative: bool = False
-    """Whether it is compared as a share of what the reference policy needed from the same start; with a `limit`."""
+    """Whether values are compared relative to the reference policy from the same start; requires `limit`."""
     note: str = ""
-    """What a reader should know of it where policies are ranked by it, without a full stop at the end."""
+    """Explanation printed with rankings, without a final period."""
 
     def __post_init__(self) -> None:
         if self.compute is None:
@@ -83,72 +81,71 @@ class Measure:
 
     @property
     def title(self) -> str:
-        """Label and unit, the heading of a column."""
         return f"{self.label} {self.unit}".strip()
 
     def text(self, value: float, sign: str = "") -> str:
-        """Return the value in `unit`, rounded for a table, or "never"; `sign="+"` marks it as a difference."""
+        """Return the value in `unit`, rounded for a table, or "never"; `sign="+"` also signs positive values."""
         if math.isinf(value):
             return "never"
         rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
         return f"{rounded:{sign}.{self.digits}f}"
 
 
-def final(course: Course, name: str) -> float:
-    """Return a number of the last `info`, summed over the robots of a team."""
-    return float(np.sum(course.final[name]))
+def final(history: EpisodeHistory, name: str) -> float:
+    """Return an entry of the last `info`, summed over robots."""
+    return float(np.sum(history.final[name]))
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity` (shape (n,)) where `fraction` (shape (n,)) first reaches `mark`; infinite if it never does."""
+    """Return `quantity`, shape (n,), at the first sample with `fraction >= mark`; infinite without one."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
 
-def when(course: Course, name: str, mark: float, quantity: str = "time") -> float:
-    """Return the time [s], or another quantity, at which a number of `info` first reached a mark; see `first_at`."""
-    return first_at(course.of(quantity), course.of(name), mark)
+def when(history: EpisodeHistory, name: str, mark: float, quantity: str = "time") -> float:
+    """Return the time [s], or another quantity, at the first sample with an entry of at least `mark`."""
+    return first_at(history.of(quantity), history.of(name), mark)
 
 
-def when_successful(course: Course, quantity: str = "time") -> float:
-    """Return the time at the end of an episode that succeeded [s], or another quantity; infinite for others."""
-    return final(course, quantity) if course.final["is_success"] else math.inf
+def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
+    """Return the final time [s], or another quantity, of a successful episode; infinite otherwise."""
+    return final(history, quantity) if history.final["is_success"] else math.inf
 
 
-def mean_over_limit(course: Course, name: str) -> float:
-    """Return the mean of a number of `info` over the whole time limit; after an early end the last value holds."""
-    values, time, limit = course.of(name), course.of("time"), course.time_limit
+def mean_over_limit(history: EpisodeHistory, name: str) -> float:
+    """Return the time average of an entry over the time limit; the last value extends to the limit."""
+    values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
 
 
-def root_mean_square(course: Course, name: str, column: int | None = None) -> float:
-    """Return the root mean square of a number of `info`, or of a column of it; of all robots of a team."""
-    means = np.mean(np.square(course.samples[name]), axis=0)
+def root_mean_square(history: EpisodeHistory, name: str, column: int | None = None) -> float:
+    """Return the root mean square of an entry, or of a column, over samples and robots."""
+    means = np.mean(np.square(history.samples[name]), axis=0)
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
 _pose_rmse = partial(root_mean_square, name="pose_error")
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
-"""Of every task: `is_success` of the last `info`."""
+"""Measure of every task: `is_success` of the last `info`."""
 TIME_TO_SUCCESS = Measure("time_to_success", "time to success", "s", False, when_successful, limit="time_limit")
-"""Of tasks that declare no measures."""
+"""Default measure of tasks: time to success [s]."""
 COMMON = (
     Measure("path_length", "path", "m", None),
     Measure("collisions", "collisions", "", False),
     Measure("position_rmse", "position error", "cm", False, partial(_pose_rmse, column=0), scale=100.0),
     Measure("heading_rmse", "heading error", "deg", False, partial(_pose_rmse, column=1), 2, math.degrees(1.0)),
 )
-"""Of every task, after its own."""
+"""Measures of every task: path length, collisions, and RMS pose errors."""
 
 
 def measures_of(measures: Sequence[Measure]) -> tuple[Measure, ...]:
-    """Return all measures of the episodes of a task: its own, those of `COMMON`, and `SUCCESS`."""
+    """Return all measures of a task: its own, `COMMON` and `SUCCESS`."""
     return (*measures, *COMMON, SUCCESS)
 
 
 def headline_of(measures: Sequence[Measure]) -> Measure:
-    """Return the measure by which policies are ranked: success where none is the headline."""
+    """Return the measure that ranks policies; `SUCCESS` by default."""
     return next((measure for measure in measures if measure.is_headline), SUCCESS)
 
 
@@ -167,28 +164,28 @@ EXPLORATION = (
     Measure("map_iou", "map IoU", "%", True, scale=100.0),
     Measure("area_left", "unexplored area", "m²", False),
 )
-"""How much was explored, and when."""
+"""Measures of exploration: coverage, times and distance to coverage thresholds, map quality."""
 
 
-def time_home(course: Course) -> float:
-    """Return how long the drive back to the start took [s]; infinite if the robot did not return."""
-    return final(course, "time_home") if course.final["returned"] else math.inf
+def time_home(history: EpisodeHistory) -> float:
+    """Return the duration of the drive home [s]; infinite if the robot did not return."""
+    return final(history, "time_home") if history.final["returned"] else math.inf
 
 
 RETURN = (
     Measure("returned", "returned", "%", True, digits=0, scale=100.0, is_share=True),
     Measure("time_home", "drive home", "s", False, time_home, limit="time_limit"),
 )
-"""Whether the robot came back to its start after exploring."""
+"""Measures of the return to the start after exploration."""
 
 
-def path_efficiency(course: Course) -> float:
-    """Return success weighted by path length: 0 without success, else shortest length over the length driven.
+def path_efficiency(history: EpisodeHistory) -> float:
+    """Return success weighted by path length (SPL): 0 on failure, else shortest over driven length.
 
     Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
     """
-    shortest = float(course.samples["geodesic_distance"][0])
-    return float(course.final["is_success"]) * shortest / max(final(course, "path_length"), shortest, 1e-9)
+    shortest = float(history.samples["geodesic_distance"][0])
+    return float(history.final["is_success"]) * shortest / max(final(history, "path_length"), shortest, 1e-9)
 
 
 GOAL = (
@@ -196,33 +193,32 @@ GOAL = (
     Measure("time_to_goal", "time to the goal", "s", False, when_successful, limit="time_limit"),
     Measure("way_left", "distance left", "m", False, partial(final, name="geodesic_distance"), 2),
 )
-"""Whether a goal was reached, how directly and when; `info` needs `geodesic_distance` to it [m]."""
+"""Measures of navigation to a goal; `info` must contain `geodesic_distance` to the goal [m]."""
 
 
-def time_efficiency(course: Course) -> float:
-    """Return success weighted by time: 0 without it, else the time of the shortest path at full speed over the time."""
-    ideal = float(course.samples["geodesic_distance"][0]) / course.max_speed
-    return float(course.final["is_success"]) * ideal / max(final(course, "time"), ideal, 1e-9)
+def sct(history: EpisodeHistory) -> float:
+    """Return success weighted by time: 0 on failure, else ideal time (shortest path, full speed) / time."""
+    ideal = float(history.samples["geodesic_distance"][0]) / history.max_speed
+    return float(history.final["is_success"]) * ideal / max(final(history, "time"), ideal, 1e-9)
 
 
 def barn_metric(is_success: bool, time: float, ideal: float) -> float:
     """Return the metric of the BARN challenge: success x OT / clip(AT, 2 OT, 8 OT), at most 0.5.
 
-    AT is the time since the robot has moved [s], OT the ideal one [s]. Daffan/the-barn-challenge (README), after Xiao
-    et al., "Autonomous Ground Navigation in Highly Constrained Spaces: Lessons Learned From the BARN Challenge at
-    ICRA 2022" (2022), whose metric ends at 4 OT.
+    AT is the time since the robot first moved [s], OT the ideal time [s]. Daffan/the-barn-challenge (README), after
+    Xiao et al., "Autonomous Ground Navigation in Highly Constrained Spaces" (2022), with the limit 4 OT.
     """
     return is_success * ideal / min(max(time, 2.0 * ideal), 8.0 * ideal) if ideal > 0.0 else 0.0
 
 
 REACH = (
-    Measure("time_spl", "success by time", "%", True, time_efficiency, 1, 100.0, is_headline=True),
+    Measure("sct", "SCT", "%", True, sct, 1, 100.0, is_headline=True),
     replace(GOAL[0], is_headline=False),
     *GOAL[1:],
     Measure("barn_metric", "BARN metric", "", True, digits=4),
     Measure("jerk", "jerk", "m/s³", False),
 )
-"""Whether a goal was reached, how directly, how soon and how smoothly."""
+"""Measures of goal reaching: success, path and time efficiency, BARN metric and jerk."""
 
 
 PEOPLE = (
@@ -233,14 +229,14 @@ PEOPLE = (
     Measure("least_gap", "least gap to people", "m", True, digits=2),
     Measure("least_time_to_collision", "least time to collision", "s", True),
 )
-"""Of all tasks, where there are people: contacts by whose motion, time within 0.45 m of a person's surface (Hall, "The
-Hidden Dimension", 1966, intimate distance), the least gap to one, and the least time to collision at the velocities of
-a moment; at most 10 m and 10 s."""
+"""Measures of tasks with people: contacts by cause; time in personal space, within 0.45 m of a person's surface (Hall,
+"The Hidden Dimension", 1966); minimum gap, at most 10 m; minimum time to collision at constant velocities, at most
+10 s."""
 
 
-def route_driven(course: Course) -> float:
-    """Return the share of the route that was driven; it ends a little before the end of its line."""
-    return max(final(course, "progress"), float(course.final["is_success"]))
+def route_driven(history: EpisodeHistory) -> float:
+    """Return the completed fraction of the route; 1 on success."""
+    return max(final(history, "progress"), float(history.final["is_success"]))
 
 
 _deviation_rmse = partial(root_mean_square, name="deviation")
@@ -249,4 +245,4 @@ ROUTE = (
     Measure("deviation_rmse", "deviation from the route", "cm", False, _deviation_rmse, scale=100.0),
     Measure("time_to_end", "time to the end", "s", False, when_successful, limit="time_limit"),
 )
-"""How near to a route the robot drove, and how far."""
+"""Measures of route following: completed fraction, deviation and time."""

@@ -1,4 +1,4 @@
-"""Worker processes."""
+"""Helpers for worker processes."""
 
 import _signal  # type: ignore[import-not-found]
 import contextlib
@@ -13,25 +13,24 @@ from concurrent.futures import ProcessPoolExecutor
 
 
 def start_worker() -> None:
-    """Begin a worker: the `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
+    """Start a worker, as the `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
 
-    It follows its parent. Ctrl-C, which reaches every process of the terminal, ends it without a word: the parent
-    tells. It computes with one thread, since workers are as many as the cores.
+    The worker ends with its parent and silently on Ctrl-C. It computes with one thread.
     """
-    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # as in the background of a script: the parent goes on, too
+    if signal.getsignal(signal.SIGINT) != signal.SIG_IGN:  # ignored in background scripts, whose workers continue
         signal.signal(signal.SIGINT, signal.SIG_DFL)
     if hasattr(signal, "pthread_sigmask"):
-        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # held back by `interrupts_held`
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # blocked by `interrupts_held`
     os.environ["OMP_NUM_THREADS"] = "1"  # before torch is imported
     follow_parent()
 
 
 def follow_parent() -> None:
-    """Let this process end when its parent has died, however that was; it would wait for tasks for ever."""
+    """End this process as soon as its parent process has ended."""
     parent, parent_id = multiprocessing.parent_process(), os.getppid()
     assert parent is not None
 
-    def follow() -> None:  # processes that were forked later may hold the sentinel open
+    def follow() -> None:
         while not multiprocessing.connection.wait([parent.sentinel], timeout=1.0) and os.getppid() == parent_id:
             pass
         os._exit(1)
@@ -41,14 +40,11 @@ def follow_parent() -> None:
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Hold Ctrl-C back while processes are started, for this process until then, for them until `start_worker`.
-
-    They would print a traceback if it came while they import their modules.
-    """
-    if not hasattr(signal, "pthread_sigmask"):  # Windows
+    """Block Ctrl-C while processes start, and in these processes until `start_worker`."""
+    if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    # It starts with the first process, and lets interrupts through again.
+    # Otherwise the first process starts the tracker, which unblocks interrupts.
     multiprocessing.resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -59,10 +55,10 @@ def interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_delayed() -> Iterator[None]:
-    """Let Ctrl-C wait for the end of a short block, unless it comes again: where Numba meets it, it may crash."""
-    # The functions of `signal` convert each handler to an enumeration, which takes 10 us.
+    """Delay the first Ctrl-C to the end of a short block: Numba may crash when interrupted."""
+    # `signal.getsignal` takes 10 us to convert each handler to an enumeration.
     before = _signal.getsignal(signal.SIGINT)
-    if before is None or threading.current_thread() is not threading.main_thread():  # it does not come as an exception
+    if before is None or threading.current_thread() is not threading.main_thread():
         yield
         return
     came = []
@@ -81,6 +77,6 @@ def interrupts_delayed() -> Iterator[None]:
 
 
 def stop_workers(pool: ProcessPoolExecutor) -> None:
-    """End the processes of a pool at once."""
+    """Terminate the processes of a pool."""
     for process in list((pool._processes or {}).values()):
         process.terminate()

@@ -1,4 +1,4 @@
-"""Progress bars, of which files and pipes get whole lines."""
+"""Progress bars for terminals, files and pipes."""
 
 import os
 import threading
@@ -11,19 +11,17 @@ from lidarnaut.envs.files import printable
 
 
 class Progress(tqdm):
-    """A bar of tqdm; where the output is no terminal, a line every ten seconds, and one at the end if it stays."""
+    """Progress bar of tqdm; without a terminal it prints a line every ten seconds."""
 
     _due = 0.0
 
     def __str__(self) -> str:
-        """Return the bar as text, with control characters of names escaped."""
         return printable(super().__str__())
 
     def display(self, msg: str | None = None, pos: int | None = None) -> bool:  # type: ignore[override]
-        """Show the bar, or `msg` in its place."""
         if self.fp.isatty():
             return bool(super().display(msg, pos))
-        # At its end a bar that stays is shown at a position, and ends the line itself; one that goes is emptied.
+        # The final call has a position if the bar stays, otherwise an empty message.
         is_last, now = msg is None and pos is not None, time.monotonic()
         if is_last or (msg is None and now >= self._due and self.n != self.total):
             self._due = now + 10.0
@@ -32,13 +30,12 @@ class Progress(tqdm):
         return False
 
     def clear(self, *args: Any, **kwargs: Any) -> None:
-        """Take the bar off the terminal for a moment."""
         if not self.disable and self.fp.isatty():
             super().clear(*args, **kwargs)
 
 
 def _make_lock() -> None:
-    """Give bars a lock of this process alone: a process that is killed in the midst of a bar would keep tqdm's."""
+    """Use a lock of this process: a killed process would never release tqdm's lock."""
     Progress.set_lock(threading.RLock())
 
 

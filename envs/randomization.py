@@ -1,4 +1,4 @@
-"""Domain randomization: a robot whose parameters differ from episode to episode, unknown to what drives it."""
+"""Domain randomization of robot parameters."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -21,23 +21,23 @@ RANDOMIZABLE = (
     *(f"{record}.{name}" for record, names in _RECORDS.items() for name in names),
     *("max_acc_v", "max_acc_w", "max_v", "max_w"),
 )
-"""Attributes of `RobotParams` that may differ from what the robot is told. Footprint, numbers of beams and range of the
-lidar may not: spaces, maps and plans depend on them."""
+"""Attributes of `RobotParams` that may be randomized. Spaces, maps and plans depend on other attributes, such as
+footprint and lidar range."""
 AT_MOST_NOMINAL = ("max_v", "max_w")
-"""Those that have no effect above the nominal value, which is the greatest that is commanded."""
+"""Parameters that must not exceed the nominal value, which limits the commands."""
 
 Ranges = Mapping[str, Sequence[float]]
-"""(low, high) by the name of a parameter, in its unit."""
+"""Ranges (low, high) by name of a parameter, in its unit."""
 
 
 class Randomization:
-    """Draws a robot's parameters for each episode, each uniformly from a range."""
+    """Samples robot parameters uniformly from ranges in each episode."""
 
     def __init__(self, ranges: Ranges, robot: RobotParams, ignored: Sequence[str] = ()) -> None:
-        """Take ranges, the nominal robot, and the names of parameters that the physics do not have.
+        """Check the ranges for a nominal robot; `ignored` names parameters without effect in the physics.
 
         Raises:
-            ValueError: a name is not allowed, or a range is none; the message names it and what is allowed.
+            ValueError: if a name or a range is not allowed.
         """
         if not isinstance(ranges, Mapping):
             raise ValueError(f"randomize must map names of parameters to (low, high), got {ranges!r}")
@@ -52,11 +52,9 @@ class Randomization:
         self._ranges = {name: _check_range(name, ranges[name], robot) for name in sorted(ranges)}
 
     def draw(self, rng: np.random.Generator) -> dict[str, float]:
-        """Return a value for each parameter, drawn in the order of their names."""
         return {name: float(rng.uniform(low, high)) for name, (low, high) in self._ranges.items()}
 
     def robot(self, values: Mapping[str, float]) -> RobotParams:
-        """Return the robot with these values."""
         robot = self._robot
         for name, value in values.items():
             robot = _replace_nested(robot, name, value)
@@ -64,7 +62,6 @@ class Randomization:
 
     @property
     def highest(self) -> dict[str, float]:
-        """The upper ends of the ranges."""
         return {name: high for name, (_, high) in self._ranges.items()}
 
 
@@ -86,6 +83,5 @@ def _check_range(name: str, value: Any, robot: RobotParams) -> tuple[float, floa
 
 
 def _replace_nested(record: Any, name: str, value: float) -> Any:
-    """Return a record with an attribute replaced whose dotted name may lead into other records."""
     first, _, rest = name.partition(".")
     return replace(record, **{first: _replace_nested(getattr(record, first), rest, value) if rest else value})

@@ -1,4 +1,4 @@
-"""One robot: its readings, its estimates of pose and map, the path that it took, and beside it the true one."""
+"""Readings, estimates and ground truth of a robot."""
 
 import math
 from collections.abc import Hashable, Iterable, Sequence
@@ -25,43 +25,42 @@ from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
-"""What is left to do for a robot: process its scan, which corrects the pose; remember its estimated position; remember
-its true position."""
+"""Bits of `FLAGS`, pending work of a robot: process the scan, append the estimated position to the recorded path,
+append the true position to the true path."""
 
-ONE = np.ones(1, dtype=np.bool_)
-"""Of one robot: it is active."""
-FAR, LATE = 10.0, 10.0
-"""Gaps to people and times to collision beyond this count as this [m, s]."""
+ONE_ACTIVE = np.ones(1, dtype=np.bool_)
+"""Mask of active robots for a single robot."""
+MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
+"""Upper limits of recorded gaps to people [m] and times to collision [s]."""
 
 
-class Setup(NamedTuple):
-    """How a robot's odometry and estimator work, all of it float."""
+class MotionSettings(NamedTuple):
+    """Settings of odometry and estimator in the row of a robot, all float."""
 
     metres_per_tick: float
     track: float
     uses_gyro: float
-    """1 for odometry by wheels and gyroscope, 0 by the wheels alone."""
+    """1 for odometry from wheels and gyroscope, 0 for wheels only."""
     gyro_variance: float
     uses_truth: float
-    """1 where the estimator learns of the true motion in place of odometry's."""
+    """1 if the estimator receives the true motion instead of odometry, otherwise 0."""
     min_travel_distance: float
-    """Distance from the last key scan at which the next one is due [m]; negative where every scan is processed."""
+    """Minimum distance between two key scans [m]; negative if every scan is processed."""
     min_travel_angle: float
 
 
 class Prior(NamedTuple):
-    """What a robot is told at the start of an episode."""
+    """Initial pose and map of a robot."""
 
     pose: Pose2D | None = ORIGIN
-    """Of the base, map frame; None for global localization on a known map."""
+    """Initial pose of the base, map frame; None for global localization on a known map."""
     map: OccupancyGrid | None = None
-    """The known map; None for an unknown one."""
+    """Known map; None if the map is unknown."""
     covariance: np.ndarray | None = None
-    """Shape (3, 3), float64: of the pose [m, m, rad]; None for the estimator's own."""
+    """Covariance of the initial pose, shape (3, 3), float64 [m, m, rad]; None for the estimator's default."""
 
 
 def _follows_odometry(slam: Any) -> bool:
-    """Tell whether poses follow odometry, those of a SLAM between key scans; see `KeyScanSlam`."""
     kind = type(slam)
     if kind is DeadReckoning:
         return True
@@ -74,33 +73,31 @@ def _follows_odometry(slam: Any) -> bool:
 
 
 class Robot:
-    """A robot with its sensors, odometry and estimator: a view of its row, and its map.
+    """A robot with sensors, odometry and an estimator.
 
-    The row is one of `lidarnaut.envs.simulation.records`. Public attributes show no ground truth: true motion, where
-    users ask for `slam="truth"`, reaches the estimator alone.
+    A view of one row of `Rows`, with a map. Public attributes contain no ground truth.
     """
 
     def __init__(
         self, params: RobotParams, control_period: float, estimator: Estimator, *, uses_true_motion: bool = False
     ) -> None:
-        """Assemble a robot, whose estimator gets the true motion in place of odometry's if `uses_true_motion`."""
+        """Create a robot; with `uses_true_motion` the estimator receives the true motion instead of odometry."""
         self.params = params
         self.estimator = estimator
-        kind = type(estimator)  # checks of the project's own would take a twentieth of a kinematic step
+        kind = type(estimator)  # checks would take 5 % of a kinematic step
         self._own_estimator = "" if kind.__module__.startswith("lidarnaut.envs.") else kind.__name__
         self.control_period = control_period
-        """Time between two readings [s]."""
         self.peers: list[Robot] = []
-        """The other robots of a team, which tell this one their poses."""
+        """Other robots of a team; their pose estimates are shared."""
         self._peer_filter = PeerFilter(params)
         self.tracker: PeopleTracker | None = None
-        """Tracks people in the scans, and keeps them out of the map; None for a robot that does not."""
+        """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the estimator looks at key scans alone, or at none, and its pose follows odometry in between."""
-        slam: Any = getattr(estimator, "params", None)  # dead reckoning has none, and no key scans
+        """Whether the estimator processes only key scans (or none) and follows odometry in between."""
+        slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
-        self._setup = Setup(
+        self._setup = MotionSettings(
             metres_per_tick=params.odometry.metres_per_tick,
             track=params.odometry.track,
             uses_gyro=float(params.odometry.uses_gyro),
@@ -121,26 +118,25 @@ class Robot:
 
     @property
     def row(self) -> np.ndarray:
-        """A copy of its numbers, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for any contact."""
+        """Copy of the robot's row, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for any contact."""
         row = at.SENSED * self._row
         row[at.TOUCHED] = row[at.TOUCHED] > 0.0
         return row
 
     def _alone(self, memory: Iterable[Hashable]) -> SimpleNamespace:
-        """Return this robot as a `Batch` of one for `RowPart.write_rows`, with the memories of these names."""
         rows = self._rows
         if len(rows.numbers) == 1:
             if self._batch is None or self._batch.numbers is not rows.numbers:
-                self._batch = SimpleNamespace(robots=[self], active=ONE, **vars(rows))
+                self._batch = SimpleNamespace(robots=[self], active=ONE_ACTIVE, **vars(rows))
             return self._batch
         kept = {name: rows.memory[name][self.index, None] for name in memory}
         return SimpleNamespace(
-            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE
+            robots=[self], numbers=self._row[None], ranges=self.ranges[None], memory=kept, active=ONE_ACTIVE
         )
 
     @property
     def reading(self) -> Reading:
-        """The last reading; made when somebody asks for it."""
+        """Last sensor reading."""
         if self._reading.time != self._row[at.TIME]:
             self._reading = self._rows.reading(self.index)
         return self._reading
@@ -151,22 +147,22 @@ class Robot:
 
     @property
     def ranges(self) -> np.ndarray:
-        """The last scan, as in its reading; a view that the next one overwrites."""
+        """Last scan, as in `Reading.ranges`; overwritten by the next scan."""
         return self._rows.ranges[self.index]
 
     @property
     def bumper(self) -> bool:
-        """Whether the body touched anything during the last period."""
+        """Whether the body touched anything during the last control period."""
         return bool(self._row[at.TOUCHED] > 0.0)
 
     @property
     def twist(self) -> Twist:
-        """Velocity by odometry, or by the estimator where it gives one."""
+        """Velocity estimate from the estimator if available, otherwise from odometry."""
         return Twist(*self._row[at.TWIST_V : at.TWIST_W + 1].tolist())
 
     @property
     def action(self) -> tuple[float, float]:
-        """The last action: forward speed and yaw rate over their limits."""
+        """Last action: forward speed and yaw rate as fractions of their limits."""
         v, w = self._row[at.ACTION_V : at.ACTION_W + 1].tolist()
         return v, w
 
@@ -176,52 +172,54 @@ class Robot:
 
     @property
     def collisions(self) -> int:
-        """Contacts so far."""
+        """Number of contacts since the reset."""
         return int(self._row[at.COLLISIONS])
 
     @property
     def motion(self) -> Pose2D:
-        """Motion of the base during the last period, as the estimator learns of it."""
+        """Motion of the base during the last control period, as the estimator receives it."""
         return Pose2D(*self._row[at.MOTION : at.MOTION + 3].tolist())
 
     @property
     def predicted_pose(self) -> Pose2D:
-        """Pose estimate before the last scan was processed, and with it once it is."""
+        """Pose estimate, map frame: predicted by odometry until the scan is processed."""
         return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
     ) -> None:
-        """Begin an episode at rest; `integrate` processes the reading's scan.
+        """Start an episode at rest; `integrate` processes the first scan.
 
-        `rows`: what reading, motion and pose are views of, the row at `index`; `prior`: what the robot is told; `rng`:
-        source of the estimator's noise; `shared_map`: that another robot of the team integrates its scans into, None
-        without one.
+        `rows` contains the robot's row, at `index`. `rng` is the generator of the estimator. `shared_map` is a map
+        shared with another robot of the team, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self._rows, self.index = rows, index
         self.reading, row = reading, self._row
         self.trail = Trail()
-        """Estimated positions so far, map frame."""
+        """Path of estimated positions, map frame."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
-        """The map at the scales of observations."""
+        """Map at the resolutions of the observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
-        row[at.SETUP : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = self._setup, self.belief.pose, np.inf
+        row[at.MOTION_SETTINGS : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = (
+            self._setup,
+            self.belief.pose,
+            np.inf,
+        )
         if self._setup.min_travel_distance == math.inf:
             row[at.KEY_POSE : at.KEY_POSE + 3] = self.belief.pose
         row[at.LAST_X : at.LAST_THETA + 1], row[at.LAST_TOUCHED] = row[at.X : at.THETA + 1], row[at.TOUCHED]
         row[at.LAST_LEFT], row[at.LAST_RIGHT] = reading.ticks
-        row[at.LEAST_GAP : at.LEAST_TIME + 1] = FAR, LATE
+        row[at.LEAST_GAP : at.LEAST_TIME + 1] = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
         if self.tracker is not None:
             self.tracker.reset()
             self._track(self.tracker, reading.ranges, ORIGIN)
         bias = row[at.BIAS : at.BIAS_VARIANCE + 1]
         bias[:] = 0.0, self.params.imu.gyro_bias_std**2
-        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)  # at rest
+        update_bias(bias, reading.yaw_rate, self._setup.gyro_variance)
 
     def track_people(self) -> None:
-        """Track people from the first scan of the next episode on."""
         self.tracker = PeopleTracker(self.params.lidar, self.control_period)
         if isinstance(self.estimator, KeyScanSlam):
             self.estimator.meets_people = True
@@ -231,9 +229,9 @@ class Robot:
         self.belief.on_people = tracker.is_on_person(ranges, doubt=NOT_STANDING)
 
     def locate(self, flags: int) -> None:
-        """Do what the kernels of a step have left, by their `FLAGS`: process the scan, or follow odometry.
+        """Complete a control period after the kernels: process the scan or follow odometry.
 
-        Raises what `check_belief` does where no map can be made of the belief.
+        `flags`: bits of `FLAGS`. Raises ValueError for an invalid belief.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
@@ -246,7 +244,7 @@ class Robot:
             self._remember(belief.pose)
 
     def integrate(self) -> None:
-        """Process the scan: pose, map and trail."""
+        """Process the last scan: update pose, map and path."""
         estimator: Any = self.estimator
         if self.follows_odometry and estimator.last_key_pose is not None:
             predicted = self.predicted_pose
@@ -258,7 +256,6 @@ class Robot:
         self.follow(estimator.update(reading, self.motion))
 
     def _filtered(self, ranges: np.ndarray) -> np.ndarray:
-        """Return a scan without the beams that end at peers or people."""
         if self.tracker is not None:
             if isinstance(self.estimator, KeyScanSlam):
                 self.estimator.unmatched = self.tracker.is_on_person(ranges, doubt=LARGE_ENOUGH)
@@ -268,7 +265,7 @@ class Robot:
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
 
     def follow(self, belief: Belief) -> None:
-        """Bring row, trail and pyramid up to date with the belief after a scan."""
+        """Update row, path and map pyramid from the belief after a scan."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
@@ -283,40 +280,38 @@ class Robot:
         self._remember(belief.pose)
 
     def _remember(self, pose: Pose2D) -> None:
-        """Append the position to the trail, and show it on the map, if it is far enough from the last one."""
         if self.trail.append(pose):
             self.pyramid.mark(pose.x, pose.y)
             self._row[at.TRAIL : at.TRAIL + 2] = self.trail.last
 
 
 class GroundTruth:
-    """True course of a robot, for rewards, metrics and pictures, never for what drives: its row and a trail."""
+    """True state and path of a robot, for rewards, metrics and rendering; never for policies."""
 
     def __init__(self, rows: Rows, index: int) -> None:
-        """Begin an episode at the state in a row."""
         self._rows, self._index = rows, index
         self.trail = Trail()
-        """Positions so far, world frame."""
+        """Path of true positions, world frame."""
         self.remember()
 
     @property
     def state(self) -> RobotState:
-        """Pose and velocity now."""
+        """True pose and velocity."""
         return self._rows.state(self._index)
 
     @property
     def path_length(self) -> float:
-        """Driven so far [m]."""
+        """Distance driven since the reset [m]."""
         return float(self._rows.numbers[self._index, at.PATH_LENGTH])
 
     def remember(self) -> None:
-        """Append the position to the trail, if it is far enough from the last one."""
+        """Append the position to the path if far enough from the last one."""
         x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
         if self.trail.append(Pose2D(x, y, theta)):
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
 
     def update(self) -> None:
-        """Process a state to which something else than the kernels of a step has moved the robot."""
+        """Update path and distance after a motion outside of the step kernels."""
         row = self._rows.numbers[self._index]
         row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
         row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]
@@ -330,7 +325,7 @@ def reset_robots(
     priors: Sequence[Prior],
     rngs: Sequence[np.random.Generator],
 ) -> None:
-    """Begin an episode of one robot, or of several that share a map, and process the first scans; see `Robot.reset`."""
+    """Start an episode of one robot, or of a team with a shared map."""
     shared_map = None
     for k, (robot, reading, prior, rng) in enumerate(zip(robots, readings, priors, rngs, strict=True)):
         robot.reset(rows, k, reading, prior, rng, shared_map)

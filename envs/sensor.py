@@ -1,4 +1,4 @@
-"""Sensors of the user's own, beside lidar, wheels, gyroscope, compass and bumper."""
+"""Custom sensors."""
 
 import copy
 from collections.abc import Sequence
@@ -13,58 +13,56 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import World
 
-MEMBERS = ("name", "shape", "reset", "measure")
-"""What a sensor has."""
+SENSOR_MEMBERS = ("name", "shape", "reset", "measure")
+"""Required attributes and methods of a sensor."""
 
 
 class Sensor(Protocol):
-    """Measures what is true in the simulation, with noise of its own; readings hold it as `reading.extra[name]`."""
+    """Custom sensor that measures ground truth with noise; readings contain `reading.extra[name]`."""
 
     name: str
-    """Key in `reading.extra`, and the name of the observation part that shows it as it is."""
+    """Key in `reading.extra`, and name of the observation part with the measurement."""
     shape: tuple[int, ...]
-    """Shape of what it measures."""
+    """Shape of a measurement."""
 
     def reset(self, world: World, rng: np.random.Generator) -> None:
-        """Start an episode in a world; noise is to be drawn from `rng`."""
+        """Start an episode in a world; draw noise from `rng`."""
         ...
 
     def measure(self, simulator: Simulator, robot: int) -> np.ndarray:
-        """Return what one of the robots measures now, an array of `shape`; called once in a control period for each."""
+        """Return the measurement of the robot with index `robot`; called once per robot and control period."""
         ...
 
 
 class Measured:
-    """Observation part that shows what a sensor measured, as float32 without bounds."""
+    """Observation part with the measurement of a custom sensor."""
 
     def __init__(self, sensor: Sensor) -> None:
         self._name, self._shape = sensor.name, tuple(sensor.shape)
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-inf, inf, shape, float32)`."""
         return spaces.Box(-np.inf, np.inf, self._shape, np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the last measurement to `out`."""
         out[...] = robot.reading.extra[self._name]
 
 
 def make_sensors(sensors: Sequence[Any]) -> list[Sensor]:
-    """Return sensors from objects, which are copied, classes, or `module:attribute` of either.
+    """Create sensors from objects (copied), classes, or `module:attribute` of either.
 
     Raises:
-        ValueError: one is no sensor, or two have the same name.
+        ValueError: if an item is not a sensor, or two sensors have the same name.
     """
     if isinstance(sensors, str) or not isinstance(sensors, Sequence):
         raise ValueError(f"sensors must be a sequence of sensors or module:attribute, got {sensors!r}")
     made: list[Sensor] = []
-    for given in sensors:
-        found = resolve(given, {}, "sensor")
+    for item in sensors:
+        found = resolve(item, {}, "sensor")
         sensor = found() if isinstance(found, type) else copy.deepcopy(found)
-        if missing := [name for name in MEMBERS if not hasattr(sensor, name)]:
-            raise ValueError(f"sensor {given!r} lacks {', '.join(missing)}; see lidarnaut.envs.sensor.Sensor")
+        if missing := [name for name in SENSOR_MEMBERS if not hasattr(sensor, name)]:
+            raise ValueError(f"sensor {item!r} lacks {', '.join(missing)}; see lidarnaut.envs.sensor.Sensor")
         made.append(sensor)
     names = [sensor.name for sensor in made]
     if len(set(names)) < len(names):
-        raise ValueError(f"sensors must have names of their own, got {names}")
+        raise ValueError(f"sensors must have unique names, got {names}")
     return made

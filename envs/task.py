@@ -1,4 +1,4 @@
-"""What an environment is made of besides simulation and estimation: a task and the parts of its observations."""
+"""Interfaces of tasks, reward terms and observation parts."""
 
 import functools
 import operator
@@ -22,58 +22,57 @@ from lidarnaut.envs.worlds import World
 
 
 class ObservationPart(Protocol):
-    """One entry of an observation, for each robot.
+    """One entry of the observation, written per robot.
 
-    A part that keeps something for an episode also has `reset(robot)`, called once the robot has processed its first
-    reading.
-
-    One with `uses_ground_truth = True` has `write(robot, out, truth)`, which gets the robot's `GroundTruth`; policies
-    that observe it are marked, see `lidarnaut.baselines.explorer.marked`.
+    A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
+    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks policies that observe it;
+    see `lidarnaut.baselines.policy.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
-        """Return the space of what `write` writes."""
+        """Return the space of the part."""
         ...
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write what the robot senses or estimates to `out`, an array of the space's shape and dtype."""
+        """Write readings or estimates of the robot into `out`, an array of the space."""
         ...
 
 
 class RowPart:
-    """Base of parts of the package with `write_rows(batch, out)`: writes the active rows of a `Batch`, by a kernel."""
+    """Base of built-in parts: `write_rows(batch, out)` writes the active rows of a `Batch`."""
 
-    _memory: Sequence[Any] = ()  # names of entries of `batch.memory` that it reads
+    _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
     write_rows: Callable[..., None]
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write the row of one robot to `out`."""
         self.write_rows(robot._alone(self._memory), out[None])
 
 
 class Rewards:
-    """Terms of a reward by name, of which it is the sum: each quantity of a task that has a weight, times that weight.
+    """Weighted sum of reward terms: each weight times the task quantity of the same name.
 
-    Subclasses may have further `changes` of the task's weights, and make terms of their own of its quantities.
+    Subclasses may override `changes` and `terms`.
     """
 
     changes: Mapping[str, float] = MappingProxyType({})
-    """Weights that differ from the task's, and of terms that it does not have."""
+    """Weights that replace weights of the task or add terms."""
 
     def __init__(self, weights: Mapping[str, float]) -> None:
-        """Take the weights of a task; ValueError if one is not finite."""
+        """Set the weights by term name; ValueError if one is not finite."""
         for name, weight in (chosen := {**weights, **self.changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
-        """Weights by name, in the order of summation."""
+        """Weights by term name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
-        """Return the terms of a task as a user wants them.
+        """Return the reward terms of a task.
 
-        `weights`: of the task; `reward`: None, other weights for some of them, a subclass of this class, or
-        `module:attribute` of either. ValueError if there is no such term, or a weight is not finite.
+        `reward` is None, a mapping of weights to replace, a subclass of `Rewards`, or `module:attribute` of either.
+
+        Raises:
+            ValueError: if a term is unknown, or a weight is not finite.
         """
         reward = resolve(reward, {}, "reward")
         if isinstance(reward, type) and issubclass(reward, Rewards):
@@ -86,110 +85,110 @@ class Rewards:
         return Rewards({**weights, **changes})
 
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the terms of a step by the quantities of the task, each in the unit that its weight is for."""
+        """Return the weighted terms of a step by name, from the task's quantities."""
         return {name: weight * quantities[name] for name, weight in self.weights.items()}
 
 
 def total(terms: Mapping[str, Any]) -> Any:
-    """Return the sum of reward terms, numbers or columns, added in order. `sum` rounds otherwise since Python 3.12."""
+    """Return the sum of reward terms, added in order; `sum` rounds differently."""
     return functools.reduce(operator.add, terms.values(), 0.0)
 
 
 class Task(ABC):
-    """In which world an episode runs, what is rewarded, and when it ends.
+    """Defines worlds, start poses, estimators, reward and end of episodes.
 
-    The parameters of a task's constructor are arguments of its environments, beside those that all of them share
-    (`lidarnaut.envs.core.LidarEnv`); dataclasses need no constructor of their own. A task sees ground truth. Policies
-    see of it only its observation parts and what it tells robots at the start (`prior`).
+    Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
+    its observation parts and `prior`.
 
-    A task that keeps what it knows of an episode in `Rows.memory` may have `update_rows(batch)`: it does what `update`
-    does for the environments of `batch.active` at once, and returns `quantities`, `metrics`, and whether the task has
-    ended the episode, as columns with an entry for each environment; see `lidarnaut.envs.tasks.reach_goal`.
+    A task with state in `Rows.memory` may implement `update_rows(batch)`, `update` for all environments of
+    `batch.active`. It returns `quantities`, `metrics` and whether the episode has ended, as arrays with one entry per
+    environment; see `lidarnaut.envs.tasks.reach_goal`.
     """
 
     measures: ClassVar[Sequence[Measure]] = (TIME_TO_SUCCESS,)
-    """Measures of an episode, one of them the headline; `lidarnaut.envs.measures.COMMON` and `SUCCESS` come on top."""
+    """Measures of an episode, in addition to `lidarnaut.envs.measures.COMMON` and `SUCCESS`."""
     progress: ClassVar[str] = "is_success"
-    """Entry of `info` that says how much of the task is done, from 0 to 1; curves show it over time."""
+    """Key in `info` of the completed fraction of the task, in [0, 1]."""
     reset_options: ClassVar[tuple[str, ...]] = ()
-    """Keys of `reset(options=)` that the task reads, besides "world" and "start"."""
+    """Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
     num_robots: int = 1
-    """How many robots there are."""
+    """Number of robots."""
     is_team: ClassVar[bool] = False
-    """Whether actions and observations have an axis for the robots."""
+    """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether periods in which no robot integrates a scan change nothing but time and contact: `quantities` has the
-    seconds that all passed as "time", those in contact as "collision", and zeros; `metrics` stays. Kernels pass over
-    such periods of many environments, or of a decision, without `update`."""
+    """Whether control periods without scan integration change only time and contacts. Kernels may then skip `update`:
+    the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
-    """What a task with `update_rows` needs of its episode, besides rows of memory; of a `Batch` they are
-    `task_arrays`."""
+    """Arrays that `update_rows` reads as `batch.task_arrays`."""
     uses_true_motion: bool = False
-    """Whether estimators get the true motion in place of odometry's."""
+    """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """Sampler of worlds if `draw_world` depends on it and the generator alone, and calls no code of users. A thread may
-    call `draw_world` ahead of time then. None otherwise."""
+    """World sampler if `draw_world` depends only on this sampler and the generator, and calls no user code; otherwise
+    None. A thread may then call `draw_world` in advance."""
     weights: Mapping[str, float]
-    """Weights of the reward terms by name, each of which is one of the `quantities`."""
+    """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
-    """What the user wants to be rewarded otherwise; see `Rewards.of`."""
+    """Reward argument of the user; see `Rewards.of`."""
     rewards: Rewards
-    """The terms of both."""
+    """Reward terms that result from `weights` and `reward`."""
     robot: RobotParams
-    """The nominal robot."""
+    """Nominal robot parameters."""
     control_period: float
-    """Time between two steps [s]."""
+    """Duration of a control period [s]."""
     physics: str
-    """Name of the physics."""
+    """Physics engine: "bullet" or "kinematic"."""
     starts: Sequence[Pose2D]
-    """Where the robots started, world frame; set by `choose_starts`."""
+    """Start poses of the robots, world frame."""
     map_pose: Pose2D
-    """Pose of the map frame in the world; set by `choose_starts` where it depends on them."""
+    """Pose of the map frame in the world frame."""
     end_reason: str | None = None
-    """Why the task has ended the episode; None while it has not."""
+    """Reason why the task has ended the episode, or None."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
-        """Take note of what the environment is made of; called once, before all else.
+        """Store robot, control period [s] and physics; called once, before all other methods.
 
         Raises:
-            ValueError: the task cannot be done with that; the message names the culprit.
+            ValueError: if the task does not support them.
         """
         self.robot, self.control_period, self.physics = robot, control_period, physics
         if not hasattr(self, "weights"):
-            raise ValueError(f"task {type(self).__name__} needs weights of reward terms, such as {{'time': -0.02}}")
+            raise ValueError(f"task {type(self).__name__} must define reward weights, such as {{'time': -0.02}}")
         self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:
-        """Return the names of the observation parts that are shown by default: the task's own among them."""
+        """Return the names of the default observation parts."""
         return ("scan", "map_near", "map_far", "motion", *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return the observation parts that the task adds to `lidarnaut.envs.observations.PARTS`, by name."""
+        """Return observation parts to add to `lidarnaut.envs.observations.PARTS`, by name."""
         return {}
 
     @abstractmethod
     def make_estimator(self) -> Estimator:
-        """Return what estimates the pose of a robot and its map; called once for each robot."""
+        """Return a new estimator of pose and map; called once per robot."""
 
     @abstractmethod
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the next episode; called ahead of time if there is a `sampler_ahead`.
+        """Return the world of the next episode.
 
-        `world` is what users passed to `reset(options={"world": ...})`, None for the one that they constructed it with.
+        `world` is the value of `reset(options={"world": ...})`; None selects the world of the constructor.
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the part of a world for the episode; `start` as for `choose_starts`."""
+        """Return the part of the world for the episode; `start` as for `choose_starts`."""
         return world
 
     @abstractmethod
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> Sequence[Pose2D]:
-        """Return where the robots start, world frame, and set `starts` and `map_pose`; `start` as for `draw_world`."""
+        """Return the start poses, world frame, and set `starts` and `map_pose`.
+
+        `start` is the value of `reset(options={"start": ...})`, or None.
+        """
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return what a robot is told at the start: its own pose, and no map; called after `choose_starts`.
+        """Return the initial pose and map of the robot `index`; by default its pose and no map.
 
-        `index` says which robot, and `rng` is that of its estimator.
+        `rng` is the generator of the robot's estimator.
         """
         return Prior(self.map_pose.between(self.starts[index]))
 
@@ -197,25 +196,30 @@ class Task(ABC):
     def reset(
         self, simulator: Simulator, robots: Sequence[Robot], rng: np.random.Generator, options: Mapping[str, Any]
     ) -> float:
-        """Start an episode, once the robots have processed their first readings; return its usual time limit [s].
+        """Start an episode after the robots have processed their first readings.
 
-        `simulator`: ground truth: states of the robots, contacts, what moves; `robots`: all of the episode, with their
-        estimates; `rng`: draws what is random about the task; `options`: of the environment's `reset`, those in
-        `reset_options`.
+        Args:
+            simulator: ground truth: robot states, contacts and people.
+            robots: all robots, with their estimates.
+            rng: generator of the task.
+            options: entries of `reset(options=...)` named in `reset_options`.
+
+        Returns:
+            Default time limit of the episode [s].
         """
 
     @abstractmethod
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Process a control period of so many seconds; `simulator` and `robots` as for `reset`."""
+        """Process a control period [s]; `simulator` and `robots` as for `reset`."""
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:
-        """Return what is rewarded of the last period, by the name of the reward term."""
+        """Return the rewarded quantities of the last control period, by reward term."""
 
     @abstractmethod
     def metrics(self) -> dict[str, Any]:
-        """Return what `info` tells about the task after every step; `is_success` among it."""
+        """Return the task's entries of `info`, including `is_success`."""
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return what `info` tells at the end of an episode as well."""
+        """Return additional entries of the last `info`."""
         return {}

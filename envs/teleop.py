@@ -1,4 +1,4 @@
-"""Drive a robot by keyboard and see its map grow: `python -m lidarnaut.envs.teleop --world turtlebot3_house`."""
+"""Drive a robot by keyboard and map a world: `python -m lidarnaut.envs.teleop --world turtlebot3_house`."""
 
 import math
 from pathlib import Path
@@ -18,11 +18,11 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import save_map
 from lidarnaut.envs.worlds.map_files import map_paths
 
-HELP = "arrows or WASD: drive     space: stop     R: start again     M: save the map     Q: quit"
+HELP = "arrows or WASD: drive     space: stop     R: restart     M: save the map     Q: quit"
 TURN_RATE = 1.0
-"""Yaw rate at which keys turn a robot that can turn this fast [rad/s]."""
-STRIP = 32
-"""Height of the line of help below the picture [px]."""
+"""Maximum yaw rate of keyboard commands [rad/s]."""
+HELP_HEIGHT = 32
+"""Height of the help line below the image [px]."""
 DIRECTIONS = {
     pygame.K_UP: (1.0, 0.0),
     pygame.K_w: (1.0, 0.0),
@@ -33,22 +33,22 @@ DIRECTIONS = {
     pygame.K_RIGHT: (0.0, -1.0),
     pygame.K_d: (0.0, -1.0),
 }
-"""What each key asks for while it is held: sign of the forward speed, sign of the yaw rate."""
+"""Signs of forward speed and yaw rate for each key."""
 
 
 class Teleop:
-    """A window, a keyboard, and the robot between them. The robot moves while keys are held."""
+    """Window that drives a robot while keys are held."""
 
     def __init__(self, env: LidarEnv, map_path: Path, seed: int | None = None) -> None:
-        """Open the window, RuntimeError without a display, and begin an episode.
+        """Open the window and start an episode of an environment with `render_mode="rgb_array"`.
 
-        `env`: with `render_mode="rgb_array"`; `map_path`: where maps are saved; `seed`: of the first episode.
+        `map_path`: path of saved maps. Raises RuntimeError without a display.
         """
         self._env = env
         self._map_path = map_path
         self._held: set[int] = set()
         self._message = ""
-        self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + STRIP))
+        self._window = open_window("lidarnaut", (SIZE[0], SIZE[1] + HELP_HEIGHT))
         self._text = Typesetter()
         env.reset(seed=seed)
         if env.world.map is not None:
@@ -56,14 +56,14 @@ class Teleop:
         self._show()
 
     def tick(self) -> bool:
-        """Answer the keyboard, drive for one control period and show what came of it; False when it is time to quit."""
+        """Process keys, drive one control period and draw; return False to quit."""
         for event in pygame.event.get():
             if event.type in (pygame.QUIT, pygame.WINDOWCLOSE):
                 return False
             if event.type == pygame.KEYUP:
                 self._held.discard(event.key)
             elif event.type == pygame.WINDOWFOCUSLOST:
-                self._held.clear()  # the keys' release will go to another window
+                self._held.clear()
             elif event.type == pygame.KEYDOWN and not self._press(event.key):
                 return False
         self._env.step(self._action())
@@ -71,19 +71,17 @@ class Teleop:
         return True
 
     def close(self) -> None:
-        """Close the window and the environment."""
         self._window.destroy()
         self._env.close()
 
     def _press(self, key: int) -> bool:
-        """Do what a key stands for; False for the one that quits."""
         if key in DIRECTIONS:
             self._held.add(key)
         elif key == pygame.K_SPACE:
             self._held.clear()
         elif key == pygame.K_r:
             self._env.reset()
-            self._message = "started again"
+            self._message = "restarted"
         elif key == pygame.K_m:
             self._save()
         return key != pygame.K_q
@@ -95,7 +93,6 @@ class Teleop:
             self._message = f"not saved: {error}"
 
     def _action(self) -> np.ndarray:
-        """Add up the held keys; opposite ones cancel."""
         v, w = np.sign(np.sum([DIRECTIONS[key] for key in self._held], axis=0)) if self._held else (0.0, 0.0)
         return np.array([v, w * min(1.0, TURN_RATE / self._env.robot.max_w)], dtype=np.float32)
 
@@ -106,8 +103,8 @@ class Teleop:
         surface = self._window.get_surface()
         surface.fill(PAPER)
         surface.blit(pygame.image.frombuffer(frame.tobytes(), (width, height), "RGB"), (0, 0))
-        self._text.write(surface, HELP, midleft=(GAP, height + STRIP // 2 - 4))
-        self._text.write(surface, self._message, midright=(width - GAP, height + STRIP // 2 - 4))
+        self._text.write(surface, HELP, midleft=(GAP, height + HELP_HEIGHT // 2 - 4))
+        self._text.write(surface, self._message, midright=(width - GAP, height + HELP_HEIGHT // 2 - 4))
         self._window.flip()
 
 
@@ -120,22 +117,22 @@ def main(
     seed: int | None = None,
     map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml"),
 ) -> None:
-    """Drive a robot by keyboard through an unknown world, and see its map grow.
+    """Drive a robot by keyboard through an unknown world while it builds a map.
 
     Args:
         world: library world, procedural family, or path of a world YAML or map_server YAML.
-        robot: library robot or path of a robot YAML; the world's usual robot if not given.
+        robot: library robot or path of a robot YAML; default is the robot of the world.
         physics: bullet or kinematic.
-        slam: hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of your own.
+        slam: hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of a custom SLAM.
         control_hz: steps per second.
-        seed: of world and noise.
-        map: where M saves the learned map, for map_server: NAME.yaml beside NAME.pgm.
+        seed: seed of world and noise.
+        map: file for maps saved by M, for map_server: NAME.yaml, with NAME.pgm.
     """
     place: dict[str, Any] = {"world": world, "slam": slam, "start": "spawn", "time_limit": math.inf}
     env = LidarEnv(Explore, robot=robot, physics=physics, control_hz=control_hz, render_mode="rgb_array", **place)
     map_paths(map)
     if not map.resolve().parent.is_dir():
-        raise FileNotFoundError(f"there is no folder {map.resolve().parent} to save maps in")
+        raise FileNotFoundError(f"folder {map.resolve().parent} for maps does not exist")
     teleop = Teleop(env, map, seed)
     clock = pygame.Clock()
     while teleop.tick():
@@ -144,7 +141,7 @@ def main(
 
 
 def cli() -> None:
-    """Drive with the options of the command line."""
+    """Run `main` with command-line options."""
     run_command(main)
 
 

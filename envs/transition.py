@@ -1,8 +1,4 @@
-"""What a control period does to robots, but for what their scans tell: kernels over rows.
-
-Rows are those of `lidarnaut.envs.simulation.records`. Kernels are the step of every environment: of one robot, of a
-team, of a shard's sub-environments, of a drive.
-"""
+"""Kernels for one control period: motion, contacts and odometry. Scan processing is elsewhere."""
 
 import math
 
@@ -13,19 +9,20 @@ from lidarnaut.envs.estimation.motion import gyro_motion, wheel_motion
 from lidarnaut.envs.estimation.trail import TRAIL_SPACING
 from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.geometry.pose import between, compose, distance
-from lidarnaut.envs.robot import FAR, LATE, REMEMBER, REMEMBER_TRUE, SCAN, Setup
+from lidarnaut.envs.robot import MAX_PERSON_GAP, MAX_TIME_TO_COLLISION, REMEMBER, REMEMBER_TRUE, SCAN, MotionSettings
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.contact import drove_into
-from lidarnaut.envs.simulation.crowd import records as crowd_at
+from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.slam.key_scans import has_moved
 
-SETUP_SIZE = len(Setup._fields)
+NUM_MOTION_SETTINGS = len(MotionSettings._fields)
 PERSONAL_SPACE = 0.45
-"""Gap between footprint and person within which a robot is in personal space [m]: Hall's intimate distance ("The Hidden
-Dimension", 1966)."""
+"""Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
+(1966)."""
 BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
-"""Values of `TOUCHED_BY`: no contact; with what rests; with a person, by the robot's own motion or by the person's."""
+"""Values of `TOUCHED_BY`: no contact; contact with an obstacle or robot; contact with a person caused by the robot;
+contact caused by the person."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -55,10 +52,9 @@ def _odometry(row, setup):
 
 @njit(cache=True, error_model="numpy")
 def _watch_people(row, people):
-    """Bring up to date how near a robot is to people, and who caused a contact."""
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     vx, vy = (x - row[at.LAST_X]) / period, (y - row[at.LAST_Y]) / period
-    gap, time = FAR, LATE
+    gap, time = MAX_PERSON_GAP, MAX_TIME_TO_COLLISION
     for i in range(people.shape[0]):
         dx, dy = people[i, crowd_at.X] - x, people[i, crowd_at.Y] - y
         reach, away = radius + people[i, crowd_at.RADIUS], distance(dx, dy)
@@ -84,13 +80,13 @@ def _watch_people(row, people):
 
 @njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
-    """Bring rows up to date once the robots have moved and sensed: contacts, odometry, predicted pose, and `FLAGS`.
+    """Update rows after motion and sensing: contacts, odometry, predicted pose and `FLAGS`.
 
-    Between key scans the pose follows odometry, as `KeyScanSlam` says. `people`: rows of all people.
+    `people`: rows of all people. Between key scans the pose follows odometry.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
-        setup = Setup(*as_tuple(row[at.SETUP : at.ROBOT], SETUP_SIZE))
+        setup = MotionSettings(*as_tuple(row[at.MOTION_SETTINGS : at.ROBOT], NUM_MOTION_SETTINGS))
         before, now, x, y = _read(row, at.LAST_X), _read(row, at.X), row[at.X], row[at.Y]
         _watch_people(row, people)
         row[at.COLLISIONS] += row[at.TOUCHED] > 0.0 and not row[at.LAST_TOUCHED] > 0.0
@@ -118,26 +114,26 @@ def update_robots(rows, people):
 
 
 @njit(cache=True, error_model="numpy")
-def step_rows(rows, draws, ranges, active, num_robots, around):
-    """Drive and sense for one control period: the robots of active environments, which have `num_robots` rows each.
+def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
+    """Simulate one control period of active environments with `num_robots` rows each.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment; `active`: shape (num_envs,), bool;
-    `around`: a list with the other arguments of `step_robots` for each environment.
+    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment. `active`: environments to step, shape
+    (num_envs,), bool. `world_arrays`: other arguments of `step_robots`, by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
             first, last = i * num_robots, (i + 1) * num_robots
-            own, (segments, circles, crowd) = rows[first:last], around[i]
+            own, (segments, circles, crowd) = rows[first:last], world_arrays[i]
             step_robots(own, draws[first:last], ranges[first:last], segments, circles, crowd)
             update_robots(own, crowd[0])
 
 
 @njit(cache=True, error_model="numpy")
-def note_positions(rows, active, positions, counts):
-    """Note the positions that active rows are to remember, as their `FLAGS` say, which no longer ask for it then.
+def record_positions(rows, active, positions, counts):
+    """Append the positions requested by `FLAGS` to arrays, and clear the flags; True if an array is full.
 
-    `positions`: shape (n, k, 4), float64: estimated and true ones [m]; `counts`: shape (n, 2), int64: how many of each.
-    Both are written. Returns whether one of them is full.
+    `active`: rows to process, shape (n,), bool. `positions`: estimated and true positions, shape (n, k, 4), float64
+    [m], written. `counts`: numbers of estimated and true positions, shape (n, 2), int64, written.
     """
     is_full = False
     for k in range(rows.shape[0]):
@@ -158,7 +154,7 @@ def note_positions(rows, active, positions, counts):
 
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:
-    """Return what rows tell of people at the end of an episode, of all robots of a team together."""
+    """Return the metrics about people at the end of an episode, over all robots."""
     least = {"least_gap": at.LEAST_GAP, "least_time_to_collision": at.LEAST_TIME}
     total = {"intrusion_time": at.INTRUSION}
     total |= {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
@@ -168,7 +164,7 @@ def people_metrics(rows: np.ndarray) -> dict[str, float]:
 
 @njit(cache=True, error_model="numpy")
 def pose_errors(rows):
-    """Return how far estimated poses are off, shape (num_rows, 2), float64: distance [m] and angle [rad]."""
+    """Return the errors of pose estimates, shape (num_rows, 2), float64: distance [m] and angle [rad]."""
     errors = np.empty((rows.shape[0], 2))
     for k in range(rows.shape[0]):
         start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)

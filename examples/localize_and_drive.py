@@ -7,13 +7,10 @@ from pathlib import Path
 
 import tyro
 
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut import LidarEnv, make_explorer, run_episode, save_map
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.navigate import Navigate
-from lidarnaut.envs.worlds import save_map
 
 
 def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_drive"), seed: int = 0) -> str:
@@ -39,7 +36,7 @@ def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_dr
     driven = run_episode(env, GoalNavigator(GoalParams(lost_time=120.0)), seed + 1)
     env.close()
     print(
-        f"goal {driven.course.of('geodesic_distance')[0]:.1f} m away: {driven.end_reason} in {driven.duration:.0f} s, "
+        f"goal {driven.history.of('geodesic_distance')[0]:.1f} m away: {driven.end_reason} in {driven.duration:.0f} s, "
         f"{driven.path_length:.1f} m (localization included); {driven.collisions:.0f} collisions"
     )
     return driven.end_reason

@@ -7,7 +7,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.simulation import records as robots_at
 from lidarnaut.envs.simulation.crowd import Crowd, People
-from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.step import step_people
 from tests.rooms import make_room
 

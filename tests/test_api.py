@@ -79,7 +79,7 @@ def test_wrong_arguments_of_evaluate_name_the_culprit(wrong, match):
 
 def test_train_takes_a_mapping_with_changes_and_refuses_unknown_keys():
     data = {"experiment": "a", "algorithm": "PPO", "total_steps": 64, "environment": {"id": "lidarnaut/ReachGoal-v0"}}
-    with pytest.raises(ValueError, match="no argument .worlt. .did you mean .world"):
+    with pytest.raises(ValueError, match=r"no argument .worlt. .did you mean .world"):
         lidarnaut.train(data, {"environment.worlt": "rooms"})
     with pytest.raises(ValueError, match="did you mean 'reach_crowd'"):
         lidarnaut.train("reach_crwd")

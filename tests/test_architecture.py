@@ -81,7 +81,8 @@ READERS = {
 }  # fmt: skip
 """Calls that read files or objects without a limit."""
 READ_ANYTHING = {
-    "envs/files/archives.py", "envs/files/records.py", "envs/player/page.py", "agents/ship.py", "benchmarks/demo.py",
+    "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
+    "benchmarks/demo.py",
     "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
     "envs/compilation.py",
 }  # fmt: skip

@@ -16,8 +16,8 @@ from lidarnaut.envs.observations import MapCrop
 from lidarnaut.envs.slam import KnownPoses, load_params
 from lidarnaut.envs.task import Rewards
 from lidarnaut.envs.tasks.explore import Explore, ExploreTeam
-from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.navigate import Navigate
+from lidarnaut.envs.tasks.track import Track
 from lidarnaut.envs.worlds import load_world
 from tests.rollouts import rollout
 
@@ -88,7 +88,7 @@ def test_world_and_start_can_be_chosen_for_one_episode():
     assert same(first, rollout(env, 3, 10))
 
 
-@pytest.mark.parametrize("task", [Explore, ExploreTeam, Navigate, FollowRoute])
+@pytest.mark.parametrize("task", [Explore, ExploreTeam, Navigate, Track])
 def test_unknown_options_are_named(task):
     env = LidarEnv(task, robot="mpo_500", physics="kinematic")
     with pytest.raises(ValueError, match=r"unknown options \['weather'\]; allowed are .*'start'"):
@@ -241,7 +241,7 @@ def test_a_task_without_weights_is_named():
     class Weightless(Explore):
         weights = property()
 
-    with pytest.raises(ValueError, match="task Weightless needs weights of reward terms"):
+    with pytest.raises(ValueError, match="task Weightless must define reward weights"):
         LidarEnv(Weightless)
 
 
@@ -316,7 +316,7 @@ def test_an_environment_with_sensors_pickles_between_steps():
     ("sensors", "culprit"),
     [
         ("beacon", "sensors must be a sequence"),
-        ([Beacon, Beacon], "names of their own"),
+        ([Beacon, Beacon], "unique names"),
         ([object()], "lacks name, shape, reset, measure"),
         (["nowhere"], "unknown sensor 'nowhere'"),
     ],

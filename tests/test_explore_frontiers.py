@@ -8,10 +8,10 @@ from gymnasium.utils.env_checker import data_equivalence as same
 
 import lidarnaut  # noqa: F401
 from lidarnaut.agents.frontiers.score import FrontierScore
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Correction, MapUpdate
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.candidates import COST

@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
-from lidarnaut.envs.measures import PEOPLE, REACH, Course, barn_metric
+from lidarnaut.envs.measures import PEOPLE, REACH, EpisodeHistory, barn_metric
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.goals import GeodesicDistance
@@ -116,10 +116,10 @@ def test_jerk_is_that_of_the_speed_that_the_controller_reaches():
 def test_measures_weigh_success_by_path_time_and_the_metric_of_barn():
     samples = {"geodesic_distance": np.array([8.0, 0.2]), "path_length": np.array([0.0, 10.0])}
     final = {"is_success": True, "path_length": 10.0, "time": 16.0, "geodesic_distance": 0.2}
-    course = Course(samples, final | {"jerk": 1.0, "barn_metric": 0.5}, 100.0, 2.0)
-    values = {measure.name: measure.compute(course) for measure in REACH}
-    assert (values["time_spl"], values["spl"], values["time_to_goal"]) == (0.25, 0.8, 16.0)
-    failed = Course(samples, course.final | {"is_success": False}, 100.0, 2.0)
+    history = EpisodeHistory(samples, final | {"jerk": 1.0, "barn_metric": 0.5}, 100.0, 2.0)
+    values = {measure.name: measure.compute(history) for measure in REACH}
+    assert (values["sct"], values["spl"], values["time_to_goal"]) == (0.25, 0.8, 16.0)
+    failed = EpisodeHistory(samples, history.final | {"is_success": False}, 100.0, 2.0)
     assert [measure.compute(failed) for measure in REACH][:3] == [0.0, 0.0, math.inf]
     assert barn_metric(True, 6.0, 5.0) == 0.5
     assert barn_metric(True, 20.0, 5.0) == 0.25

@@ -9,9 +9,9 @@ import pytest
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import begin_episode, decide_with, run
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.tasks.explore import HOME_RADIUS, Explore, ExploreTeam
 from tests.rollouts import nearest, rollout
 
@@ -123,7 +123,7 @@ def test_policies_see_where_home_is():
 def test_what_cannot_return_says_so():
     with pytest.raises(ValueError, match="return_home is for one robot"):
         LidarEnv(ExploreTeam, **QUICK)
-    with pytest.raises(ValueError, match="return_home needs a robot that drives"):
+    with pytest.raises(ValueError, match="return_home is not supported without driving"):
         ExploreFrontiersAbstractEnv(return_home=True)
     with pytest.raises(ValueError, match="return_home=True"):
         LidarEnv(Explore, physics="kinematic").task.call_back()

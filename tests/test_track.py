@@ -9,9 +9,9 @@ from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.localization.fusion import measure_heading, measure_wheels
 from lidarnaut.envs.robots import load_robot
-from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.route import Progress, Route, rectangle
 from lidarnaut.envs.tasks.route_map import make_route_map
+from lidarnaut.envs.tasks.track import Track
 from lidarnaut.envs.worlds import load_world
 from tests.test_contract import TASKS
 
@@ -32,7 +32,7 @@ def follow(env, seed=0):
 
 @pytest.mark.parametrize("physics", ["bullet", "kinematic"])
 def test_the_tracker_follows_the_route_to_its_end(physics):
-    env = LidarEnv(FollowRoute, **{**HALL, "physics": physics, "start_spread": (0.0, 0.0)})
+    env = LidarEnv(Track, **{**HALL, "physics": physics, "start_spread": (0.0, 0.0)})
     infos = follow(env)
     assert infos[-1]["end_reason"] == "completed"
     assert infos[-1]["is_success"]
@@ -41,7 +41,7 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
     assert max(info["pose_error"][0] for info in infos) < 0.05
     assert max(info["pose_error"][1] for info in infos) < math.radians(0.7)
     assert sum(info["rewards"]["progress"] for info in infos) == pytest.approx(env.task.route.length, abs=0.15)
-    assert infos[-1]["rewards"]["completed"] == FollowRoute.weights["completed"]
+    assert infos[-1]["rewards"]["completed"] == Track.weights["completed"]
     counts = env.robots[0].estimator.ekf.counts
     assert counts["encoder"]["accepted"] == counts["compass"]["accepted"] == len(infos) - 1
     assert 20 < counts["map"]["accepted"] < 35
@@ -51,13 +51,13 @@ def test_the_tracker_follows_the_route_to_its_end(physics):
 def test_fusion_keeps_the_heading_that_wheels_lose():
     heading = {}
     for fusion in ("full", "encoder"):
-        env = LidarEnv(FollowRoute, **{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)})
+        env = LidarEnv(Track, **{**HALL, "fusion": fusion, "start_spread": (0.0, 0.0)})
         heading[fusion] = np.mean([follow(env, seed)[-1]["pose_error"][1] for seed in range(3)])
     assert heading["full"] < 0.2 * heading["encoder"]
 
 
 def test_an_initial_pose_error_is_corrected_and_no_measurement_is_rejected():
-    env = LidarEnv(FollowRoute, **HALL)
+    env = LidarEnv(Track, **HALL)
     for seed in range(4):
         off = env.reset(seed=seed)[1]["pose_error"][1]
         for _ in range(10):
@@ -67,7 +67,7 @@ def test_an_initial_pose_error_is_corrected_and_no_measurement_is_rejected():
 
 
 def test_straying_ends_the_episode():
-    env = LidarEnv(FollowRoute, **{**QUICK, "max_deviation": 0.2})
+    env = LidarEnv(Track, **{**QUICK, "max_deviation": 0.2})
     env.reset(seed=0)
     for _ in range(100):
         *_, terminated, truncated, info = env.step(np.array([1.0, 0.4], dtype=np.float32))
@@ -125,7 +125,7 @@ def test_maps_are_made_once_and_are_aligned_with_the_world():
 def test_a_route_through_a_wall_is_no_route():
     path = [[-2.0, -0.5], [-1.4, -0.5], [-1.4, 2.2], [-2.0, 4.0]]
     with pytest.raises(RuntimeError, match=r"did not reach the end of the route in world 'turtlebot3_world'"):
-        LidarEnv(FollowRoute, **{**QUICK, "path": path}).reset(seed=0)
+        LidarEnv(Track, **{**QUICK, "path": path}).reset(seed=0)
 
 
 def test_encoders_tell_the_mean_of_a_period_for_its_middle():
@@ -144,7 +144,7 @@ def test_encoders_tell_the_mean_of_a_period_for_its_middle():
 
 
 def test_two_readings_of_one_time_are_refused():
-    env = LidarEnv(FollowRoute, **QUICK)
+    env = LidarEnv(Track, **QUICK)
     env.reset(seed=0)
     with pytest.raises(ValueError, match="time must increase"):
         env.robots[0].estimator.update(env.reading, Pose2D(0.0, 0.0, 0.0))

@@ -203,7 +203,7 @@ def test_trails_of_robots_without_a_map_are_noted_by_kernels(monkeypatch):
     ("kind", "arguments", "why"),
     [
         (partial(LidarEnv, Explore), {}, ""),
-        (partial(Braked, Explore), {}, "Braked has twists of its own"),
+        (partial(Braked, Explore), {}, "Braked overrides twists"),
         (partial(LidarEnv, Explore), {"physics": "bullet"}, "BulletSimulator steps in Python"),
         (ExploreFrontiersEnv, {}, ""),
         (ExploreFrontiersEnv, {"slam": Nailed}, "Nailed processes every scan"),

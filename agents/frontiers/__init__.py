@@ -1,1 +1,1 @@
-"""A learned explorer that chooses frontiers: a score of candidates, trained by evolution in the abstract simulator."""
+"""Learned frontier selection: evolved scores and an attention network."""

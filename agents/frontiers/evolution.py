@@ -1,12 +1,9 @@
-"""Evolution of a score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
+"""Evolution of a frontier score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
 
-Every generation draws tasks, and every individual explores all of them: common worlds, starts and noise take most of
-the chance out of the comparison. Weights are counted in units of 1 over the spread of their feature among the best
-candidates of a decision, so that a step in any direction changes about as many decisions. What is minimised is the mean
-logarithm of the time over that of the rule that evolution starts from. The policy is the average of the distribution's
-means over the second half of the generations (Polyak and Juditsky, "Acceleration of stochastic approximation by
-averaging", 1992): single means differ by less than validation can tell. Validation, on tasks of its own that are drawn
-once, reports and selects nothing.
+The objective is the mean log exploration time relative to the rule `gain_over_cost`. All individuals of a generation
+explore the same tasks, to reduce variance. Weights are scaled by the spread of their features, so that equal steps
+change about as many decisions. The policy averages the distribution means over the second half of the generations
+(Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", 1992).
 """
 
 import contextlib
@@ -31,12 +28,12 @@ from lidarnaut.envs.progress import Progress
 from .features import NEAREST, NUM_FEATURES, PRIOR
 from .rollout import compare, feature_variances
 from .score import FrontierScore
-from .tasks import TARGET, Task, draw_task
+from .tasks import TARGET, ExplorationTask, draw_task
 
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
-"""Streams of random numbers."""
+"""Random streams for generations, validations and feature scaling."""
 LEAST_SPREAD = 0.02
-"""Spread of features that hardly ever differ."""
+"""Lower bound of a feature's standard deviation."""
 
 
 def evolve(
@@ -47,25 +44,27 @@ def evolve(
     progress: bool = True,
     ray: str | None = None,
 ) -> Path:
-    """Train a score, and return the folder of the run; arguments as for `lidarnaut.agents.training.train`.
+    """Evolve a frontier score; return the run folder. A resumed run replays its stored results.
 
-    Individuals explore in processes of this machine, or on the Ray cluster whose address is `ray`.
-
-    A run goes on by replaying what its individuals reached: CMA-ES draws them again from the seed.
+    Args:
+        config: configuration.
+        run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
+        resume: run folder to resume.
+        progress: show a progress bar.
+        ray: Ray cluster address; None uses local processes.
 
     Raises:
-        CheckpointError: if the files of a run that is to go on do not fit together, or a key changes that must not, see
-            `lidarnaut.agents.resume`.
-        ValueError: if a new run folder holds a run already.
-        lidarnaut.envs.files.LockedError: if another process is at the run.
-        KeyboardInterrupt: on Ctrl-C; whole generations are kept, and the message names the run.
+        CheckpointError: if the resumed run is inconsistent, or a fixed key changes.
+        ValueError: if a new folder already holds a run.
+        lidarnaut.envs.files.LockedError: if another process uses the run.
+        KeyboardInterrupt: on Ctrl-C; complete generations are kept.
     """
     with contextlib.ExitStack() as held:
         pool = held.enter_context(make_pool(config.num_workers, ray))
         if resume is None:
             run = held.enter_context(new_run(config, run))
         elif not (resume / "config.yaml").exists():
-            raise CheckpointError(f"{resume} is no run folder: it has no config.yaml")
+            raise CheckpointError(f"{resume} is not a run folder: it has no config.yaml")
         else:
             run = own_folder(resume)
             held.enter_context(Lock(run))
@@ -84,21 +83,18 @@ def evolve(
                 bar.set_postfix(time_over_rule=f"{reached:.3f}")
         except KeyboardInterrupt:
             done = f"after generation {len(evolution.values)}"
-            raise KeyboardInterrupt(f"{done}; --resume {run} goes on") from None
+            raise KeyboardInterrupt(f"{done}; resume with --resume {run}") from None
         record = {"generation": config.generations, "time_over_rule": reached, "seed": config.seed}
-        shutil.rmtree(run / POLICY, ignore_errors=True)  # of a run that was finished, and goes on
+        shutil.rmtree(run / POLICY, ignore_errors=True)
         FrontierScore(evolution.policy(config.generations)).save(run / POLICY, record)
     return run
 
 
 class _Evolution:
-    """A run: the search by CMA-ES, and the validations of its means."""
-
     def __init__(self, config: EvolutionConfig, run: Path, pool: Executor) -> None:
-        """Read what a run folder holds; raises `CheckpointError` if its files do not fit together."""
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
-        """What the individuals of each generation reached, each shape (population,), float64."""
+        """Results by generation: mean log time ratio of each individual, shape (population,)."""
         self._means: list[np.ndarray] = []
         self._validated: list[Row] = read_evaluations(run) if (run / "evaluations.csv").exists() else []
         seed, population = config.seed, config.population
@@ -107,13 +103,12 @@ class _Evolution:
         self.log = SummaryWriter(str(run / "tensorboard"), purge_step=len(self.values))
 
     def prepare(self) -> None:
-        """Measure the spread of the features."""
         tasks = _tasks(self._config, SCALING_SEED, self._config.tasks)
         variances = list(self._pool.map(feature_variances, tasks))
         self._spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
 
     def validate(self, generation: int) -> float:
-        """Validate the policy after so many generations, unless that is done; return its time over the rule's."""
+        """Return the validated time of a generation's policy, relative to the rule."""
         self._measure("nearest", NEAREST, 0)
         row = self._measure(LEARNED, self.policy(generation), generation)
         rows = sorted(self._validated, key=lambda one: (one["policy"] == LEARNED, one["steps"]))
@@ -122,7 +117,7 @@ class _Evolution:
         return float(row["time_over_rule"])
 
     def advance(self, generation: int) -> int:
-        """Tell the strategy what the individuals of a generation reach; return 1 if they had to explore, else 0."""
+        """Update CMA-ES by a generation's results; return 1 if newly explored, else 0."""
         individuals = [self._strategy.ask() for _ in range(self._config.population)]
         is_new = generation == len(self.values)
         if is_new:
@@ -138,12 +133,11 @@ class _Evolution:
         return int(is_new)
 
     def policy(self, generation: int) -> np.ndarray:
-        """Return the average of the means of the second half of the generations as weights, shape (NUM_FEATURES,)."""
+        """Return the weights averaged up to a generation, shape (NUM_FEATURES,)."""
         means = self._means[generation // 2 : generation]
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 
     def _measure(self, policy: str, weights: np.ndarray, generation: int) -> Row:
-        """Return the row of a policy on the validation tasks, which is measured and logged unless there is one."""
         for row in self._validated:
             if (row["policy"], row["steps"]) == (policy, generation):
                 return row
@@ -159,20 +153,17 @@ class _Evolution:
         self._validated.append({"policy": policy, "steps": generation, **values, SCORES: scores})
         return self._validated[-1]
 
-    def _compare(self, tasks: list[Task], weights: list[np.ndarray]) -> np.ndarray:
-        """Return what `compare` does in each task: shape (tasks, individuals, 2), float64."""
+    def _compare(self, tasks: list[ExplorationTask], weights: list[np.ndarray]) -> np.ndarray:
         jobs = [self._pool.submit(compare, task, weights) for task in tasks]
         return np.array([job.result() for job in jobs])
 
 
-def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[Task]:
-    """Draw tasks that depend on the seed, the numbers given and their index alone."""
+def _tasks(config: EvolutionConfig, stream: int, count: int, step: int = 0) -> list[ExplorationTask]:
     seeds = ([config.seed, stream, step, i] for i in range(count))
     return [draw_task(np.random.default_rng(seed), config.families) for seed in seeds]
 
 
 def _read(path: Path, width: int) -> list[np.ndarray]:
-    """Read rows of numbers; none if there is no file."""
     if not path.exists():
         return []
     try:

@@ -1,4 +1,4 @@
-"""Features of candidates that scores are made of, from an observation of `ExploreFrontiersEnv`. Kernel."""
+"""Features of frontier candidates for `FrontierScore`, from observations of `ExploreFrontiersEnv`."""
 
 import math
 
@@ -17,25 +17,25 @@ number_x_log_visible range_x_log_visible range_x_log_cost small_and_near very_ne
 left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 """
 NAMES = tuple(_NAMES.split())
-"""Features of a candidate."""
+"""Names of candidate features."""
 NUM_FEATURES = len(NAMES)
 LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
-"""Of the rule that scores start from."""
+"""Offsets of gain [m2] and cost [m] in the rule `gain_over_cost`."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
-"""Weights of the rule `gain_over_cost`."""
+"""Weights of a score equal to the rule `gain_over_cost`."""
 NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
-"""Weights of the rule `nearest`."""
+"""Weights of a score equal to the rule `nearest`."""
 
 
 @njit(cache=True, error_model="numpy")
 def _length(share, half):
-    """Return x of x / (x + half)."""
+    """Return x for share = x / (x + half)."""
     return half * share / max(1.0 - share, 1e-6)
 
 
 @njit(cache=True, error_model="numpy")
 def score_features(candidates, sectors, gaps, robot, count):
-    """Return the features of the first `count` candidates of an observation, shape (count, NUM_FEATURES), float64."""
+    """Return features of the first `count` candidates, shape (count, NUM_FEATURES), float64."""
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):
@@ -59,7 +59,7 @@ def score_features(candidates, sectors, gaps, robot, count):
                     second = gap
         mean = mean / (count - 1) if count > 1 else 0.0
         size, age = _length(row[given.SIZE], given.HALF_SIZE), _length(row[given.AGE], given.HALF_AGE)
-        distance = given.REACH * math.hypot(row[given.AHEAD], row[given.LEFT])
+        distance = given.OFFSET_SCALE * math.hypot(row[given.AHEAD], row[given.LEFT])
         log_visible, minus_log_cost = math.log(visible[i] + LEAST_GAIN), -math.log(cost[i] + LEAST_COST)
         free, unknown = sectors[i, :NUM_SECTORS], sectors[i, NUM_SECTORS:]
         wide = 0.0
@@ -85,5 +85,5 @@ def score_features(candidates, sectors, gaps, robot, count):
         f[31], f[32] = left * log_visible, left * minus_log_cost
         f[33] = math.log(mean + 1.0)
         f[34] = min((distance + 0.5) / (cost[i] + 0.5), 2.0)
-        f[35] = row[given.AHEAD] * given.REACH / (distance + 0.5)
+        f[35] = row[given.AHEAD] * given.OFFSET_SCALE / (distance + 0.5)
     return out

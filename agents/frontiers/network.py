@@ -1,4 +1,4 @@
-"""The network that rates the candidates in an observation of `ExploreFrontiersEnv`, and the policy that draws by it."""
+"""Attention network over frontier candidates, and its policy."""
 
 from typing import Any
 
@@ -16,64 +16,59 @@ from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.navigation.candidates import COST, FAILURES, HALF_AREA, HALF_COST, VISIBLE
 
 from .features import NUM_FEATURES
-from .score import FAILED, FrontierScore
+from .score import FAILURE_PENALTY, FrontierScore
 
 MASKED = -1e9
-"""Logit of an action without a candidate: its probability is exactly 0."""
+"""Logit of masked actions, with probability 0."""
 MAP_CHANNELS = 8
-"""Features of a patch of the map."""
-STEEPEST = 6.0
-"""Greatest first slope of attention over distance; those of the heads are spread evenly from 0."""
+MAX_INITIAL_SLOPE = 6.0
+"""Largest initial slope of attention over distance; slopes of the heads are evenly spaced from 0."""
 RULE = "rule"
-"""As `prior_policy`: the rule `gain_over_cost`."""
+"""Value of `prior_policy` that selects the rule `gain_over_cost`."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
-"""Observations that are read."""
 
 
 def _length(share: Tensor, half: float) -> Tensor:
-    """Return x of x / (x + half)."""
+    """Return x for share = x / (x + half)."""
     return half * share.clamp_min(0.0) / (1.0 - share).clamp_min(1e-6)
 
 
 class FrontierNetwork(nn.Module):
-    """Logits of the candidates, and the value of the state. Permuted candidates give permuted logits.
+    """Logits of frontier candidates, equivariant to permutations, and the state value.
 
-    A layer for each candidate, self-attention between them, and layers for each candidate again. Distance between two
-    candidates counts against attention, by a slope that each head learns. What comes out is a correction of a prior:
-    logit = prior * utility + correction. The utility is that of the rule `gain_over_cost`, log(visible + 0.3) -
-    log(cost + 3), or a score of frontiers (`lidarnaut.agents.frontiers.score`). The correction is 0 at first, so that
-    an untrained network chooses as its prior does. The value is made of mean and maximum over the candidates' features.
+    Candidates are embedded, attend to each other, and are rated by a shared MLP. Attention decreases with distance, by
+    a
+    learned slope per head. The MLP corrects a prior: logit = prior * utility + correction, with initial correction 0.
+    The
+    utility is that of the rule `gain_over_cost`, log(visible + 0.3) - log(cost + 3), or a frontier score.
     """
 
     score: Tensor | None
-    """Weights of the score that is the prior, shape (NUM_FEATURES,), float64; None where it is the rule."""
+    """Weights of the prior frontier score, shape (NUM_FEATURES,), float64; None for the rule."""
 
     def __init__(
         self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, has_score: bool = False
     ) -> None:
-        """Build layers of a width, a multiple of the heads of the attention; `prior` is the utility's factor in logits.
+        """Build the layers; raise ValueError if an observation part is missing.
 
-        With `has_score`, the utility is a score of frontiers, whose weights are to be put into `score`.
-
-        Raises:
-            ValueError: if an observation is missing.
+        `prior` is the factor of the utility. With `has_score`, a frontier score is copied into `score` later.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
             raise ValueError(
-                f"the network that chooses frontiers reads the observations {list(NEEDED)}, but the observation space "
+                f"the frontier network requires the observations {list(NEEDED)}, but the observation space "
                 f"lacks {missing}; it has {sorted(observation_space.spaces)}"
             )
         shapes = {key: tuple(observation_space[key].shape or ()) for key in NEEDED}
         self._heads, self._prior, self._rule = heads, prior, GainOverCost()
-        # Part of the weights that are saved: a checkpoint does not need the policy that it started from.
+        # Saved with the weights, so that checkpoints are self-contained.
         self.register_buffer("score", torch.zeros(NUM_FEATURES, dtype=torch.float64) if has_score else None)
         self.map = MapPatches(shapes["map"], MAP_CHANNELS)
         num_patches = (shapes["map"][1] // PATCH) * (shapes["map"][2] // PATCH)
         self.context = nn.Linear(MAP_CHANNELS * num_patches + shapes["robot"][0], width)
         self.embed = nn.Linear(shapes["candidates"][1] + shapes["sectors"][1] + 3, width)
         self.attention = nn.Linear(width, 3 * width)
-        self.slopes = nn.Parameter(torch.linspace(0.0, STEEPEST, heads))
+        self.slopes = nn.Parameter(torch.linspace(0.0, MAX_INITIAL_SLOPE, heads))
         self.norm = nn.LayerNorm(width)
         self.correct = nn.Sequential(
             nn.Linear(width, width), nn.ReLU(), nn.Linear(width, width), nn.ReLU(), nn.Linear(width, 1, bias=False)
@@ -102,19 +97,18 @@ class FrontierNetwork(nn.Module):
         )
 
     def _rate(self, observations: Tensors, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
-        """Return the prior's logits, shape (rows,); and gain, cost and how much worse than the best, (rows, 3)."""
+        """Return prior logits, shape (rows,), and log gain, log cost, difference from the best utility, (rows, 3)."""
         gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
         utility = gain - cost if self.score is None else self._weigh(observations, self.score)
         best = slots.table(utility, MASKED).amax(dim=1)
-        logits = self._prior * utility - FAILED * (candidates[:, FAILURES] > 0)
+        logits = self._prior * utility - FAILURE_PENALTY * (candidates[:, FAILURES] > 0)
         return logits, torch.stack([gain, cost, utility - best[slots.sample]], dim=1)
 
     @staticmethod
     def _weigh(observations: Tensors, score: Tensor) -> Tensor:
-        """Return the scores of candidates, which take the first slots of each sample: shape (rows,), float32."""
         if torch.jit.is_tracing():
-            raise ValueError("its prior is a score of frontiers, which torch does not compute")
+            raise ValueError("its prior is a frontier score, which is not computed by torch")
         names = ("candidates", "sectors", "gaps", "robot", "action_mask")
         samples = zip(*(observations[name].cpu().numpy() for name in names), strict=True)
         scorer = FrontierScore(score.cpu().numpy())
@@ -122,10 +116,9 @@ class FrontierNetwork(nn.Module):
         return torch.from_numpy(np.concatenate(features) @ scorer.weights).float().to(score.device)
 
     def _attend(self, rows: Tensor, gaps: Tensor, slots: "_Slots") -> Tensor:
-        """Return what each row takes from the others of its sample, shape (rows, width)."""
         table = slots.table(self.attention(rows), 0.0)
         batch, count, width = *table.shape[:2], rows.shape[1]
-        # Scores are the largest arrays: what can be computed without them is, and bias and product are added in one go.
+        # Scale query and bias instead of the attention scores, which are larger.
         query, key, value = table.view(batch, count, 3, self._heads, -1).permute(2, 0, 3, 1, 4).flatten(1, 2)
         query = query * (self._heads / width) ** 0.5
         empty = (MASKED * ~slots.mask)[:, None, None, :]
@@ -136,27 +129,26 @@ class FrontierNetwork(nn.Module):
 
 
 class _Slots:
-    """Which slots hold candidates. Most do not, so layers see the rows of those that do, and no others."""
+    """Indices of filled candidate slots, which layers process as rows."""
 
     def __init__(self, mask: Tensor) -> None:
-        """Take a mask, shape (batch, max_candidates), bool."""
         self.sample, self.slot = mask.nonzero(as_tuple=True)
-        """Of each row: its sample and its slot, shape (rows,), int64."""
+        """Sample and slot index of each row, shape (rows,), int64."""
         self.count = int(self.slot.max()) + 1 if len(self.slot) else 1
-        """Number of slots up to the last one that any sample uses."""
+        """Number of slots up to the last filled slot."""
         self.mask = mask[:, : self.count]
 
     def take(self, table: Tensor) -> Tensor:
-        """Return the rows of a table, shape (batch, max_candidates, ...)."""
+        """Return the filled slots of a table, shape (batch, max_candidates, ...)."""
         return table[self.sample, self.slot]
 
     def table(self, rows: Tensor, fill: float) -> Tensor:
-        """Return rows as a table, shape (batch, count, ...), with `fill` in the slots without a candidate."""
+        """Return rows as a table, shape (batch, count, ...), padded with `fill`."""
         return rows.new_full((*self.mask.shape, *rows.shape[1:]), fill).index_put((self.sample, self.slot), rows)
 
 
 class FrontierPolicy(JointPolicy):
-    """Draws candidates by the logits of a `FrontierNetwork`, which also gives the values."""
+    """Samples frontier candidates by the logits of a `FrontierNetwork`."""
 
     def __init__(
         self,
@@ -170,17 +162,14 @@ class FrontierPolicy(JointPolicy):
         prior_policy: str = RULE,
         **arguments: Any,
     ) -> None:
-        """Build the network; see there for `width`, `heads` and `prior`. `arguments` are those of the base class.
-
-        With a `prior_policy` other than the rule, the network waits for the weights of that score; see `load_prior`.
-        """
+        """Build a `FrontierNetwork`; call `load_prior` for a `prior_policy` other than `rule`."""
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
-        # The extractor has no weights; it is what the base class asks for.
+        # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor
         super().__init__(observation_space, action_space, lr_schedule, **arguments)
 
     def load_prior(self, score: FrontierScore) -> None:
-        """Start from a score of frontiers, where the policy was made with a `prior_policy`."""
+        """Set the frontier score that is the prior."""
         assert self.network.score is not None
         self.network.score.copy_(torch.from_numpy(score.weights))
 

@@ -1,4 +1,4 @@
-"""Episodes of the abstract simulator, and how long policies take in them."""
+"""Exploration episodes in the abstract simulator."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -7,52 +7,50 @@ import numpy as np
 
 from .features import NUM_FEATURES
 from .score import FrontierScore
-from .tasks import TARGET, Task, make_environment, make_world
+from .tasks import TARGET, ExplorationTask, make_environment, make_world
 
 MAX_RATIO = 3.0
-"""Episodes end after so many times the time that the rule takes."""
+"""Time limit of an episode, relative to the rule `gain_over_cost`."""
 MISSING_COST = 2.0
-"""What an episode that ends before the target adds to the logarithm of its time, per explored fraction that is missing.
-"""
+"""Penalty on log time per explored fraction missing from the target."""
 NUM_BEST = 5
-"""Best candidates of a decision between which features are told to differ or not."""
+"""Number of best candidates per decision, for feature variances."""
 
 
 def explore(
-    task: Task, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
+    task: ExplorationTask, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
 ) -> tuple[float, float]:
-    """Explore a task's world until the target, or for a time [s], by a policy that chooses candidates by observations.
+    """Explore a world by a policy that selects candidates, until the target or `max_time` [s].
 
-    Returns the logarithm of the time [log s], see `MISSING_COST`, and the explored fraction.
+    Returns log time [log s], with the penalty `MISSING_COST`, and explored fraction.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
-    del observation["map"]  # scores do not look at it
+    del observation["map"]
     explore = env.explore
     while not any(explore.is_over) and len(env.candidates) and explore.time < max_time:
         env.apply(policy(observation))
         observation = env.observe(observation)
     fraction = explore.task.coverage.explored_fraction
-    # An episode that was cut short has taken at least that long; one that gave up would otherwise look fast.
+    # Incomplete episodes count as the time limit; giving up would otherwise seem fast.
     time = explore.time if fraction >= TARGET else max(explore.time, min(max_time, explore.time_limit))
     return math.log(max(time, explore.control_period)) + MISSING_COST * max(TARGET - fraction, 0.0), fraction
 
 
-def compare(task: Task, weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Return how scores of some weights, shape (NUM_FEATURES,) each, do in a task: shape (n, 2), float64.
+def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
+    """Evaluate score weights, shape (NUM_FEATURES,) each, in a task.
 
-    Columns are the logarithm of the time over that of the rule `gain_over_cost`, and the explored fraction.
+    Returns log time relative to the rule `gain_over_cost`, and explored fraction: shape (n, 2), float64.
     """
     base, _ = explore(task, FrontierScore())
     limit = MAX_RATIO * math.exp(base)
     return np.array([explore(task, FrontierScore(row), limit) for row in weights]) - (base, 0.0)
 
 
-def feature_variances(task: Task) -> np.ndarray:
-    """Return how much features differ between the candidates that matter, in one task: shape (NUM_FEATURES,), float64.
+def feature_variances(task: ExplorationTask) -> np.ndarray:
+    """Return the variance of features among the best candidates, shape (NUM_FEATURES,), float64.
 
-    Their variances among the best candidates of each decision, by the rule that scores start from, averaged over an
-    episode of that rule.
+    Variances of decisions are averaged over an episode of the rule `gain_over_cost`.
     """
     rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
 

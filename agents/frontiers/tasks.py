@@ -1,4 +1,4 @@
-"""Episodes to train on: worlds, robots and simulators, drawn by a seed; what is held out is never among them."""
+"""Random exploration tasks, without held-out worlds and robots."""
 
 import math
 from dataclasses import dataclass, replace
@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.robots import ROBOT_NAMES, RobotParams, load_robot
 from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area, load_world
@@ -15,7 +15,7 @@ from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area,
 TARGET = 0.95
 """Explored fraction that ends an episode."""
 LIBRARY_SHARE = 0.3
-"""Share of tasks in worlds of the library; the others are in procedural families."""
+"""Share of tasks in library worlds."""
 SIDES = {
     "rooms": (7.0, 26.0),
     "maze": (6.0, 16.0),
@@ -24,18 +24,18 @@ SIDES = {
     "wings": (10.0, 36.0),
     "halls": (5.0, 28.0),
 }
-"""Range of the sides of families' worlds [m]; drawn evenly in their logarithms."""
+"""Range of side lengths of procedural worlds by family [m], sampled log-uniformly."""
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
-"""Lidar ranges of robots that are made up [m]."""
+"""Lidar ranges of randomized robots [m]."""
 LEAST_AREA = 8.0
-"""Least explorable area, for each metre of the lidar's range up to 8 [m2]: smaller worlds are seen from anywhere."""
+"""Minimum explorable area per metre of lidar range, for ranges up to 8 m [m2/m]."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
-"""Sides of map cells [m]; the coarser ones are for larger worlds."""
+"""Map resolutions [m]; the finest is for worlds below 200 m2."""
 
 
 @dataclass(frozen=True, slots=True)
 class HeldOut:
-    """Worlds and robots of the library that training must not see, by name."""
+    """Library worlds and robots excluded from training."""
 
     worlds: tuple[str, ...]
     robots: tuple[str, ...]
@@ -43,13 +43,11 @@ class HeldOut:
 
 HELD_OUT = read_record(Path(__file__).with_name("held_out.yaml"), HeldOut)
 TRAINING_WORLDS = tuple(name for name in WORLD_NAMES if name not in HELD_OUT.worlds)
-"""Worlds of the library that training draws from."""
 TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.robots)
-"""Robots of the library that training draws from."""
 
 
 def is_held_out(world: str, robot: str) -> bool:
-    """Tell by name whether no training has seen a world or a robot; of families, tests draw other worlds."""
+    """Return True if training excludes the robot or the library world, or the world is procedural."""
     return world not in TRAINING_WORLDS or robot in HELD_OUT.robots
 
 
@@ -58,54 +56,54 @@ SPLIT = {
     "held_out_worlds": list(HELD_OUT.worlds),
     "held_out_robots": list(HELD_OUT.robots),
 }
-"""What saved policies record."""
+"""Training and held-out names, recorded with saved policies."""
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """An episode but for the policy."""
+class ExplorationTask:
+    """Exploration episode without the policy."""
 
     world: str
-    """Name of a library world or of a procedural family."""
+    """Name of a library world or procedural family."""
     world_seed: int
-    """Seed of a family's world; even ones train."""
+    """Seed of a procedural world; training uses even seeds."""
     size: tuple[float, float]
-    """Outer size of a family's world [m]."""
+    """Outer size of a procedural world [m]."""
     robot: RobotParams
     resolution: float
-    """Side of a map cell [m]."""
+    """Map resolution [m]."""
     drift: float
-    """Standard deviation of the pose's error [m]; that of the heading is a sixth of it in radians."""
+    """Standard deviation of the position error [m]; a sixth of this value is the heading error [rad]."""
     seed: int
-    """Of the episode: start and noise."""
+    """Seed of start pose and noise."""
 
 
-def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> Task:
-    """Draw a task in which the robot fits and has something to explore, in the library or in procedural families."""
+def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> ExplorationTask:
+    """Draw a task with a robot that fits and sufficient explorable area."""
     while True:
         task = _draw(rng, families)
         try:
             area = explorable_area(make_world(task), task.robot, task.resolution).area
-        except ValueError:  # the robot does not fit at the first spawn
+        except ValueError:
             continue
         if area >= LEAST_AREA * min(task.robot.lidar.range_max, 8.0):
             return task
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Draw a world to train in, as `environment.world`: of the library or a family, and not held out."""
+    """Draw a library or procedural training world, for `environment.world`."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
-    """Draw a world of the families' test split, in their usual sizes, as `evaluation.world`."""
+    """Draw a procedural test world of default size, for `evaluation.environment.world`."""
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
 def sized_training_world(rng: np.random.Generator) -> World:
-    """Draw a world of a procedural family, of any size, as `environment.world`; none is of the test split."""
+    """Draw a procedural training world of random size, for `environment.world`."""
     family = str(rng.choice(tuple(SIDES)))
     return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
@@ -116,7 +114,7 @@ def _draw_size(rng: np.random.Generator, family: str) -> tuple[float, float]:
     return width, height
 
 
-def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
+def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> ExplorationTask:
     if not families or rng.random() < LIBRARY_SHARE:
         world, size = str(rng.choice(TRAINING_WORLDS)), (0.0, 0.0)
     else:
@@ -126,12 +124,12 @@ def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> Task:
     robot = draw_robot(rng, 0.24 if is_family else 0.16)
     area = size[0] * size[1] if is_family else 150.0
     resolution = float(rng.choice(RESOLUTIONS if area < 200.0 else RESOLUTIONS[1:]))
-    seeds = rng.integers(2**30, size=2)
-    return Task(world, 2 * int(seeds[0]), size, robot, resolution, float(rng.uniform(0.0, 0.05)), int(seeds[1]))
+    seeds, drift = rng.integers(2**30, size=2), float(rng.uniform(0.0, 0.05))
+    return ExplorationTask(world, 2 * int(seeds[0]), size, robot, resolution, drift, int(seeds[1]))
 
 
 def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
-    """Draw a robot of the library, or one that is made up, with a radius up to `max_radius` [m] so that it fits."""
+    """Draw a library robot or a random variant, with a radius up to `max_radius` [m]."""
     fitting = [robot for robot in map(load_robot, TRAINING_ROBOTS) if robot.radius <= max_radius]
     robot = fitting[int(rng.integers(len(fitting)))]
     if rng.random() < 0.5:
@@ -141,17 +139,17 @@ def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
     return replace(robot, name="drawn", lidar=lidar, radius=radius, max_v=speed)
 
 
-def make_world(task: Task) -> World:
+def make_world(task: ExplorationTask) -> World:
     """Return the world of a task."""
     if task.world in FAMILIES:
-        # Coarse cells close a part of every passage.
+        # Wider passages compensate for coarse cells.
         return FAMILIES[task.world](task.world_seed, task.size, task.robot.radius + 0.5 * task.resolution)
     return load_world(task.world)
 
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return the environment of tasks; the last few are kept."""
+    """Return the cached environment for tasks with these parameters."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )

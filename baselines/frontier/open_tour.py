@@ -1,15 +1,15 @@
-"""Short open tours, from a start past every stop, and the changes by which those of the oracle are shortened too."""
+"""Short open tours from a start past all stops."""
 
 import numpy as np
 from numba import njit
 
-IMPROVEMENT = 1e-9
-"""A change that saves less than this is none: it would be rounding."""
+MIN_SAVING = 1e-9
+"""Minimum saving of a change, above rounding errors."""
 
 
 @njit(cache=True, error_model="numpy")
 def tour_length(lengths, tour):
-    """Sum lengths, shape (n, n), float64, along a tour, shape (size,), int64: indices in order, the start first."""
+    """Return the length of a tour, shape (size,), int64, start first; `lengths`: shape (n, n), float64."""
     total = 0.0
     for k in range(len(tour) - 1):
         total += lengths[tour[k], tour[k + 1]]
@@ -18,7 +18,7 @@ def tour_length(lengths, tour):
 
 @njit(cache=True, error_model="numpy")
 def changed(tour, i, k, j):
-    """Return a tour with its stretches i..k and k + 1..j swapped (or-opt, Or 1976); i..j reversed if k < i (2-opt)."""
+    """Return a tour with i..k and k + 1..j swapped (or-opt, Or 1976), or i..j reversed if k < i (2-opt)."""
     other = tour.copy()
     if k < i:
         other[i : j + 1] = tour[i : j + 1][::-1]
@@ -30,9 +30,9 @@ def changed(tour, i, k, j):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def is_shorter(lengths, tour, i, k, j, least):
-    """Tell whether `changed(tour, i, k, j)` saves more than `least`; never where both stretches have over three stops.
+    """Return True if `changed(tour, i, k, j)` saves more than `least`; swaps need a part of at most 3 stops.
 
-    `lengths` are symmetric, and nothing follows the last stop.
+    `lengths` are symmetric.
     """
     if min(k - i, j - k - 1) > 2:
         return False
@@ -51,7 +51,6 @@ def is_shorter(lengths, tour, i, k, j, least):
 
 @njit(cache=True, error_model="numpy")
 def _improve(lengths, tour, num_fixed):
-    """Shorten a tour by 2-opt and or-opt until neither can; its first `num_fixed` indices stay where they are."""
     improved = True
     while improved:
         improved = False
@@ -59,17 +58,20 @@ def _improve(lengths, tour, num_fixed):
             for i in range(num_fixed, len(tour) - 1):
                 for j in range(i + 1, len(tour)):
                     for k in range(i if swaps else i - 1, j if swaps else i):
-                        if is_shorter(lengths, tour, i, k, j, IMPROVEMENT):
+                        if is_shorter(lengths, tour, i, k, j, MIN_SAVING):
                             tour[:] = changed(tour, i, k, j)
                             improved = True
 
 
 @njit(cache=True, error_model="numpy")
 def best_tours(lengths):
-    """Find a short tour for each stop that could come first: to the nearest stop next, improved with 2-opt and or-opt.
+    """Return a short tour for each possible first stop: nearest neighbor, then 2-opt and or-opt.
 
-    `lengths`: shape (n + 1, n + 1), float64, finite, symmetric, index 0 is the start. Returns the tours, shape (n, n +
-    1), int64, the k-th with stop k + 1 after the start; and their lengths, shape (n,).
+    Args:
+        lengths: path lengths, shape (n + 1, n + 1), float64, finite, symmetric; index 0 is the start.
+
+    Returns:
+        Tours, shape (n, n + 1), int64, the k-th with stop k + 1 first; tour lengths, shape (n,).
     """
     size = lengths.shape[0]
     tours = np.zeros((size - 1, size), dtype=np.int64)

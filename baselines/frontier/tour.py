@@ -1,9 +1,7 @@
-"""A tour planner in TARE's manner: viewpoints over the frontiers, a short tour past them, its first stop is the goal.
+"""Tour planner: a short tour past all frontiers, with the first stop as the goal.
 
-After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021.
-One level of tour over the nearest viewpoints replaces its two; the path past all that is left still decides
-what comes first, so that no dead end is left behind for which the robot would have to return. Small frontiers wait
-until there are no larger ones: they rarely show enough to be worth a turn.
+After Cao, Zhu, Choset, Zhang, "TARE: A Hierarchical Framework for Efficiently Exploring Complex 3D Environments", 2021,
+with a single level of tours.
 """
 
 import math
@@ -12,42 +10,42 @@ import numpy as np
 from pydantic import NonNegativeFloat, PositiveInt
 from pydantic.dataclasses import dataclass
 
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
 from lidarnaut.baselines.frontier.open_tour import best_tours
-from lidarnaut.baselines.frontier.rules import LENGTHS
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rules import MIN_LENGTHS
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import COST_UNKNOWN, Candidates, Costmap, PlanningParams, travel_field
 from lidarnaut.envs.robots import RobotParams
 
-FAR = 1e4
-"""Length in the absence of a path between two stops [m]."""
-MARGIN = 10.0
-"""Paths between stops keep within this distance of the rectangle around them [m]."""
-SPACING = 1.0
-"""Frontiers longer than this have several viewpoints to choose stops from [m]."""
+UNREACHABLE_LENGTH = 1e4
+"""Path length between stops that are not connected [m]."""
+SEARCH_MARGIN = 10.0
+"""Margin of the path search around the bounding box of all stops [m]."""
+VIEWPOINT_SPACING = 1.0
+"""Maximum length of a frontier with a single viewpoint [m]."""
 MAX_CANDIDATES = 64
-"""Candidates that stops are chosen from, the cheapest to get to."""
-PERIOD = 2.0
+"""Maximum number of candidates, the cheapest first."""
+TOUR_PERIOD = 2.0
 """Time between two tours [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class TourParams:
-    """How to place viewpoints and to keep to a tour."""
+    """Parameters of stops and tours."""
 
     cover: NonNegativeFloat = 0.4
-    """Frontier cells this near to one that a viewpoint is for need none of their own, in ranges of the lidar..."""
+    """Radius of frontier cells that a stop covers, as a fraction of the lidar range; at most `max_cover`."""
     max_cover: NonNegativeFloat = 3.0
-    """...and at most this far [m]."""
+    """Maximum radius of frontier cells that a stop covers [m]."""
     max_stops: PositiveInt = 16
-    """Viewpoints that the tour leads past: the ones that are cheapest to get to."""
+    """Maximum number of stops, the cheapest first."""
     hysteresis: NonNegativeFloat = 1.0
-    """How much shorter a tour must be for the robot to turn away from the frontier that it is going to see [m]."""
+    """Length that a tour must save before the robot leaves its current frontier [m]."""
 
 
 class Tour:
-    """Prefers the frontier with which a short tour past all of them is shortest."""
+    """Rule that scores a candidate by the length of the tour that visits it first."""
 
     def __init__(self, params: TourParams) -> None:
         self._params = params
@@ -70,7 +68,6 @@ class Tour:
         return scores
 
     def _stops(self, candidates: Candidates) -> np.ndarray:
-        """Cover the frontiers with candidates; those that failed only where there is nothing else. Returns indices."""
         frontiers, groups = candidates["frontier"], candidates["group"]
         left = candidates["failures"] == candidates["failures"].min()
         stops: list[int] = []
@@ -83,22 +80,21 @@ class Tour:
 
 
 class TourExplorer(RuleExplorer):
-    """Goes where `Tour` says. A corner that furniture hides is short, worth little, and often lies on a later path."""
+    """Explorer with the rule `Tour`; short frontiers come last."""
 
     def __init__(self, params: TourParams = TourParams()) -> None:
-        planning = PlanningParams(min_lengths=(2 * LENGTHS[0], *LENGTHS), max_extent=SPACING)
-        super().__init__(Tour(params), max_time=PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
+        planning = PlanningParams(min_lengths=(2 * MIN_LENGTHS[0], *MIN_LENGTHS), max_extent=VIEWPOINT_SPACING)
+        super().__init__(Tour(params), max_time=TOUR_PERIOD, max_candidates=MAX_CANDIDATES, planning=planning)
 
 
 def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray) -> np.ndarray:
-    """Return the lengths of the paths between a start (x, y) (index 0) and all stops, shape (n, 2), float64 [m].
+    """Return path lengths between a start (x, y) (index 0) and stops, shape (n, 2), float64 [m].
 
-    Cells as large as the robot's radius do for that, and take a tenth of the time. A cell costs what its cheapest part
-    does. That opens no walls, since the robot's radius closes what is around them; a passage that is only a little too
-    narrow may count as one. Shape (n + 1, n + 1), float64, symmetric, at most `FAR` [m].
+    Returns shape (n + 1, n + 1), float64, symmetric, at most `UNREACHABLE_LENGTH` [m]. The search on coarse cells may
+    count narrow passages as open.
     """
     points, grid = np.vstack([start, stops]), costmap.grid
-    reach, size = math.ceil(MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
+    reach, size = math.ceil(SEARCH_MARGIN / grid.resolution), max(1, int(costmap.params.robot_radius / grid.resolution))
     cells = grid.cells(points)
     top, left = np.maximum(cells.min(axis=0) - reach, 0)
     bottom, right = cells.max(axis=0) + reach + 1
@@ -111,13 +107,13 @@ def path_lengths(costmap: Costmap, start: tuple[float, float], stops: np.ndarray
         field = travel_field(coarse, (float(points[k, 0]), float(points[k, 1])))
         paths = np.full(len(points) - k - 1, np.inf) if field is None else field.cost(cells[k + 1 :])
         lengths[k, k + 1 :] = lengths[k + 1 :, k] = paths
-    return np.minimum(lengths, FAR)
+    return np.minimum(lengths, UNREACHABLE_LENGTH)
 
 
 def blocks_of(costs: np.ndarray, side: int, beyond: int) -> np.ndarray:
-    """Return the cells of each block of side x side cells, row by row: shape (rows of blocks, columns, side**2).
+    """Return the cells of each block of side x side cells, shape (block rows, block columns, side**2).
 
-    Blocks that reach beyond the edge of `costs` (two-dimensional) are filled up with `beyond`.
+    Incomplete blocks of `costs` (two-dimensional) are padded with `beyond`.
     """
     padded = np.pad(costs, [(0, -length % side) for length in costs.shape], constant_values=beyond)
     height, width = padded.shape[0] // side, padded.shape[1] // side

@@ -1,1 +1,1 @@
-"""The bound: an explorer that uses ground truth."""
+"""Oracle explorer, which uses ground truth."""

@@ -1,4 +1,4 @@
-"""Plans how a robot with the true map sees the rest of it: from which viewpoints, in which order."""
+"""Planner of coverage tours on the true map."""
 
 import math
 
@@ -9,28 +9,25 @@ from lidarnaut.baselines.oracle.cover_viewpoints import Viewpoints, pack_bits, u
 from lidarnaut.envs.worlds import ExplorableArea
 
 MAX_SAMPLES = 8192
-"""Most cells that sample the area to see."""
+"""Maximum number of sample cells of the area to observe."""
 STOP_COST = 0.1
-"""What a stop costs beside the path to it [m]: of two tours of one length, that with fewer turns is driven faster."""
-NEAR = 0.5
-"""Cells within this share of the lidar's range count as in sight of a robot that passes a viewpoint closely."""
+"""Cost of a stop in addition to its path [m]; favors tours with fewer turns."""
+PASSED_SHARE = 0.5
+"""Maximum distance of visible cells from a viewpoint passed by the robot, as a fraction of the lidar range."""
 MAX_MISSES = 2
-"""Number of stops, or viewpoints passed near to it, from which a cell should have been seen and was not, after which
-the tour ignores it."""
+"""Number of viewpoints that fail to show a cell before the tour ignores the cell."""
 
 
 class CoverPlanner:
-    """Keeps a tour and what it is for; plans anew from wherever the robot is.
+    """Keeps a tour of viewpoints, and replans it from the position of the robot.
 
-    A cell that was not seen from where it should have been is ignored from then on: the tour does not go back for it,
-    but makes up for it elsewhere. Where a map has drifted, cells lie behind its walls and never count as known. When so
-    many were missed that the target cannot be reached without them, the explorer ends the tour without them.
+    Cells that were missed `MAX_MISSES` times are ignored, and replaced by other cells if possible.
     """
 
     def __init__(
         self, area: ExplorableArea, viewpoints: Viewpoints, reach: float, target: float, rng: np.random.Generator
     ) -> None:
-        """Begin without a tour; a lidar of a range [m] is to see a share of an area from some of the viewpoints."""
+        """Create a planner without a tour; `reach`: lidar range [m], `target`: fraction to observe."""
         self.area, self.viewpoints = area, viewpoints
         self._reach = reach / area.walls.resolution
         self._rng = rng
@@ -42,31 +39,29 @@ class CoverPlanner:
         self._samples = np.empty((0, 2), dtype=np.int64)
         self._sees = np.empty((len(viewpoints.cells), 0), dtype=np.uint64)
         self.stops: list[int] = []
-        """Indices of the viewpoints to go to, in their order."""
+        """Indices of the next viewpoints, in order."""
 
     def leave_out(self, viewpoint: int) -> None:
-        """Take note that no path leads to a viewpoint."""
         self._used[viewpoint] = True
         self._sees[viewpoint] = 0
         self.stops = [stop for stop in self.stops if stop != viewpoint]
 
     def use_up(self, viewpoint: int, seen: np.ndarray) -> None:
-        """Take note that the robot has been at a viewpoint, its next stop or not, and will see no more from there.
+        """Remove a viewpoint that the robot has visited or passed, and count missed cells.
 
-        `seen`, of the shape of the explorable area, bool, says what is known now.
+        `seen`: known cells, shape of the explorable area, bool.
         """
         missed = self._samples[unpack_bits(self._sees[viewpoint], len(self._samples))]
         missed = missed[~seen[tuple(missed.T)]]
         if viewpoint not in self.stops[:1]:
-            missed = missed[np.hypot(*(missed - self.viewpoints.cells[viewpoint]).T) <= NEAR * self._reach]
+            missed = missed[np.hypot(*(missed - self.viewpoints.cells[viewpoint]).T) <= PASSED_SHARE * self._reach]
         self._misses[tuple(missed.T)] += 1
         self.leave_out(viewpoint)
 
     def plan(self, x: float, y: float, seen: np.ndarray, num_rounds: int) -> bool:
-        """Update the tour of a robot at (x, y), world frame [m].
+        """Update the tour of a robot at (x, y), world frame [m]; return True if the target can be reached.
 
-        `seen`, of the shape of the explorable area, bool, says what is known already, and `num_rounds` how long to look
-        for a shorter tour. Returns whether what there is to see suffices for the target coverage.
+        `seen`: known cells, shape of the explorable area, bool. `num_rounds`: see `search_tour`.
         """
         paths = self.viewpoints.paths_from(x, y)
         if paths is None:
@@ -82,7 +77,6 @@ class CoverPlanner:
             self.stops = []
             return True
         known = self._sample(wanted)
-        # Samples represent all that is wanted, and as large a share of them may be left out.
         num_left = int(np.count_nonzero(~known)) * num_allowed // num_wanted if num_allowed > 0 else 0
         tour = np.array([len(self.viewpoints.cells), *self.stops], dtype=np.int64)
         cover, target = self._cover(*paths), len(known) - num_left
@@ -96,11 +90,6 @@ class CoverPlanner:
         return self.plan(x, y, seen, num_rounds)
 
     def next_viewpoint(self, x: float, y: float, distance: float) -> int:
-        """Return where to drive next from (x, y): to the next stop, or to the viewpoint so far along the path there.
-
-        The paths between stops lead through other viewpoints, and may be slightly longer than the shortest ones; a goal
-        that is near enough [m] keeps the robot on them.
-        """
         points, path = self.viewpoints.points, [self.stops[0]]
         while self._predecessors[path[0]] != len(points):
             path.insert(0, int(self._predecessors[path[0]]))
@@ -113,7 +102,6 @@ class CoverPlanner:
         return path[-1]
 
     def _sample(self, wanted: np.ndarray) -> np.ndarray:
-        """Return which samples of what is wanted need not be seen, shape (s,), bool; draws new ones if few are left."""
         known: np.ndarray = ~wanted[tuple(self._samples.T)]
         num_left = np.count_nonzero(~known)
         if num_left > len(known) // 2 or (0 < len(known) < MAX_SAMPLES and num_left > 0):
@@ -126,11 +114,9 @@ class CoverPlanner:
         return np.zeros(num_samples, dtype=bool)
 
     def _cover(self, from_robot: np.ndarray, predecessors: np.ndarray) -> Cover:
-        """Return the viewpoints with the robot as the last one of them."""
         size = len(self.viewpoints.cells)
         lengths = np.pad(self.viewpoints.lengths, (0, 1))
         lengths[size, :size] = lengths[:size, size] = from_robot
-        # Nothing leads back to the robot.
         chain = np.pad(self.viewpoints.predecessors, (0, 1), constant_values=size)
         chain[size, :size] = predecessors
         return Cover(lengths + STOP_COST, chain, np.pad(self._sees, ((0, 1), (0, 0))))

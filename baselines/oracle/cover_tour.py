@@ -1,8 +1,7 @@
-"""Short tours from which enough is seen: which viewpoints to go to, and in which order.
+"""Search for short tours of viewpoints that observe a given part of an area.
 
-A tour begins at a start and may end anywhere. It need not pass all viewpoints: what counts is that what is seen from
-its stops and from the viewpoints on the paths between them is enough. Improved by local search, and by replacing some
-of the stops (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and Recreate Principle", 2000).
+Local search with partial reconstruction (Schrimpf et al., "Record Breaking Optimization Results Using the Ruin and
+Recreate Principle", 2000).
 """
 
 from typing import NamedTuple
@@ -12,32 +11,32 @@ from numba import njit
 
 from lidarnaut.baselines.frontier.open_tour import changed, is_shorter, tour_length
 
-LEAST_SAVING = 1e-6
-"""A change that saves less than this is none: it would be rounding."""
+MIN_SAVING = 1e-6
+"""Minimum saving of a change, above rounding errors [m]."""
 MAX_REMOVED = 8
-"""Stops that are taken out of a tour at once."""
-DEVIATION = 0.01
-"""How much longer than the best tour one may be to go on from, as a share; goes down to 0 during the search."""
-NOISE = 0.4
-"""By how much noise raises the value of a viewpoint, as a share."""
-SHORT_DETOUR = 0.2
-"""Added to detours before gains are divided by them, so that one on the path is no better than any other [m]."""
+"""Maximum number of stops to remove at once."""
+MAX_EXCESS_LENGTH = 0.01
+"""Initial relative excess length of an accepted tour; decreases linearly to 0."""
+VALUE_NOISE = 0.4
+"""Relative amplitude of the noise on the value of viewpoints."""
+DETOUR_OFFSET = 0.2
+"""Added to detours [m], such that gains are never divided by 0."""
 
 
 class Cover(NamedTuple):
-    """What there is to plan over: n viewpoints, s samples of the area to see in words of 64 bits."""
+    """Path lengths and visibility of n viewpoints; samples of the area are bits of 64-bit words."""
 
     lengths: np.ndarray
-    """Shape (n, n), float64, finite, symmetric: path lengths between viewpoints [m]."""
+    """Path lengths between viewpoints [m], shape (n, n), float64, finite, symmetric."""
     predecessors: np.ndarray
-    """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
+    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
     sees: np.ndarray
-    """Shape (n, words), uint64: a bit per sample that is seen from a viewpoint."""
+    """Samples visible from each viewpoint, one bit per sample, shape (n, words), uint64."""
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def ones(word):
-    """Count the bits of a word that are set (Warren, Hacker's Delight, section 5-1)."""
+    """Return the number of set bits of a word (Warren, Hacker's Delight, section 5-1)."""
     word = word - ((word >> np.uint64(1)) & np.uint64(0x5555555555555555))
     word = (word & np.uint64(0x3333333333333333)) + ((word >> np.uint64(2)) & np.uint64(0x3333333333333333))
     word = (word + (word >> np.uint64(4))) & np.uint64(0x0F0F0F0F0F0F0F0F)
@@ -46,7 +45,7 @@ def ones(word):
 
 @njit(cache=True, error_model="numpy")
 def count_bits(words):
-    """Count the bits of words (shape (n,), uint64) that are set."""
+    """Return the number of set bits of words, shape (n,), uint64."""
     total = 0
     for word in words:
         total += ones(word)
@@ -55,7 +54,7 @@ def count_bits(words):
 
 @njit(cache=True, error_model="numpy")
 def add_views(cover, first, last, seen):
-    """Add to `seen` what is seen on the path from one viewpoint (excluded) to another (included)."""
+    """Add the views on the path from viewpoint `first` (excluded) to `last` (included) to `seen`."""
     viewpoint = last
     while viewpoint != first:
         for w in range(seen.size):
@@ -65,7 +64,7 @@ def add_views(cover, first, last, seen):
 
 @njit(cache=True, error_model="numpy")
 def seen_on(cover, known, tour):
-    """Return what is known after a tour: `known` (shape (words,), uint64) and all that is seen on it."""
+    """Return the samples known after a tour; `known`: samples known before, shape (words,), uint64."""
     seen = known.copy()
     for k in range(tour.size - 1):
         add_views(cover, tour[k], tour[k + 1], seen)
@@ -74,14 +73,14 @@ def seen_on(cover, known, tour):
 
 @njit(cache=True, error_model="numpy")
 def shorten(cover, known, target, tour):
-    """Shorten a tour by 2-opt and or-opt, and leave out stops, where enough is still seen on the paths."""
+    """Shorten a tour by 2-opt, or-opt and removal of stops while `target` samples remain observed."""
     tour, has_changed = tour.copy(), True
     while has_changed:
         has_changed = False
         for i in range(1, tour.size - 1):
             for j in range(i + 1, tour.size):
                 for k in range(i - 1, j):
-                    if is_shorter(cover.lengths, tour, i, k, j, LEAST_SAVING):
+                    if is_shorter(cover.lengths, tour, i, k, j, MIN_SAVING):
                         other = changed(tour, i, k, j)
                         if count_bits(seen_on(cover, known, other)) >= target:
                             tour[:] = other
@@ -98,9 +97,9 @@ def shorten(cover, known, target, tour):
 
 @njit(cache=True, error_model="numpy")
 def complete(cover, known, target, tour, noise, rng):
-    """Insert stops into a tour until enough is seen: each time the one that shows most for its detour.
+    """Insert stops with the best ratio of gain and detour until `target` samples are observed.
 
-    Noise raises the values of viewpoints by up to a share. Returns what `search_tour` does, which says what is given.
+    `noise`: maximum relative increase of a viewpoint's value. Otherwise as `search_tour`.
     """
     while True:
         seen = seen_on(cover, known, tour)
@@ -121,7 +120,7 @@ def complete(cover, known, target, tour, noise, rng):
                 more -= cover.lengths[tour[k], tour[k + 1]]
                 if more < detour:
                     detour, at = more, k + 1
-            value = min(gain, missing) / (max(detour, 0.0) + SHORT_DETOUR) * (1.0 + noise * rng.random())
+            value = min(gain, missing) / (max(detour, 0.0) + DETOUR_OFFSET) * (1.0 + noise * rng.random())
             if value > best_value:
                 best, best_at, best_value = viewpoint, at, value
         if best < 0:
@@ -131,7 +130,6 @@ def complete(cover, known, target, tour, noise, rng):
 
 @njit(cache=True, error_model="numpy")
 def _ruin(cover, tour, rng):
-    """Take out a random number of the stops that lie nearest to a random one; return the rest."""
     num_stops = tour.size - 1
     num_removed = 1 + int(rng.random() * min(MAX_REMOVED, num_stops))
     middle = tour[1 + int(rng.random() * num_stops)]
@@ -142,11 +140,13 @@ def _ruin(cover, tour, rng):
 
 @njit(cache=True, error_model="numpy")
 def search_tour(cover, known, target, tour, num_rounds, rng):
-    """Return a short tour on which `target` samples are known, or else all that can be; and whether they are enough.
+    """Search for a short tour that observes `target` samples, or as many as possible.
 
-    `known`: shape (words,), uint64, what is known without any tour; `tour`: shape (size,), int64, to begin with: the
-    start first, and any stops; `num_rounds`: how often stops are taken out and others put in. The tour returned: shape
-    (m,), int64.
+    `known`: samples known before the tour, shape (words,), uint64. `tour`: initial tour, shape (size,), int64: start,
+    then any stops. `num_rounds`: rounds of removal and reinsertion of stops.
+
+    Returns:
+        Tour, shape (m,), int64, and whether it suffices.
     """
     tour, enough = complete(cover, known, target, tour, 0.0, rng)
     if not enough:
@@ -156,13 +156,13 @@ def search_tour(cover, known, target, tour, num_rounds, rng):
     for k in range(num_rounds):
         if present.size < 2:
             break
-        other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), NOISE, rng)
+        other, other_enough = complete(cover, known, target, _ruin(cover, present, rng), VALUE_NOISE, rng)
         if not other_enough:
             continue
         other = shorten(cover, known, target, other)
         length = tour_length(cover.lengths, other)
-        if length < best_length - LEAST_SAVING:
+        if length < best_length - MIN_SAVING:
             best, best_length = other, length
-        if length <= best_length * (1.0 + DEVIATION * (1.0 - k / num_rounds)):
+        if length <= best_length * (1.0 + MAX_EXCESS_LENGTH * (1.0 - k / num_rounds)):
             present = other
     return best, enough

@@ -1,4 +1,4 @@
-"""Viewpoints all over a known map, the shortest paths between them, and what is seen from them."""
+"""Viewpoints on a known map."""
 
 import math
 from collections.abc import Iterable
@@ -15,19 +15,18 @@ from lidarnaut.envs.navigation import COST_INSCRIBED, COST_LETHAL, Costmap, trav
 from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, UNREACHED, search, step_weights
 
 MAX_VIEWPOINTS = 900
-"""Number of viewpoints that their spacing is chosen for."""
+"""Approximate number of viewpoints, which determines their spacing."""
 MIN_SPACING = 0.3
-"""Least distance between viewpoints [m]."""
+"""Minimum distance between viewpoints [m]."""
 MAX_BLOCK = 4
-"""Most cells along a side of the blocks over which paths are searched."""
-NUM_NEAR = 12
-"""Number of nearest viewpoints that count as a viewpoint's neighbours."""
-DETOUR = 1.1
-"""A viewpoint lies on the path between two others if the path through it is at most this many times as long."""
+"""Maximum side of the blocks for path search [cells]."""
+NUM_NEIGHBORS = 12
+"""Number of neighbors of a viewpoint."""
+MAX_DETOUR_RATIO = 1.1
+"""Maximum relative length of a path through an intermediate viewpoint."""
 
 
 def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
-    """Choose blocks (row, column), the first ones first, of which no two are at most `steps` rows and columns apart."""
     neighbours = cKDTree(blocks).query_ball_point(blocks, steps, p=np.inf)
     chosen, taken = [], np.zeros(len(blocks), dtype=bool)
     for k in range(len(blocks)):
@@ -40,11 +39,6 @@ def _spread_out(blocks: np.ndarray, steps: int) -> np.ndarray:
 def _find_predecessors(
     from_origins: np.ndarray, lengths: np.ndarray, near: np.ndarray, origins: np.ndarray
 ) -> np.ndarray:
-    """Find the predecessor of each viewpoint on the path from each origin, shape (m, n), int32; see `Viewpoints`.
-
-    `from_origins`, shape (m, n), are the path lengths from the origins [m]. Where no viewpoint lies in between, an
-    entry of `origins`, shape (m,), is the predecessor.
-    """
     viewpoints = np.arange(len(near))
     onward = lengths[near, viewpoints[:, None]]
     predecessors = np.empty(from_origins.shape, dtype=np.int32)
@@ -52,7 +46,7 @@ def _find_predecessors(
         through = travelled[near] + onward
         through[(travelled[near] >= travelled[:, None]) | (near == origin)] = np.inf
         best = through.argmin(axis=1)
-        is_between = through[viewpoints, best] < DETOUR * travelled
+        is_between = through[viewpoints, best] < MAX_DETOUR_RATIO * travelled
         predecessors[row] = np.where(is_between, near[viewpoints, best], origin)
     return predecessors
 
@@ -62,30 +56,28 @@ class Viewpoints:
     """Viewpoints, and the shortest paths between them."""
 
     grid: OccupancyGrid
-    """The map."""
     cells: np.ndarray
-    """Shape (n, 2), int64, (row, column) of the viewpoints in the map."""
+    """Cells of the viewpoints (row, column), shape (n, 2), int64."""
     lengths: np.ndarray
-    """Shape (n, n), float64, finite, symmetric: lengths of the paths between viewpoints, weighted by costs [m]."""
+    """Path lengths between viewpoints, weighted by costs [m], shape (n, n), float64, finite, symmetric."""
     near: np.ndarray
-    """Shape (n, k), int32: the nearest viewpoints of each, itself left out."""
+    """Nearest neighbors of each viewpoint, shape (n, k), int32."""
     predecessors: np.ndarray
-    """Shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i, or i itself."""
+    """Predecessors, shape (n, n), int32: `predecessors[i, j]` is the last viewpoint before j on the path from i."""
     block_costs: np.ndarray
-    """Costs of blocks of cells, uint8."""
+    """Traversal costs of blocks of cells, uint8."""
     side: int
     """Side of a block [cells]."""
 
     @property
     def points(self) -> np.ndarray:
-        """Positions of the viewpoints in the frame of the map, shape (n, 2) [m]."""
+        """Positions of the viewpoints in the frame of the map [m], shape (n, 2)."""
         return self.grid.centers(self.cells)
 
     def paths_from(self, x: float, y: float) -> tuple[np.ndarray, np.ndarray] | None:
-        """Find the shortest paths from a point in the frame of the map; None if they lead to no viewpoint.
+        """Return lengths [m] and predecessors of the shortest paths from a point to all viewpoints.
 
-        Returns their lengths to all viewpoints, shape (n,), float64 [m], and the predecessor of each, shape (n,),
-        int32, n for the point itself.
+        Both have shape (n,), float64 and int32; predecessor n is the point. None if no viewpoint is reachable.
         """
         block = _nearest_block(self.block_costs, self.grid.cells(np.array([x, y])) // self.side)
         if block is None:
@@ -96,7 +88,6 @@ class Viewpoints:
 
 
 def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | None:
-    """Return the passable block (row, column) nearest to another one, at most three blocks away."""
     low = np.maximum(middle - 3, 0)
     window = block_costs[low[0] : max(middle[0] + 4, 0), low[1] : max(middle[1] + 4, 0)]
     blocks = np.argwhere(window < COST_INSCRIBED) + low
@@ -109,7 +100,6 @@ def _nearest_block(block_costs: np.ndarray, middle: np.ndarray) -> np.ndarray | 
 def _path_lengths(
     block_costs: np.ndarray, origins: Iterable[np.ndarray], blocks: np.ndarray, side: float
 ) -> np.ndarray:
-    """Measure the paths from blocks (row, column) of a side [m] to others that can be reached: shape (m, n) [m]."""
     weights = step_weights(COST_WEIGHT, False)
     travel = (search(block_costs, weights, row, col, -1, -1)[0][1:-1, 1:-1] for row, col in origins)
     costs_to_come = np.array([costs[tuple(blocks.T)] for costs in travel])
@@ -118,13 +108,13 @@ def _path_lengths(
 
 
 def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints | None:
-    """Spread viewpoints over all of a known map that a robot at (x, y) [m] can reach; None if it is walled in."""
+    """Place viewpoints in the area of a map reachable from (x, y) [m]; None if the robot is enclosed."""
     field = travel_field(costmap, start)
     if field is None:
         return None
     grid = costmap.grid
     passable = (field.travel[1:-1, 1:-1] != UNREACHED) & (costmap.costs < COST_INSCRIBED)
-    # Blocks of this side do not join what a wall divides: the robot cannot be that near to one.
+    # Blocks below the robot's radius do not connect both sides of a wall.
     side = min(max(1, int(0.9 * costmap.params.robot_radius / grid.resolution)), MAX_BLOCK)
     cells = blocks_of(np.where(passable, costmap.costs, np.uint8(COST_LETHAL)), side, COST_LETHAL)
     block_costs, best = cells.min(axis=2), cells.argmin(axis=2)
@@ -136,13 +126,13 @@ def find_viewpoints(costmap: Costmap, start: tuple[float, float]) -> Viewpoints 
     blocks = np.argwhere(block_costs < COST_INSCRIBED)
     size = side * grid.resolution
     spacing = max(MIN_SPACING, size * np.sqrt(len(blocks) / MAX_VIEWPOINTS))
-    # Viewpoints away from walls come first; nearness in four classes, so that they still form a lattice.
+    # Prefer viewpoints away from walls; four classes of cost keep a lattice.
     blocks = blocks[np.argsort(block_costs[tuple(blocks.T)] // 64, kind="stable")]
     blocks = _spread_out(blocks, max(1, round(spacing / size)) - 1)
     cells = side * blocks + np.column_stack(np.divmod(best[tuple(blocks.T)], side))
     lengths = _path_lengths(block_costs, blocks, blocks, size)
     lengths = np.minimum(lengths, lengths.T)
-    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEAR + 1].astype(np.int32)
+    near = np.argsort(lengths, axis=1, kind="stable")[:, 1 : NUM_NEIGHBORS + 1].astype(np.int32)
     predecessors = _find_predecessors(lengths, lengths, near, np.arange(len(cells)))
     return Viewpoints(grid, cells, lengths, near, predecessors, block_costs, side)
 
@@ -155,10 +145,6 @@ def _add_bit(words, bit):
 
 @njit(cache=True, error_model="numpy")
 def _views(free, cells, reach, sample_of, num_words):
-    """Follow straight lines from each cell's centre until they meet anything that is not free; see `views_from`.
-
-    The lines end one cell apart on a circle, and are followed from cell to cell along their longer axis.
-    """
     height, width = free.shape
     views = np.zeros((len(cells), num_words), dtype=np.uint64)
     num_lines = max(8, math.ceil(2.0 * math.pi * reach))
@@ -176,10 +162,13 @@ def _views(free, cells, reach, sample_of, num_words):
 
 
 def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.ndarray) -> np.ndarray:
-    """Tell which samples are seen from cells by a lidar that looks all around up to `reach` [cells].
+    """Return the samples visible from cells for a 360 degree lidar of range `reach` [cells].
 
-    `free`: shape (height, width), bool; `cells`, `samples`: shapes (n, 2) and (s, 2), int64, (row, column). Returns
-    shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 is set where sample i is seen.
+    `free`: free cells, shape (height, width), bool. `cells`, `samples`: cells (row, column), shapes (n, 2) and (s, 2),
+    int64.
+
+    Returns:
+        Visibility, shape (n, ceil(s / 64)), uint64: bit i % 64 of word i // 64 for sample i.
     """
     sample_of = np.full(free.shape, -1, dtype=np.int32)
     sample_of[tuple(samples.T)] = np.arange(len(samples))
@@ -188,12 +177,12 @@ def views_from(free: np.ndarray, cells: np.ndarray, reach: float, samples: np.nd
 
 
 def pack_bits(flags: np.ndarray) -> np.ndarray:
-    """Pack flags (shape (s,), bool) into words as `views_from` does: shape (ceil(s / 64),), uint64."""
+    """Pack flags, shape (s,), bool, into words as `views_from` does, shape (ceil(s / 64),), uint64."""
     padded = np.pad(flags, (0, -len(flags) % 64))
     words: np.ndarray = np.packbits(padded, bitorder="little").view("<u8").astype(np.uint64)
     return words
 
 
 def unpack_bits(words: np.ndarray, num_flags: int) -> np.ndarray:
-    """Unpack what `pack_bits` has packed: shape (num_flags,), bool."""
+    """Unpack the words of `pack_bits` into flags, shape (num_flags,), bool."""
     return np.unpackbits(words.astype("<u8").view(np.uint8), count=num_flags, bitorder="little").astype(bool)

@@ -1,4 +1,4 @@
-"""A robot that explores by the points of random trees."""
+"""Team robot for exploration by random trees."""
 
 import numpy as np
 
@@ -10,43 +10,36 @@ from lidarnaut.envs.robots import RobotParams
 
 
 class RrtRobot(TeamRobot):
-    """Offers, for each valid frontier point, the frontier cell nearest to it."""
+    """Offers the frontier cell nearest to each valid frontier point."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: RrtParams, index: int) -> None:
-        """Prepare for an episode of a robot with an index in its team, updated every `control_period` seconds."""
         super().__init__(robot, control_period, index, patience=params.patience)
         self.points = NO_POINTS
-        """Frontier points, shape (n, 2), float64, map frame [m]."""
         self._params = params
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        """Return frontier cells, shape (k, 2), and one part for each, shape (k, 4); see `split_groups`."""
         planning, side = self.map, self.map.side
         positions = (self.points[:, ::-1] - planning.origin[::-1]) / side  # row, column
         cells = np.floor(positions).astype(np.int64)
-        is_inside = ((cells >= 0) & (cells < planning.joined.shape)).all(axis=1)
+        is_inside = ((cells >= 0) & (cells < planning.occupancy.shape)).all(axis=1)
         costs = np.full(len(cells), COST_UNKNOWN, dtype=np.uint8)
         costs[is_inside] = layer.costs[tuple(cells[is_inside].T)]
-        # On the scale on which ROS publishes costmaps: 1 to 98 near obstacles, 99 where the footprint touches one.
+        # ROS costmap scale: 1 to 98 near obstacles, 99 for contact of the footprint.
         near = 1.0 + np.floor(97.0 * (costs - 1.0) / 251.0)
         on_ros_scale = np.select([(costs == 0) | (costs == COST_UNKNOWN), costs > COST_MAX_FREE], [0.0, 99.0], near)
         nearest = self._nearest_frontier(positions[on_ros_scale <= self._params.max_cost])
         first = np.arange(len(nearest))
-        # Of no group: no point is left out because its frontier is short.
-        return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.joined.size), first])
+        # Without a group, points of short frontiers are kept.
+        return nearest, np.column_stack([first, first + 1, np.full(len(nearest), planning.occupancy.size), first])
 
     def _nearest_frontier(self, positions: np.ndarray) -> np.ndarray:
-        """Return the frontier cell (row, column) nearest to each point; nothing for points farther than the bandwidth.
-
-        `positions`, shape (n, 2), are in cells: cell c holds [c, c + 1).
-        """
         frontier, radius = self.map.frontier, self._params.bandwidth / self.map.side
         reach = int(np.ceil(radius))
         window = np.argwhere(np.ones((2 * reach + 1, 2 * reach + 1))) - reach
-        around = np.floor(positions).astype(np.int64)[:, None] + window
-        gaps = np.hypot(*np.moveaxis(around + 0.5 - positions[:, None], -1, 0))
-        inside = ((around >= 0) & (around < frontier.shape)).all(axis=-1)
-        rows, cols = np.moveaxis(np.where(inside[..., None], around, 0), -1, 0)
+        neighbors = np.floor(positions).astype(np.int64)[:, None] + window
+        gaps = np.hypot(*np.moveaxis(neighbors + 0.5 - positions[:, None], -1, 0))
+        inside = ((neighbors >= 0) & (neighbors < frontier.shape)).all(axis=-1)
+        rows, cols = np.moveaxis(np.where(inside[..., None], neighbors, 0), -1, 0)
         gaps[~(inside & frontier[rows, cols]) | (gaps > radius)] = np.inf
         nearest = np.arange(len(gaps)), gaps.argmin(axis=1)
-        return around[nearest][np.isfinite(gaps[nearest])]
+        return neighbors[nearest][np.isfinite(gaps[nearest])]

@@ -1,15 +1,7 @@
 """Rapidly-exploring random trees that find frontiers.
 
-Nguyen et al. (2022), section 2.1.1, algorithm 2.1; Umari and Mukhopadhyay, "Autonomous Robotic Exploration Based on
-Multiple Rapidly-exploring Randomized Trees" (2017).
-
-Three things the report leaves open:
-
-- *Where the frontier point lies.* A step may be 15 m long; the point is where it first enters unknown space.
-- *The cell a step starts from is not checked.* It was free when the vertex was added, or it is the robot's. Otherwise
-  a vertex that the map has since covered with an obstacle would reject every sample around it.
-- *Vertices keep a distance.* Without one a tree that is never reset gains a vertex with every sample, and Nearest
-  becomes ever slower, though a vertex beside another one finds nothing that the other does not.
+Nguyen et al. (2022), algorithm 2.1; Umari and Mukhopadhyay (2017). The first cell of a step is not checked: new
+obstacles on a vertex would block all samples around it.
 """
 
 import math
@@ -22,18 +14,18 @@ from lidarnaut.envs.geometry.lines import next_cell, start_walk
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 
 UNKNOWN_AHEAD, BLOCKED, CLEAR = -1, 0, 1
-"""GridCheck: the step enters unknown space before it meets an obstacle, an obstacle comes first, all cells are free."""
+"""Results of `grid_check`: unknown space first, obstacle first, or all cells free."""
 
 
 @njit(cache=True, error_model="numpy")
 def nearest(vertices, count, x, y):
-    """Return the index of the vertex nearest to (x, y) among the first `count` > 0; the first of equals.
+    """Return the index of the vertex nearest to (x, y) among the first `count` > 0.
 
-    `vertices` has the shape (2, capacity), float32.
+    `vertices`: shape (2, capacity), float32.
     """
     xs, ys = vertices[0, :count], vertices[1, :count]
     best, index = np.float32(np.inf), 0
-    # The least of sixteen at once: that the compiler turns into vector instructions, the search for where it was not.
+    # The compiler vectorizes the minimum of 16 values, but not the search for its index.
     for first in range(0, count, 16):
         last = min(first + 16, count)
         least = np.float32(np.inf)
@@ -52,7 +44,7 @@ def nearest(vertices, count, x, y):
 
 @njit(cache=True, error_model="numpy")
 def steer(x0, y0, x, y, eta):
-    """Return the point nearest to (x, y) that is at most `eta` [m] away from (x0, y0)."""
+    """Return the point nearest to (x, y) within `eta` [m] of (x0, y0)."""
     length = math.hypot(x - x0, y - y0)
     if length <= eta:
         return x, y
@@ -61,11 +53,13 @@ def steer(x0, y0, x, y, eta):
 
 @njit(cache=True, error_model="numpy")
 def grid_check(data, u0, v0, u1, v1):
-    """Return what comes first in the cells that a line crosses, but for its first cell, and where the walk ended.
+    """Find the first unknown or occupied cell on a line, without its first cell.
 
-    The line leads from (u0, v0) to (u1, v1), column and row as real numbers: cell c holds [c, c + 1). What lies outside
-    of `data`, shape (height, width), int8, occupancy, is unknown. The walk ends in the middle of the unknown or
-    occupied cell, or at the end of the line.
+    `data`: occupancy, shape (height, width), int8; cells outside are unknown. The line leads from (`u0`, `v0`) to
+    (`u1`, `v1`), (column, row) [cells].
+
+    Returns:
+        `UNKNOWN_AHEAD`, `BLOCKED` or `CLEAR`; center (column, row) of the cell found, or end of the line.
     """
     height, width = data.shape
     walk = start_walk(u0, v0, u1, v1)
@@ -81,11 +75,13 @@ def grid_check(data, u0, v0, u1, v1):
 
 @njit(cache=True, error_model="numpy")
 def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
-    """Grow a tree by samples, shape (n, 2), (column, row), one after the other (algorithm 2.1). Lengths are in cells.
+    """Grow a tree by samples (column, row), shape (n, 2), in order (algorithm 2.1); lengths in cells.
 
-    A tree that `resets` starts again at the robot (column, row) after each find. The first `count` of `vertices`, shape
-    (2, capacity), float32, are there already; new ones are written behind them, and frontier points (column, row) to
-    `found`, shape (n, 2), float64. Returns how many there are of both.
+    A tree with `resets` restarts at `robot` (column, row) after each frontier point. `vertices`: shape (2, capacity),
+    float32, written after the first `count`. `found`: frontier points (column, row), shape (n, 2), float64, written.
+
+    Returns:
+        Number of vertices, and number of frontier points.
     """
     num_found = 0
     for k in range(len(samples)):
@@ -106,22 +102,22 @@ def grow(data, samples, eta, spacing, resets, robot, vertices, count, found):
 
 
 class Tree:
-    """A detector: a tree that grows through free space and returns the points where it would enter unknown space."""
+    """Tree that grows through free space and reports steps into unknown space."""
 
     def __init__(self, root: tuple[float, float], *, eta: float, spacing: float, resets: bool) -> None:
-        """Start with the root alone, at (x, y), map frame [m].
+        """Create a tree with its root at (x, y), map frame [m].
 
-        A step is at most `eta` long, a new vertex at least `spacing` away from the nearest one [m]. The local detector
-        resets after each find, the global one does not.
+        `eta`: maximum step [m]. `spacing`: minimum distance between vertices [m]. `resets`: whether the tree restarts
+        at the robot after each frontier point.
         """
         self._eta, self._spacing, self._resets = eta, spacing, resets
         self.vertices = np.array([root], dtype=np.float64)
-        """Shape (n, 2), float64, map frame [m]; the root is the first."""
+        """Vertices, shape (n, 2), float64, map frame [m]; the root is the first."""
 
     def grow(self, grid: OccupancyGrid, samples: np.ndarray, robot: tuple[float, float]) -> np.ndarray:
-        """Grow by samples, shape (n, 2), float64, map frame [m]; a tree that resets starts again at the robot (x, y).
+        """Grow by samples and return the frontier points found, all of shape (n, 2), float64, map frame [m].
 
-        Returns the frontier points found, shape (k, 2), float64, map frame [m], in the order of the samples.
+        `robot`: position (x, y), map frame [m].
         """
         count, scale, origin = len(self.vertices), grid.resolution, np.array(grid.origin)
         vertices = np.empty((2, count + len(samples)), dtype=np.float32)

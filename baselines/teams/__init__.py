@@ -1,1 +1,1 @@
-"""Teams that explore by one map: who goes to which frontier, and who lets whom pass."""
+"""Exploration by teams."""

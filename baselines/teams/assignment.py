@@ -1,4 +1,4 @@
-"""Rules that say which robot of a team goes to which frontier."""
+"""Assignment of frontiers to robots."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -6,48 +6,47 @@ from typing import Protocol
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.explorer import FrontierRule
-from lidarnaut.baselines.frontier.tour import FAR, path_lengths
+from lidarnaut.baselines.frontier.rule_explorer import FrontierRule
+from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
 from lidarnaut.baselines.teams.tours import min_max_tours
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates, GainOverCost
 from lidarnaut.envs.navigation.team_navigator import OVERLAP, UNASSIGNED, discount
 
-COVER = 2.0
-"""Frontiers this near to that of a stop belong to it [m]."""
+COVER_RADIUS = 2.0
+"""Radius of the frontiers that a stop covers [m]."""
 MAX_STOPS = 32
-"""Stops of all tours together, those that are cheapest to get to."""
-WORK = 0.3
-"""Length of path that exploring a unit of unknown area takes beside the tour [1/m]."""
-KEEP = 6.0
-"""How much nearer a stop counts to the robot that is going there [m], so that robots do not turn to and fro."""
+"""Maximum number of stops of all tours, the cheapest first."""
+WORK_PER_AREA = 0.3
+"""Path length that counts for a unit of unknown area at a stop [1/m]."""
+STOP_HYSTERESIS = 6.0
+"""Length subtracted for the current stop of a robot, against oscillation [m]."""
 
 
 class Assignment(Protocol):
-    """Says which robot goes where."""
+    """Function that assigns frontier candidates to robots."""
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> Sequence[int]:
-        """Return the index of each robot's candidate; `UNASSIGNED` for robots without any.
+        """Return the candidate index of each robot, or `UNASSIGNED`.
 
-        `offers` are the candidates of the robots that are assigned one now, `taken` the frontiers that further robots
-        drive to, shape (k, 2), map frame [m]; `beliefs` are those of the robots that offer.
+        `offers` and `beliefs` are those of the robots to be assigned. `taken`: frontiers of other robots, shape (k, 2),
+        map frame [m].
         """
 
 
 class Auction:
-    """Sells frontiers one after the other, each to the robot that bids most for any of those left.
+    """Sequential single-item auction of frontiers, with the scores of a rule as bids.
 
-    Sequential single-item auctions: Zlot, Stentz, Dias, Thayer, "Multi-robot exploration controlled by a market
-    economy" (2002); Koenig et al., "The power of sequential single-item auctions for agent coordination" (2006). A bid
-    is what a rule says; unknown area near frontiers that others go to counts less (`discount`).
+    Zlot, Stentz, Dias, Thayer, "Multi-robot exploration controlled by a market economy" (2002); Koenig et al., "The
+    power of sequential single-item auctions for agent coordination" (2006). Gains near assigned frontiers are
+    discounted (`discount`).
     """
 
     def __init__(self, rule: FrontierRule | None = None, overlap: float = OVERLAP) -> None:
-        """Take a rule, `GainOverCost` by default, and the distance up to which robots see the same [m]."""
+        """Create an auction with a rule and the overlap distance of views [m]."""
         self._rule, self._overlap = rule or GainOverCost(), overlap
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
-        """Return each robot's candidate; see `Assignment`."""
         offers = [replace(candidates, table=candidates.table.copy()) for candidates in offers]
         chosen = [UNASSIGNED] * len(offers)
         left = [k for k, candidates in enumerate(offers) if len(candidates)]
@@ -67,17 +66,16 @@ class Auction:
 
 
 class MinMaxTours:
-    """Plans tours past all frontiers, the longest as short as can be; each robot goes to the first stop of its own.
+    """Plans tours past all frontiers with a short longest tour; robots drive to their first stops.
 
-    The min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
-    multi-robot exploration" (2012). Stops cover the frontiers. Robots that get no stop go where `Auction` says.
+    Min-max multiple travelling salesman problem: Faigl, Kulich, Preucil, "Goal assignment using distance cost in
+    multi-robot exploration" (2012).
     """
 
     def __init__(self) -> None:
         self._auction = Auction()
 
     def __call__(self, offers: Sequence[Candidates], taken: np.ndarray, beliefs: Sequence[Belief]) -> list[int]:
-        """Return each robot's candidate; see `Assignment`."""
         table = np.concatenate([candidates.table for candidates in offers])
         if len(table) == 0:
             return [UNASSIGNED] * len(offers)
@@ -85,13 +83,13 @@ class MinMaxTours:
         firsts = np.searchsorted(owners, np.arange(len(offers)))
         stops, stop_of = cover(table)
         is_known = stop_of >= 0
-        lengths, work = np.full((len(offers), len(stops)), FAR), np.zeros(len(stops))
+        lengths, work = np.full((len(offers), len(stops)), UNREACHABLE_LENGTH), np.zeros(len(stops))
         np.minimum.at(lengths, (owners[is_known], stop_of[is_known]), table["cost"][is_known])
-        np.maximum.at(work, stop_of[is_known], WORK * table["visible"][is_known])
+        np.maximum.at(work, stop_of[is_known], WORK_PER_AREA * table["visible"][is_known])
         for k, candidates in enumerate(offers):
             current = stop_of[firsts[k] + candidates.chosen] if candidates.chosen >= 0 else -1
             if current >= 0:
-                lengths[k, current] -= KEEP
+                lengths[k, current] -= STOP_HYSTERESIS
         points = table["viewpoint"][stops]
         between = path_lengths(max(offers, key=len).costmap, tuple(points[0].tolist()), points[1:])
         tours = min_max_tours(lengths, between, work)
@@ -99,7 +97,7 @@ class MinMaxTours:
         for k, candidates in enumerate(offers):
             own = np.flatnonzero(stop_of[firsts[k] : firsts[k] + len(candidates)] == tours[k, 0])
             if tours[k, 0] >= 0 and len(own):
-                chosen[k] = int(own[0])  # the cheapest one
+                chosen[k] = int(own[0])
         left = [k for k, index in enumerate(chosen) if index == UNASSIGNED]
         goals = [offers[k]["frontier"][index] for k, index in enumerate(chosen) if index != UNASSIGNED]
         rest = self._auction([offers[k] for k in left], np.vstack([taken, *goals]), [beliefs[k] for k in left])
@@ -109,17 +107,17 @@ class MinMaxTours:
 
 
 def cover(table: np.ndarray) -> tuple[list[int], np.ndarray]:
-    """Choose stops among candidates, shape (n,), of all robots, `CANDIDATE`: the cheapest that no other covers.
+    """Select stops from the candidates of all robots, shape (n,), `CANDIDATE`: the cheapest uncovered first.
 
-    Returns the stops' indices, and for each candidate the stop that covers it, shape (n,), int64; -1 for none: beyond
-    `MAX_STOPS`, and those that failed, while there are others.
+    Returns:
+        Candidate indices of the stops; stop of each candidate, shape (n,), int64, -1 if uncovered.
     """
     stops, stop_of = list[int](), np.full(len(table), -1)
     is_left = table["failures"] == table["failures"].min()
     for k in np.argsort(table["cost"], kind="stable").tolist():
         if is_left[k] and len(stops) < MAX_STOPS:
             gaps = np.hypot(*(table["frontier"] - table["frontier"][k]).T)
-            is_near = is_left & (gaps <= COVER)
+            is_near = is_left & (gaps <= COVER_RADIUS)
             stop_of[is_near], is_left = len(stops), is_left & ~is_near
             stops.append(k)
     return stops, stop_of

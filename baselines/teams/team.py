@@ -1,11 +1,11 @@
-"""The explorer of all teams: asks a rule which robot goes to which frontier, and drives there."""
+"""Explorer of teams."""
 
 import math
 from collections.abc import Sequence
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.pursuit import pursue
+from lidarnaut.baselines.frontier.pursuit_explorer import pursue
 from lidarnaut.baselines.teams.assignment import Assignment
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation.team_navigator import TeamNavigator
@@ -14,50 +14,43 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 PERIOD = 1.0
-"""Time after which frontiers are assigned anew to all robots [s]; sooner when one of them needs another."""
+"""Time between assignments of all robots [s]."""
 
 
 class TeamExplorer:
-    """Explores with one or several robots that drive where a rule says, by pursuit driving."""
+    """Explores with one or several robots by an assignment rule and pursuit driving."""
 
     is_team = True
     plan = None
-    """Each robot has its own, see `plans`."""
 
     def __init__(self, rule: Assignment | None = None, *, period: float = PERIOD) -> None:
-        """Take a rule, which is asked about all robots every `period` seconds, and when one needs a frontier.
+        """Create a team with a rule, evaluated every `period` [s] and when a robot needs a frontier.
 
-        With a `period` of inf only robots that need a frontier are assigned one.
+        An infinite `period` assigns only robots that need a frontier.
         """
         self.rule, self.period = rule, period
         self._navigator: TeamNavigator | None = None
         self._is_reset = False
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a new episode; see `lidarnaut.baselines.explorer.Policy`."""
         self._robot, self._control_period, self._is_reset = robot, control_period, True
         self._navigator, self._steps = None, 0
 
     @property
     def end_reason(self) -> str | None:
-        """Why the team has stopped exploring; None while any of its robots has not."""
         return None if self._navigator is None else self._navigator.end_reason
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """The planned path of each robot for drawing, shape (n, 2), map frame [m]; None without one."""
         return [] if self._navigator is None else self._navigator.plans
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
-        """The frontier that each robot drives to (x, y), map frame [m]; None for a robot without one."""
+        """Target frontier (x, y) of each robot, map frame [m], or None."""
         return [] if self._navigator is None else self._navigator.targets
 
     def act(self, readings: Sequence[Reading], beliefs: Sequence[Belief]) -> list[Twist]:
-        """Return the twist of each robot, from its reading and its belief; the map in these is one and the same.
-
-        Raises a RuntimeError before the first `reset`.
-        """
+        """Return the twist of each robot; all beliefs share one map."""
         if not self._is_reset:
             raise RuntimeError("call reset before act")
         if self._navigator is None:
@@ -83,10 +76,9 @@ class TeamExplorer:
         return TeamRobot(self._robot, self._control_period, index)
 
     def _look(self, team: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> None:
-        """Look at the map before robots are due."""
+        """Update shared data."""
 
     def _assign(self, due: Sequence[TeamRobot], beliefs: Sequence[Belief]) -> Sequence[int]:
-        """Return the index of the candidate of each robot that is due, or `UNASSIGNED`."""
         assert self.rule is not None
         assert self._navigator is not None
         taken = [robot.driving_to for robot in self._navigator.team if robot not in due]

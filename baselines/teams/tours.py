@@ -1,17 +1,16 @@
-"""Open tours of several robots past all stops, of which the longest is to be short."""
+"""Open tours of several robots past all stops."""
 
 import numpy as np
 from numba import njit
 
 SUM_WEIGHT = 0.1
-"""What the sum of all tours counts beside the longest one."""
+"""Weight of the sum of all tour lengths relative to the longest tour."""
 MAX_ROUNDS = 20
-"""Rounds of moving stops at most."""
+"""Maximum number of rounds of moving stops."""
 
 
 @njit(cache=True, error_model="numpy")
 def _length(start, between, work, tour):
-    """Return the length of a tour of a robot, with the work at its stops."""
     total = 0.0
     for k in range((tour >= 0).sum()):
         total += work[tour[k]] + (between[tour[k - 1], tour[k]] if k > 0 else start[tour[0]])
@@ -20,7 +19,6 @@ def _length(start, between, work, tour):
 
 @njit(cache=True, error_model="numpy")
 def _insert(starts, between, work, tours, totals, stop):
-    """Insert a stop where the objective grows least, and return the objective."""
     best, best_tour, best_total, best_robot = np.inf, tours[0], 0.0, 0
     for robot in range(len(tours)):
         tour = tours[robot].copy()
@@ -43,11 +41,13 @@ def _insert(starts, between, work, tours, totals, stop):
 
 @njit(cache=True, error_model="numpy")
 def min_max_tours(starts, between, work):
-    """Share out stops among robots: insert them, farthest first, then move each until none is better elsewhere.
+    """Distribute stops over robots such that the longest tour is short.
 
-    `starts`: lengths from the robots to the stops, shape (n, m) [m]; `between`: those between stops, shape (m, m),
-    symmetric; `work`: what each stop takes beside, shape (m,) [m]; all float64. Returns the tours, shape (n, m), int64:
-    indices of stops in order, then -1.
+    `starts`: path lengths from robots to stops [m], shape (n, m). `between`: path lengths between stops [m], shape (m,
+    m), symmetric. `work`: additional cost of each stop [m], shape (m,). All are float64.
+
+    Returns:
+        Tours, shape (n, m), int64: indices of stops in order, then -1.
     """
     num, count = starts.shape
     tours, totals = np.full((num, count), -1, dtype=np.int64), np.zeros(num)

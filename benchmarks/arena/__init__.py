@@ -1,1 +1,1 @@
-"""The arena: explorers in the same worlds with the same seeds, their measures, and a report."""
+"""The arena: evaluation of policies in the same worlds with the same seeds."""

@@ -1,4 +1,4 @@
-"""The episodes of an evaluation as one table, and what they say: estimates, pairs from the same starts, rankings."""
+"""Table of evaluated episodes: estimates, paired comparisons and rankings of policies."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
@@ -7,38 +7,37 @@ from typing import Any
 import numpy as np
 
 from lidarnaut.agents.frontiers.tasks import is_held_out
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.measures import Measures, share_of
 from lidarnaut.benchmarks.arena.policies import is_bound
-from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.benchmarks.arena.statistics import Estimate, estimate, gap_closed, success_rate
 from lidarnaut.envs.measures import Measure
 
 REFERENCES = ("nearest", "frontier", "pursuit", "rrt_team", "route_follower")
-"""Policies that the others are compared with: the first of these that takes part, or else the first policy."""
+"""Reference policies in order of preference; otherwise the first policy is the reference."""
 
 Case = tuple[str, ...]
-"""World, robot, physics, SLAM (or localizer) and people: a stratum of the statistics."""
+"""Condition of an episode (world, robot, physics, SLAM or localizer, people); stratum of the bootstrap."""
 Summary = dict[str, dict[str, dict[str, Estimate]]]
-"""Estimates by policy, case and measure. A case is called by its world, and by what else distinguishes it."""
+"""Estimates by policy, case label and measure name."""
 
 
 def case_of(row: Row) -> Case:
-    """Return where, and under which conditions."""
     return row["world"], row["robot"], row["physics"], row["slam"], f"{row.get('people', 0)} people"
 
 
 def start_of(row: Row) -> tuple[Case, int]:
-    """Return what an episode shares with those of other policies: case and seed."""
+    """Return case and seed, which paired episodes of different policies have in common."""
     return case_of(row), row["seed"]
 
 
 def value_of(row: Row, measure: Measure) -> float:
-    """Return what an episode counts as: its limit where it never reached the mark."""
+    """Return the value of a measure; its limit if the threshold was never reached."""
     return float(min(row[measure.name], row[measure.limit]) if measure.limit else row[measure.name])
 
 
 class Episodes:
-    """Episodes of a task, in the order in which they were laid out."""
+    """Episodes of one task."""
 
     def __init__(self, rows: Iterable[Row], measures: Measures) -> None:
         self.rows = list(rows)
@@ -51,31 +50,28 @@ class Episodes:
         return len(self.rows)
 
     def where(self, keep: Callable[[Row], Any]) -> "Episodes":
-        """Return those of the episodes that fulfil a condition."""
         return Episodes(filter(keep, self), self.measures)
 
     def of(self, policy: str) -> list[Row]:
-        """Return the episodes of a policy."""
         return [row for row in self if row["policy"] == policy]
 
     @cached_property
     def policies(self) -> list[str]:
-        """The policies, in the order in which they come."""
         return list(dict.fromkeys(row["policy"] for row in self))
 
     @property
     def reference(self) -> str:
-        """The policy that the others are compared with."""
+        """Policy that the other policies are compared with."""
         return next((name for name in REFERENCES if name in self.policies), self.policies[0])
 
     @property
     def bound(self) -> str | None:
-        """The policy that bounds what can be reached: the first that was given ground truth; None without one."""
+        """First policy with access to ground truth (upper bound of performance), if any."""
         return next(filter(is_bound, self.policies), None)
 
     @cached_property
     def labels(self) -> dict[Case, str]:
-        """What every case is called: its world, and those conditions that are not the same in all of that world."""
+        """Label of each case: its world and the conditions that vary within this world."""
         cases = list(dict.fromkeys(map(case_of, self)))
         labels = {}
         for case in cases:
@@ -85,38 +81,33 @@ class Episodes:
         return labels
 
     def place(self, row: Row) -> str:
-        """Return where an episode began, in words."""
         return f"{self.labels[case_of(row)]}, seed {row['seed']}"
 
     def by_case(self) -> dict[str, "Episodes"]:
-        """Return the episodes of each case, by its label."""
         parts: dict[str, list[Row]] = {label: [] for label in self.labels.values()}
         for row in self:
             parts[self.labels[case_of(row)]].append(row)
         return {label: Episodes(rows, self.measures) for label, rows in parts.items()}
 
     def by_start(self, policy: str) -> dict[tuple[Case, int], Row]:
-        """Return a policy's episodes by their starts."""
         return {start_of(row): row for row in self.of(policy)}
 
     def unseen(self) -> "Episodes":
-        """Return those in worlds or with robots that are held out; none if all are, or nothing was learned."""
+        """Return the episodes with held-out worlds or robots; empty if all are, or if no learned policy takes part."""
         found = self.where(lambda row: is_held_out(row["world"], row["robot"]))
         return found if len(found) < len(self) and any(row["model"] for row in self) else Episodes((), self.measures)
 
     def shared(self, policies: Iterable[str] = ()) -> "Episodes":
-        """Return those from starts from which all of some policies have one: no policy profits from a world left out.
-
-        Without names, of all competitors.
-        """
+        """Return the episodes from starts (case and seed) common to the given policies; default: all competitors."""
         names = list(policies) or [name for name in self.policies if not is_bound(name)] or self.policies
         starts = set.intersection(*(set(self.by_start(name)) for name in names)) if names else set()
         return self.where(lambda row: start_of(row) in starts)
 
     def related(self, reference: str | None = None) -> "Episodes":
-        """Add `Measures.reached`, and `Measures.relative` where the reference has an episode from the same start.
+        """Return the episodes with `Measures.reached` and `Measures.relative` added.
 
-        Where the reference never reached the mark, its limit is what others are divided by. None takes the usual one.
+        Tables, curves and summary need them. Relative values are shares of the reference's value from the same start,
+        or of its limit if not reached.
         """
         references = self.by_start(reference or self.reference) if self.rows else {}
         related = []
@@ -126,26 +117,26 @@ class Episodes:
             for mark in self.measures.marks if same_start else ():
                 unit, share = value_of(same_start, mark), share_of(mark)
                 for name, value in ((share.name, row[mark.name]), (share.limit, row[mark.limit])):
-                    # Zero where the first scan shows 95 %: it shows that to everyone.
+                    # Thresholds reached by the first scan have the value 0.
                     row[name] = value / unit if unit > 0.0 else 1.0
             related.append(row)
         return Episodes(related, self.measures)
 
     def values(self, policy: str, measure: Measure) -> list[np.ndarray]:
-        """Return what a policy's episodes count as (`value_of`): per case an array in the order of seeds, float64."""
+        """Return the values of a measure of a policy: one array per case, ordered by seed."""
         return _strata([row for row in self.of(policy) if measure.name in row], measure)
 
     def pairs(self, a: str, b: str, measure: Measure) -> tuple[list[np.ndarray], list[np.ndarray]]:
-        """Return a measure of two policies from the starts that they share: per case an array each, in one order."""
+        """Return the values of a measure of two policies from common starts: one array per case, in equal order."""
         theirs = self.by_start(b)
         shared = [row for row in self.of(a) if measure.name in row and start_of(row) in theirs]
         return _strata(shared, measure), _strata([theirs[start_of(row)] for row in shared], measure)
 
     def estimate(self, policy: str, measure: Measure) -> Estimate:
-        """Estimate a measure of a policy over all cases: an interquartile mean, or of what is 0 or 1 the share.
+        """Estimate a measure of a policy over all cases: an interquartile mean, or a proportion for binary measures.
 
         Raises:
-            ValueError: if it has no episode with that measure.
+            ValueError: if no episode has this measure.
         """
         if measure.is_share:
             return success_rate(self.values(policy, measure))
@@ -153,7 +144,6 @@ class Episodes:
         return estimate(_strata(mine, measure), _strata(mine, measure, lambda row, _: np.isfinite(row[measure.name])))
 
     def summary(self) -> Summary:
-        """Estimate every measure for every policy in every case."""
         summary: Summary = {policy: {} for policy in self.policies}
         for label, here in self.by_case().items():
             for policy in here.policies:
@@ -161,10 +151,7 @@ class Episodes:
         return summary
 
     def standing(self, measure: Measure) -> dict[str, Estimate]:
-        """Return a measure of the policies, best first, and bounds, which do not compete, at the end.
-
-        A lower bound comes after the same number reached; policies without that measure are left out.
-        """
+        """Return the estimates by policy, best first; policies with access to ground truth come last."""
         names = dict.fromkeys(row["policy"] for row in self if measure.name in row)
         found = {name: self.estimate(name, measure) for name in names}
         sign = -1.0 if measure.higher_is_better else 1.0
@@ -173,14 +160,12 @@ class Episodes:
         )
 
     def competitors(self, measure: Measure) -> dict[str, Estimate]:
-        """Return a measure of the policies that compete, best first."""
         return {policy: value for policy, value in self.standing(measure).items() if not is_bound(policy)}
 
     def gaps_closed(self, policy: str) -> dict[str, Estimate]:
-        """Return which share of the gap from the reference to the bound a policy closes, by `Measures.gaps`.
+        """Return the share of the gap between reference and ground-truth bound that a policy closes, by measure.
 
-        Of related episodes from starts from which all three have one. Empty where one of them takes no part, or is the
-        policy.
+        Only episodes from common starts count. Empty without a bound, and for the reference and the bound.
         """
         if self.bound is None or policy == self.reference or is_bound(policy):
             return {}
@@ -193,7 +178,6 @@ class Episodes:
         return found
 
     def typical_and_worst(self, policy: str) -> tuple[Row, Row]:
-        """Return a policy's median episode and its worst one, by the headline."""
         headline = self.measures.headline
         mine = sorted(self.of(policy), key=lambda row: row[headline.name])
         return mine[len(mine) // 2], mine[0 if headline.higher_is_better else -1]
@@ -207,10 +191,7 @@ def _strata(rows: Sequence[Row], measure: Measure, value: Callable[[Row, Measure
 
 
 def best_of(estimates: Mapping[str, Estimate], measure: Measure) -> set[str]:
-    """Return the policies whose estimate, as printed, is the best; none if all are alike or none is better.
-
-    Bounds do not compete; a lower bound is more than the same number reached.
-    """
+    """Return the policies with the best rounded estimate, except those using ground truth; empty if all are equal."""
     shown = {
         policy: (float(measure.text(value.iqm)), value.is_bound[0])
         for policy, value in estimates.items()

@@ -1,4 +1,4 @@
-"""The results of an evaluation as tables, in sections of a page."""
+"""Leaderboard and comparison tables of an evaluation."""
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -7,36 +7,34 @@ from dataclasses import replace
 import numpy as np
 
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.measures import share_of
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table
 from lidarnaut.benchmarks.arena.policies import is_bound, short
-from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
 from lidarnaut.envs.measures import SUCCESS, Measure
 
 DASH = Cell("-")
-LEAST = 1.0
-"""Times and distances below count as this one in ratios: the first scan may show a small world as a whole [s, m]."""
+MIN_RATIO_VALUE = 1.0
+"""Minimum time or distance in ratios [s, m]; smaller values are clipped."""
 MARKS = (0.95, 0.99)
-"""Explored fractions that count as done and as finished."""
+"""Explored fractions of the columns "below 95 %" and "below 99 %" of unfinished explorations."""
 DRIFT = 0.3
-"""From this position error on [m] a map is taken to have drifted: it is wider than a wall, and than most robots."""
+"""Position RMSE above which a map counts as drifted [m]."""
 REASONS = {
     "time_limit": "time ran out",
     "no_reachable_frontier": "no reachable frontier left on its map",
     "stuck": "could not move any more",
 }
-"""What end reasons mean."""
 
 
 def marked(estimates: Mapping[str, Estimate], measure: Measure) -> dict[str, Cell]:
-    """Return a cell for each policy's estimate, the best ones marked."""
     best = best_of(estimates, measure)
     return {policy: Cell.of(value, measure, policy in best) for policy, value in estimates.items()}
 
 
 def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
-    """Lay out the ranking by the headline: a row per policy, a column per measure; see `ranking_sections`."""
+    """Return the leaderboard: one row per policy, ranked by the headline measure."""
     columns = [marked(episodes.standing(measure), measure) for measure in shown]
     lines = []
     for k, policy in enumerate(episodes.standing(episodes.measures.headline), start=1):
@@ -46,31 +44,27 @@ def ranking_table(episodes: Episodes, shown: Sequence[Measure]) -> Table:
 
 
 def ranking_sections(episodes: Episodes) -> list[Section]:
-    """Return the ranking by related episodes from starts that all competitors share.
-
-    Where something learned takes part, first by those that no training saw.
-    """
+    """Return the leaderboard; if a learned policy takes part, first for held-out starts, then for all."""
     headline, shown = episodes.measures.headline, episodes.measures.shown
     text = (
         f"Ranked by {headline.label}{f': {headline.note}' if headline.note else ''}. Interquartile means over all "
-        "starts with 95 % stratified bootstrap intervals, shares with Wilson's."
+        "starts with 95 % stratified bootstrap intervals; proportions have Wilson intervals."
     )
     if episodes.measures.marks:
-        text += f" Relative times and distances are shares of what {short(episodes.reference)} needed from there."
+        text += f" Relative values are divided by those of {short(episodes.reference)} from the same start."
     if episodes.bound:
-        text += " Who was given ground truth is a bound of what can be reached, and not ranked."
+        text += " Policies that use ground truth are performance bounds and are not ranked."
     if not (unseen := episodes.unseen()):
         return [Section("Leaderboard", (text, ranking_table(episodes, shown)))]
     number, total = (len(set(map(start_of, part))) for part in (unseen, episodes))
-    text += f" These are the {number} starts in worlds or with robots that no training of the package saw."
+    text += f" These are the {number} starts in worlds or with robots not used in training."
     return [
         Section("Leaderboard", (text, ranking_table(unseen, shown))),
-        Section(f"All {total} starts, those of training worlds too", (ranking_table(episodes, shown),)),
+        Section(f"All {total} starts, including training worlds", (ranking_table(episodes, shown),)),
     ]
 
 
 def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Sequence[Measure]) -> Table:
-    """Lay out estimates, by policy and measure, with a row per measure and a column per policy."""
     lines = []
     for measure in measures:
         cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
@@ -79,11 +73,10 @@ def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Se
 
 
 def measures_section(episodes: Episodes) -> Section:
-    """Return all that the ranking leaves out, of related episodes from starts that all competitors share."""
     others = [measure for measure in episodes.measures.all if measure not in episodes.measures.shown]
     text = (
-        "Interquartile means over the same starts as above. Seconds and metres in small and large worlds cannot be "
-        "pooled in earnest: compare policies, and not the numbers as such."
+        "Interquartile means over the same starts as above. Times and distances of small and large worlds are pooled: "
+        "compare policies, not absolute values."
     )
     lines = [
         [Cell(short(policy)), *(Cell.of(episodes.estimate(policy, measure), measure) for measure in others)]
@@ -93,14 +86,14 @@ def measures_section(episodes: Episodes) -> Section:
 
 
 def gap_section(episodes: Episodes) -> Section | None:
-    """Return how much of the gap from the reference to the bound each policy closes; None without a bound."""
+    """Return a section with the gap to the ground-truth bound that each policy closes; None without a bound."""
     closed = {policy: found for policy in episodes.policies if (found := episodes.gaps_closed(policy))}
     if not closed:
         return None
     reference, bound = short(episodes.reference), episodes.bound
     text = (
-        f"0 % is {reference}, 100 % {bound}. What a policy gains on {reference} from the same start, over what "
-        f"{bound} gains on it (interquartile means). No number where {bound} does not clearly gain."
+        f"0 % is {reference}, 100 % is {bound}: the improvement of a policy over {reference} from the same start, "
+        f"divided by that of {bound} (interquartile means). Dash: {bound} is not significantly better."
     )
     lines = []
     for policy, estimates in closed.items():
@@ -110,10 +103,7 @@ def gap_section(episodes: Episodes) -> Section | None:
 
 
 def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | None:
-    """Return every policy against the reference by some measures; None if there is only one.
-
-    Over several worlds, the measures should be comparable. Ratios of the marks follow.
-    """
+    """Return a section with paired differences and ratios of every policy to the reference, if there are any."""
     reference, marks = episodes.reference, episodes.measures.marks
     lines = []
     for policy in episodes.policies:
@@ -124,7 +114,7 @@ def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | 
                 better = Cell.of(probability_of_improvement(a, b, bool(measure.higher_is_better)), SUCCESS)
                 cells += [Cell.of(paired_difference(a, b), measure, sign="+"), Cell(f"{better.text} %", better.note)]
         for mark in marks if cells else ():
-            a, b = ([values.clip(LEAST) for values in one] for one in episodes.pairs(policy, reference, mark))
+            a, b = ([values.clip(MIN_RATIO_VALUE) for values in one] for one in episodes.pairs(policy, reference, mark))
             cells.append(Cell.of(paired_ratio(a, b), replace(share_of(mark), digits=3)))
         if cells:
             lines.append([Cell(short(policy)), *cells])
@@ -133,17 +123,16 @@ def pairs_section(episodes: Episodes, measures: Sequence[Measure]) -> Section | 
     reference = short(reference)
     text = (
         f"Difference to {reference} from the same start (interquartile mean), and the probability of improvement: the "
-        "share of starts from which the policy does better, ties counting half."
+        "share of starts with a better result of the policy; ties count half."
     )
     if marks:
-        text += f" Ratios are geometric means; what was not reached counts as its limit, less than {LEAST:g} as that."
+        text += f" Ratios are geometric means; thresholds not reached count as the limit; minimum {MIN_RATIO_VALUE:g}."
     head = ("", *(title for m in measures for title in (m.title, f"better than {reference}")))
     head += tuple(f"{mark.label} / {reference}'s" for mark in marks)
     return Section("Pair by pair", (text, Table(head, lines)))
 
 
 def worlds_section(episodes: Episodes) -> Section:
-    """Return a measure of the policies in each world, from all episodes."""
     measure = (*episodes.measures.marks, episodes.measures.headline)[0]
     lines = []
     for case, here in episodes.by_case().items():
@@ -158,16 +147,16 @@ def worlds_section(episodes: Episodes) -> Section:
     text = f"{measure.label[:1].upper()}{measure.label[1:]}{unit}, interquartile mean."
     if measure.limit:
         text += (
-            " Where not every episode got there, how many did stands beside it; where the others decide the mean, it "
-            "is a lower bound (>). Where none got there, that is the limit that they count as."
+            " If not all episodes reached the threshold, their number is shown next to the mean, which is a lower "
+            "bound (>) if it depends on the other episodes. If none did, the limit is shown."
         )
     return Section("World by world", (text, Table(("", *map(short, episodes.policies)), lines)))
 
 
 def axis_section(episodes: Episodes, axis: str) -> Section | None:
-    """Compare the values of an axis, a column, pair by pair on the starts that all of them have; None if there is one.
+    """Return a paired comparison of the values of a condition such as SLAM; None if there is only one value.
 
-    Differences of times and distances are shares of what the policy needed under the base: ground truth, or the first.
+    Differences are to the base value: `truth`, or the first one.
     """
     measures, values = episodes.measures, list(dict.fromkeys(row[axis] for row in episodes))
     if len(values) < 2:
@@ -176,7 +165,6 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
     values.sort(key=lambda value: value != base)
     lines, worlds, num_starts = [], dict[str, None](), 0
     for policy in episodes.policies:
-        # Under each value it stands for a policy of its own, from the same starts.
         versions = [row | {"policy": row[axis], axis: base} for row in episodes.of(policy)]
         shared = Episodes(versions, measures).shared(values).related(base)
         worlds |= dict.fromkeys(row["world"] for row in shared)
@@ -190,18 +178,15 @@ def axis_section(episodes: Episodes, axis: str) -> Section | None:
     if not lines:
         return None
     text = f"The same policies from the same {num_starts} starts in {', '.join(worlds)}. Differences are paired" + (
-        f", those of times and distances as shares of what the policy needed under {base}." if measures.marks else "."
+        f", those of times and distances relative to the policy's values under {base}." if measures.marks else "."
     )
     head = ("", *(m.title for m in measures.on_axes), *(m.title + f", difference to {base}" for m in measures.gaps))
-    errors = "What mapping error costs" if measures.marks else "What errors of the pose cost"
-    return Section(errors if axis == "slam" else f"What {axis} costs", (text, Table(head, lines)))
+    errors = "What mapping error costs" if measures.marks else "What pose errors cost"
+    return Section(errors if axis == "slam" else f"Effect of {axis}", (text, Table(head, lines)))
 
 
 def unfinished_section(episodes: Episodes) -> Section:
-    """Return which episodes did not do all of their task, where, and why, as far as the data tell.
-
-    Of explorations those below `MARKS`, of other tasks those without success.
-    """
+    """Return a section with the unfinished episodes by policy and world, and their end reasons."""
     is_covering = "area_left" in {measure.name for measure in episodes.measures.own}
     lines = []
     for policy in episodes.policies:
@@ -219,13 +204,12 @@ def unfinished_section(episodes: Episodes) -> Section:
     failing = f"explored less than {100 * MARKS[1]:.0f} %" if is_covering else "failed"
     if not lines:
         return Section("Not finished", (f"No episode {failing}.",))
-    text = f"Where episodes {failing}, and why. A map counts as drifted beyond a position error (RMS) of {DRIFT:.1f} m."
+    text = f"Episodes that {failing}, and why. A map counts as drifted if the RMS position error exceeds {DRIFT:.1f} m."
     numbers = ("below 95 %", "below 99 %", "least explored %", "left on average m²") if is_covering else ("failed",)
     head = ("policy", "world", "episodes", *numbers, "why they ended")
     return Section("Not finished", (text, Table(head, lines, words=(1, len(head) - 1))))
 
 
 def explain(row: Row) -> str:
-    """Say in a few words why an episode ended before its task was done."""
     reason = REASONS.get(row["end_reason"], row["end_reason"].replace("_", " "))
     return f"{reason}, and the map had drifted" if row["position_rmse"] > DRIFT else reason

@@ -1,4 +1,4 @@
-"""Pictures over all worlds, or of one: curves, profiles, typical and worst episodes, pages that play them."""
+"""Figures of an evaluation: progress curves, performance profiles and maps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -7,45 +7,49 @@ from pathlib import Path
 import numpy as np
 
 from lidarnaut.benchmarks.arena.episodes import Case, Episodes, case_of, start_of, value_of
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.benchmarks.arena.leaderboard import measures_table, pairs_section, unfinished_section
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table
 from lidarnaut.benchmarks.arena.plots import NUM_POINTS, draw_bands, draw_growth, render, sample_curves
 from lidarnaut.benchmarks.arena.policies import short
-from lidarnaut.benchmarks.arena.records import Row
 from lidarnaut.benchmarks.arena.statistics import Estimate, performance_profile
-from lidarnaut.benchmarks.arena.trace import Curve, Trace, episode_name, load_curve, recording_path, slug, trace_path
+from lidarnaut.benchmarks.arena.trace import (
+    ProgressCurve,
+    Trace,
+    episode_name,
+    load_curve,
+    recording_path,
+    slug,
+    trace_path,
+)
 from lidarnaut.envs.files import own_folder, write_file
 from lidarnaut.envs.player import Recording, build_page
 
-SHARES = 3.0
-"""Times and distances are shown up to this multiple of what the reference needed."""
+MAX_RELATIVE = 3.0
+"""Upper end of relative time and distance axes, as a multiple of the reference's value."""
 NUM_WORST, NUM_WORST_MAPS = 5, 3
-"""Worst episodes of the fastest explorer that are listed, and shown."""
-COLORS = "Colours: when a cell became known. Red: the true walls."
+"""Number of worst episodes listed, and shown with maps."""
+COLORS = "Colours: time of first observation of a cell. Red: true walls."
 
 
 def curves_section(folder: Path, episodes: Episodes) -> Section:
-    """Return progress over time and distance, and the performance profiles of tasks whose times are compared as shares.
-
-    Of related episodes from starts that all competitors share; `folder` holds their traces.
-    """
+    """Return a section with progress curves and, for relative times, performance profiles."""
     measures, reference, label = episodes.measures, short(episodes.reference), episodes.measures.label
     curves = _relative_curves(folder, episodes)
-    unit, end = (f"{reference}'s to {measures.mark}", SHARES) if measures.marks else ("the limit", 1.0)
-    text = "Every start has its own unit: "
-    text += f"what {reference} needed to explore 95 % from it" if measures.marks else "its limits of time and distance"
-    text += ". Bands are 95 % intervals; dotted is the bound."
+    unit, end = (f"{reference}'s to {measures.mark}", MAX_RELATIVE) if measures.marks else ("the limit", 1.0)
+    text = "Times and distances are relative to "
+    text += f"those of {reference} to 95 % from the same start" if measures.marks else "the limits of each start"
+    text += ". Bands are 95 % intervals; the dotted curve is the ground-truth bound."
     figures = curve_figures("curves_{}", curves, label, ", as a share of " + unit, end)
     if not measures.marks:
         return Section("Curves", (text, *figures))
 
-    # Without a limit, what was never reached is infinite.
     area, share = measures.headline, replace(measures.relative[0], limit="")
     within = f"{measures.mark} within this share of {reference}'s time"
-    areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, SHARES, NUM_POINTS)
+    areas, shares = np.linspace(0.4, 1.0, NUM_POINTS), np.linspace(0.0, MAX_RELATIVE, NUM_POINTS)
     for name, measure, sign, thresholds, axis, those in (
-        ("area", area, 1.0, areas, f"{area.label} above", f"whose {area.label} is above a threshold"),
+        ("area", area, 1.0, areas, f"{area.label} above", f"with {area.label} above a threshold"),
         ("time", share, -1.0, shares, within, f"that reached {within.replace('this', 'a')}"),
     ):
         scores = {policy: [sign * values for values in episodes.values(policy, measure)] for policy in curves}
@@ -56,9 +60,12 @@ def curves_section(folder: Path, episodes: Episodes) -> Section:
 
 
 def curve_figures(
-    name: str, curves: Mapping[str, Sequence[Sequence[Curve]]], label: str, unit: str = "", end: float | None = None
+    name: str,
+    curves: Mapping[str, Sequence[Sequence[ProgressCurve]]],
+    label: str,
+    unit: str = "",
+    end: float | None = None,
 ) -> list[Figure]:
-    """Draw progress over time and over distance, of curves by policy and stratum; see `sample_curves`."""
     over = {"time": ("time", "time", " [s]"), "distance": ("path_length", "the distance driven", " [m]")}
     figures = []
     for quantity, (field, words, si) in over.items():
@@ -67,10 +74,10 @@ def curve_figures(
     return figures
 
 
-def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Curve]]]:
-    """Return curves by policy and case, as shares of the limits or of the reference's; without starts seen at once."""
+def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[ProgressCurve]]]:
+    """Return curves by policy and case, with time and distance as shares of the reference's values or of the limits."""
     references, marks = episodes.by_start(episodes.reference), episodes.measures.marks
-    curves: dict[str, dict[Case, list[Curve]]] = {}
+    curves: dict[str, dict[Case, list[ProgressCurve]]] = {}
     for row in episodes:
         units = {"time_limit": row["time_limit"], "distance_limit": row["distance_limit"]}
         if marks:
@@ -79,16 +86,15 @@ def _relative_curves(folder: Path, episodes: Episodes) -> dict[str, list[list[Cu
                 continue
             units |= {mark.limit: value_of(same_start, mark) for mark in marks}
         curve = load_curve(folder, row)
-        scaled = Curve(curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress)
+        scaled = ProgressCurve(
+            curve.time / units["time_limit"], curve.path_length / units["distance_limit"], curve.progress
+        )
         curves.setdefault(row["policy"], {}).setdefault(case_of(row), []).append(scaled)
     return {policy: list(strata.values()) for policy, strata in curves.items()}
 
 
 def worst_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Return the episodes in which the fastest policy does worst against the reference, and the first of their maps.
-
-    Of related episodes, whose traces `folder` holds; None without a competitor, or if nothing is compared as shares.
-    """
+    """Return a section with the worst episodes of the fastest policy relative to the reference, if there are any."""
     measures, reference = episodes.measures, episodes.reference
     policy = next((name for name in episodes.competitors(measures.decisive) if name != reference), None)
     if policy is None or not measures.marks:
@@ -107,15 +113,14 @@ def worst_section(folder: Path, episodes: Episodes) -> Section | None:
             caption = f"{where}: {names[0]} above, {names[1]} below."
             figures.append(Figure(f"worst_against_{k}", picture, caption, is_wide=True))
     text = (
-        f"The {len(lines)} starts from which {names[0]} needs most, measured by what {names[1]} needs from there, and "
-        f"the maps of both from the first {len(figures)}. {COLORS}"
+        f"The {len(lines)} starts with the highest time of {names[0]} relative to {names[1]}, and the maps of both "
+        f"from the first {len(figures)}. {COLORS}"
     )
     head = ("", *(f"{name}, {mark.title}" for name in names), "relative", *(f"{name} ends at" for name in names))
     return Section(f"Where {names[0]} does worst", (text, Table(head, lines, words=(4, 5)), *figures))
 
 
 def story(row: Row, measures: Measures) -> str:
-    """Say in a line how an episode went."""
     end, headline = row["end_reason"].replace("_", " "), measures.headline
     where = f"in {row['duration']:.0f} s and {row['path_length']:.0f} m"
     if "explored_fraction" not in row:
@@ -126,7 +131,7 @@ def story(row: Row, measures: Measures) -> str:
 
 
 def gallery_section(folder: Path, episodes: Episodes) -> Section:
-    """Return film strips of a typical and of the worst of all episodes of every policy; `folder` holds the traces."""
+    """Return a section with map sequences of the typical and the worst episode of every policy."""
     strips = []
     for policy in episodes.policies:
         figures = []
@@ -136,17 +141,14 @@ def gallery_section(folder: Path, episodes: Episodes) -> Section:
             figures.append(Figure(f"{kind}_{slug(policy)}", picture, caption, is_wide=True))
         strips.append(Section(short(policy), tuple(figures)))
     text = (
-        f"Of each policy the episode with the median {episodes.measures.headline.label} over all worlds, and the one "
-        f"with the worst. The last picture of a strip is the final map. {COLORS}"
+        f"For each policy, the episodes with the median and the worst {episodes.measures.headline.label} over all "
+        f"worlds. The last image of a strip is the final map. {COLORS}"
     )
     return Section("Typical and worst episodes", (text, *strips))
 
 
 def players_section(folder: Path, episodes: Episodes) -> Section | None:
-    """Write the pages that play each policy's typical and worst recorded episode; return links to them.
-
-    The reference's from the same start stands beside it, where that is recorded. None if nothing is.
-    """
+    """Write replay pages of typical and worst episodes; return a section with links, None without recordings."""
     recorded = episodes.where(lambda row: recording_path(folder, row).exists())
     if not recorded:
         return None
@@ -163,8 +165,8 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
             cells.append(Cell(episodes.place(row), value, link=page))
         lines.append(cells)
     text = (
-        f"Of each policy the episode with the median {headline.label}, and the one with the worst, "
-        f"to play and to drag through, beside {short(reference)} from the same start."
+        f"For each policy, replays of the episodes with the median and the worst {headline.label}, "
+        f"next to {short(reference)} from the same start."
     )
     return Section("Episodes to play", (text, Table(("", "typical", "worst"), lines)))
 
@@ -172,7 +174,6 @@ def players_section(folder: Path, episodes: Episodes) -> Section | None:
 def case_sections(
     folder: Path, case: str, episodes: Episodes, estimates: Mapping[str, Mapping[str, Estimate]]
 ) -> list[Section]:
-    """Return the curves, measures, comparisons, endings and maps of the episodes of one case; `folder` holds traces."""
     measures, seed, place = episodes.measures, episodes.rows[0]["seed"], slug(case)
     traces = {one: [Trace.load(trace_path(folder, row)) for row in episodes.of(one)] for one in episodes.policies}
     curves = {policy: [[trace.curve for trace in some]] for policy, some in traces.items()}
@@ -180,7 +181,7 @@ def case_sections(
     if any(trace.has_grown for trace in firsts.values()):
         caption = f"All from the same start. {COLORS}"
         figure = Figure(f"growth_{place}", render(draw_growth, firsts), caption, is_wide=True)
-        growth = [Section(f"How the maps grew (seed {seed})", (figure,), 3)]
+        growth = [Section(f"Growth of the maps (seed {seed})", (figure,), 3)]
     for policy, trace in firsts.items():
         row = episodes.of(policy)[0]
         start = "" if row["seed"] == seed else f"seed {row['seed']}: "

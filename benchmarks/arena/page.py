@@ -1,4 +1,4 @@
-"""A page of text, tables and pictures that becomes Markdown as well as HTML; tables also go to the terminal."""
+"""Report pages of text, tables and figures, as HTML, Markdown or terminal output."""
 
 import base64
 import html
@@ -12,51 +12,49 @@ import rich.table
 from rich import box
 from rich.text import Text
 
+from lidarnaut.benchmarks.arena.evaluation_folder import write_csv
 from lidarnaut.benchmarks.arena.measures import texts
-from lidarnaut.benchmarks.arena.records import write_table
 from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.benchmarks.arena.trace import slug
 from lidarnaut.envs.files import own_folder, printable, write_file
 from lidarnaut.envs.measures import Measure
 
 MAX_OPEN_LINES = 10
-"""Longer tables are folded away in HTML, and files of their own beside Markdown."""
+"""Maximum number of table rows shown inline; longer tables are collapsed, or written as CSV."""
 
 
 class Cell(NamedTuple):
-    """A cell of a table."""
+    """Table cell."""
 
     text: str
     note: str = ""
-    """In small print: an interval."""
+    """Small print, such as a confidence interval."""
     is_best: bool = False
     link: str = ""
-    """Where the text leads, relative to the report; Markdown and terminal leave it out."""
+    """Link target, relative to the report; HTML only."""
 
     @classmethod
     def of(cls, value: Estimate, measure: Measure, is_best: bool = False, sign: str = "") -> "Cell":
-        """Show an estimate with its interval; `sign="+"` shows it as a difference."""
         return cls(*texts(measure, value, sign), is_best)
 
 
 class Table(NamedTuple):
-    """A table; its first column names the rows."""
+    """Report table; the first column names the rows."""
 
     head: Sequence[str]
     lines: Sequence[Sequence[Cell]]
     words: tuple[int, ...] = ()
-    """Columns of words, beside the first."""
+    """Indices of text columns other than the first."""
     is_open: bool = False
-    """Whether it is shown however long it is."""
+    """Show the table inline at any length."""
 
     @property
     def is_folded(self) -> bool:
-        """Whether it is too long to be shown."""
         return len(self.lines) > MAX_OPEN_LINES and not self.is_open
 
 
 class Figure(NamedTuple):
-    """A PNG or GIF picture, with the name of its file without ending, and a caption."""
+    """PNG or GIF image; `name` is the file name without suffix."""
 
     name: str
     content: bytes
@@ -65,23 +63,19 @@ class Figure(NamedTuple):
 
     @property
     def url(self) -> str:
-        """A URL that holds the picture."""
         kind = "gif" if self.content.startswith(b"GIF") else "png"
         return f"data:image/{kind};base64,{base64.b64encode(self.content).decode()}"
 
 
 class Frame(NamedTuple):
-    """A page within a page, as HTML that loads nothing else; only HTML shows it."""
+    """Self-contained HTML page, embedded in HTML reports."""
 
     page: str
     title: str
 
 
 class Section(NamedTuple):
-    """A heading, and paragraphs, tables and pictures under it; a section in a section is folded away behind its title.
-
-    A page's heading has a level of 2, or more.
-    """
+    """Heading with text, tables and figures; nested sections are collapsed."""
 
     title: str
     parts: "tuple[Part, ...]"
@@ -92,17 +86,16 @@ Part = str | Table | Figure | Frame | Section
 
 
 def to_html(sections: Sequence[Section], **more: Any) -> str:
-    """Return a page as one HTML file that carries its pictures; `more` goes to the template `report.html`."""
+    """Render a single HTML file with embedded images; `more` is passed to the template."""
     folder = jinja2.FileSystemLoader(Path(__file__).parent)
     template = jinja2.Environment(loader=folder, autoescape=True, trim_blocks=True, lstrip_blocks=True)
     return template.get_template("report.html").render(sections=sections, **more)
 
 
 def write_markdown(title: str, text: str, sections: Sequence[Section], page: Path, folder: Path) -> None:
-    """Write a page, and into `folder` its pictures as PNG files, and its long tables as CSV.
+    """Write a report as Markdown, with images and long tables in `folder`, which is cleared first.
 
-    Pictures and tables that are there are removed. Only `text` is Markdown: names of worlds and policies may hold
-    anything.
+    Only `text` may contain Markdown; other text is escaped.
     """
     own_folder(folder.parent, folder.name)
     for old in (*folder.glob("*.png"), *folder.glob("*.csv")):
@@ -115,7 +108,6 @@ def write_markdown(title: str, text: str, sections: Sequence[Section], page: Pat
 
 
 def _markdown(part: Part, title: str, folder: Path) -> str:
-    """Return a part as Markdown, and write its files."""
     if isinstance(part, str):
         return _escape(part)
     if isinstance(part, Figure):
@@ -125,12 +117,12 @@ def _markdown(part: Part, title: str, folder: Path) -> str:
         return _escape(part.title)
     if isinstance(part, Section):
         content = "\n\n".join(_markdown(one, title, folder) for one in part.parts)
-        # Without the blank lines it would be taken for HTML.
+        # Markdown inside `details` needs the blank lines.
         return f"<details><summary>{_plain(part.title)}</summary>\n\n{content}\n\n</details>"
     if part.is_folded:
         name = f"{slug(title.lower().replace(' ', '_'))}.csv"
         lines = [[f"{cell.text} ({cell.note})" if cell.note else cell.text for cell in line] for line in part.lines]
-        write_table(folder / name, part.head, lines)
+        write_csv(folder / name, part.head, lines)
         return f"[Table of {len(lines)} rows]({folder.name}/{name})"
     align = ["---" if k in (0, *part.words) else "---:" for k in range(len(part.head))]
     lines = [list(map(_escape, part.head)), align, *([_markdown_cell(cell) for cell in line] for line in part.lines)]
@@ -143,17 +135,14 @@ def _markdown_cell(cell: Cell) -> str:
 
 
 def _escape(text: str) -> str:
-    """Return plain text as Markdown in one line."""
     return re.sub(r"[\\|_*`]|\](?=\()", r"\\\g<0>", _plain(text))
 
 
 def _plain(text: str) -> str:
-    """Return plain text as HTML in one line."""
     return html.escape(" ".join(text.split()), quote=False)
 
 
 def to_terminal(table: Table, title: str) -> rich.table.Table:
-    """Return a table for the terminal; intervals stand in brackets."""
     shown = rich.table.Table(title=Text(printable(title)), title_justify="left", box=box.SIMPLE_HEAD, pad_edge=False)
     for k, heading in enumerate(table.head):
         shown.add_column(Text(printable(heading)), justify="right" if k else "left", no_wrap=k == 0, overflow="fold")

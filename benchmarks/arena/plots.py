@@ -1,4 +1,4 @@
-"""Pictures: curves and performance profiles with intervals, policies compared, and maps as they grew and ended."""
+"""Figures of the arena: curves, comparisons of policies, and maps."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -18,7 +18,7 @@ from PIL import Image
 
 from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.benchmarks.arena.statistics import Band, Estimate, curve_band
-from lidarnaut.benchmarks.arena.trace import Curve, Trace
+from lidarnaut.benchmarks.arena.trace import ProgressCurve, Trace
 from lidarnaut.envs.rendering import style
 
 
@@ -28,12 +28,12 @@ def _hex(color: style.Colour) -> str:
 
 PAPER, INK, MUTED = "#ffffff", _hex(style.INK), _hex(style.MUTED)
 UNKNOWN, ERROR = "#e7e9ed", "#d43d2a"
-"""Map cells that were never seen, and true walls over the map."""
+"""Colours of unobserved map cells and of true walls."""
 LINES = (*map(_hex, (style.TRUE, style.ESTIMATED, style.FRONTIER, style.LOOP)), "#d69400", "#42a5e0")
-"""Colours of policies, in order; where they repeat, the line style differs."""
+"""Colours of policies; they repeat with the next line style."""
 DASHES = ("solid", (0, (5.0, 1.2)), (0, (6.0, 1.5, 1.5, 1.5)))
 TIMES = LinearSegmentedColormap.from_list("times", ("#fdf0c3", "#b9dfb4", "#63b6bd", "#4a7fb8"))
-"""From the first cells seen to the last."""
+"""Colour map for the time of first observation of a map cell."""
 STYLE: dict[Any, Any] = {
     "axes.edgecolor": MUTED,
     "axes.grid": True,
@@ -54,19 +54,17 @@ STYLE: dict[Any, Any] = {
     "ytick.labelcolor": INK,
 }
 NUM_COLORS = 128
-"""Of a picture's palette: it takes a third of the memory of true colours, and looks the same."""
 NUM_POINTS = 200
-"""Points at which curves are drawn."""
 MAX_SHARE = 1.6
-"""Policies that need more than this share of the reference's time are shown at the edge of the picture."""
+"""Upper end of the axis of relative times; slower policies are drawn at the edge."""
 
 Extent = tuple[float, float, float, float]
-"""(x_min, x_max, y_min, y_max), world frame [m]."""
+"""Plot limits (x_min, x_max, y_min, y_max), world frame [m]."""
 Bands = Mapping[str, Band]
 
 
 def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
-    """Return a picture as a PNG file with a palette."""
+    """Call `draw` and return its figure as a PNG file."""
     buffer, small = io.BytesIO(), io.BytesIO()
     with matplotlib.rc_context(STYLE):
         draw(*arguments).savefig(buffer, format="png")
@@ -76,7 +74,6 @@ def render(draw: Callable[..., Figure], *arguments: Any) -> bytes:
 
 
 def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Give every policy its colour and line style: dotted for the bound, muted for `random`, which is no competitor."""
     looks = ({"color": color, "linestyle": dash} for dash, color in cycle(product(DASHES, LINES)))
     others = {"random": {"color": MUTED}}
     return {
@@ -86,12 +83,12 @@ def line_styles(policies: Sequence[str]) -> dict[str, dict[str, Any]]:
 
 
 def sample_curves(
-    curves: Mapping[str, Sequence[Sequence[Curve]]], over: str, end: float | None = None
+    curves: Mapping[str, Sequence[Sequence[ProgressCurve]]], over: str, end: float | None = None
 ) -> tuple[np.ndarray, Bands]:
-    """Average the progress over each policy's episodes; one that has ended keeps its last value.
+    """Average progress curves on a common grid, and return the grid, shape (points,), and a band per policy.
 
-    Curves are given by policy and stratum, and sampled up to `end`; None takes the longest episode's end. Returns the
-    points, shape (points,), and the bands over them.
+    Ended episodes keep their last value. `curves` are by policy and stratum; `over` is `time` or `path_length`; `end`
+    is the last grid point, by default the end of the longest episode.
     """
     if end is None:
         end = max(float(getattr(c, over)[-1]) for strata in curves.values() for stratum in strata for c in stratum)
@@ -103,13 +100,9 @@ def sample_curves(
 
 
 def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roots: bool = False) -> Figure:
-    """Draw a curve of each policy, as percentages over `grid` or its square roots, with 95 % intervals as bands.
-
-    The legend stands beside the axes, in the order of the means of the curves.
-    """
+    """Plot a curve with a 95 % interval per policy, in percent; `has_roots` selects a square-root x axis."""
     figure, end = Figure(figsize=(6.6, 3.6)), float(grid[-1])
     axes, looks, lines = figure.subplots(), line_styles(list(bands)), list[Line2D]()
-    # So many bands over each other would hide each other.
     alpha = 0.18 if len(bands) <= 4 else 0.09
     for policy, band in bands.items():
         middle, low, high = (100.0 * line for line in band)
@@ -117,7 +110,6 @@ def draw_bands(grid: np.ndarray, bands: Bands, xlabel: str, ylabel: str, has_roo
         lines += axes.plot(grid, middle, linewidth=1.8, label=short(policy), **looks[policy])
     axes.set(xlim=(float(grid[0]), end), ylim=(0.0, 102.0), xlabel=xlabel, ylabel=f"{ylabel} [%]")
     if has_roots:
-        # Good explorers are done early and poor ones never: a linear axis would show a step and a plain.
         axes.set_xscale("function", functions=(np.sqrt, np.square))
         ticks = [0.0]
         for number in (m * 10.0**k for k in range(-1, 6) for m in (1, 2, 5)):
@@ -136,10 +128,9 @@ def draw_values(
     title: str,
     are_shares: bool,
 ) -> Figure:
-    """Draw a dot with its interval for every policy, the first at the top, and write beside it what comes with it.
+    """Plot a dot with its interval and a text for every policy; `marked` policies are coloured.
 
-    Policies that are `marked` are in colour, `levels` are vertical lines by what they are. The axis of shares ends at
-    `MAX_SHARE`; what is beyond is an arrow at its edge.
+    `levels` are labelled vertical lines. If `are_shares`, the axis ends at `MAX_SHARE`.
     """
     figure = Figure(figsize=(7.0, 1.2 + 0.27 * len(values)))
     axes = figure.subplots()
@@ -173,15 +164,13 @@ def draw_values(
 
 
 def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
-    """Draw how the maps of several policies, an episode each, grow from the same start: a row each.
+    """Plot the growth of the maps of several policies: one row per policy, one column per time.
 
-    Columns are the same moments, from half the shortest episode (or earlier) to the end of the longest. Maps lie over
-    the true walls; free cells are coloured by when they became known.
+    Free cells are coloured by the time of first observation, over the true walls.
     """
     extent = extent_of(list(traces.values()))
     ends = [float(trace.curve.time[-1]) for trace in traces.values()]
     moments = np.geomspace(max(ends), max(min(min(ends) / 2, max(ends) / 8), 0.1), num_moments)[::-1]
-    # Each as wide as they all fit in, and as high as the world asks for.
     aspect, width = (extent[3] - extent[2]) / (extent[1] - extent[0]), 5.0 if num_moments == 1 else 2.4
     height = min(max(aspect, 0.4), 2.0) * width
     figure = Figure(figsize=(num_moments * width + 0.3, len(traces) * (height + 0.3)), dpi=110)
@@ -201,14 +190,13 @@ def draw_growth(traces: Mapping[str, Trace], num_moments: int = 4) -> Figure:
 
 
 def extent_of(traces: Sequence[Trace]) -> Extent:
-    """Return the extent of the true walls with a margin."""
     points = np.concatenate([part for one in traces for part in (one.segments.reshape(-1, 2), one.circles[:, :2])])
     (x_min, y_min), (x_max, y_max) = points.min(axis=0) - 0.3, points.max(axis=0) + 0.3
     return float(x_min), float(x_max), float(y_min), float(y_max)
 
 
 def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent) -> None:
-    """Draw what was known at a moment [s]; `end` is the time for the last colour [s]."""
+    """Draw the map known at time `moment` [s]; `end` is the time of the last colour [s]."""
     since, data = trace.known_since, trace.grid.data
     known = since <= moment
     picture = np.full((*data.shape, 4), to_rgba(UNKNOWN), dtype=np.float32)
@@ -231,7 +219,6 @@ def draw_map(axes: Axes, trace: Trace, moment: float, end: float, extent: Extent
 
 
 def show_only(axes: Axes, extent: Extent, background: str) -> None:
-    """Show nothing but what is drawn in `extent`, on a background."""
     axes.set(xlim=extent[:2], ylim=extent[2:], aspect="equal", xticks=[], yticks=[], facecolor=background)
     for spine in axes.spines.values():
         spine.set_visible(False)

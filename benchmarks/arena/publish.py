@@ -1,4 +1,4 @@
-"""Write the results of an evaluation."""
+"""Write the report and the leaderboard of an evaluation."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -10,6 +10,7 @@ from rich.console import Console
 
 from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, Summary
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, write_csv
 from lidarnaut.benchmarks.arena.overview import (
     case_sections,
     curves_section,
@@ -19,7 +20,6 @@ from lidarnaut.benchmarks.arena.overview import (
 )
 from lidarnaut.benchmarks.arena.page import Cell, Figure, Section, Table, to_html, to_terminal, write_markdown
 from lidarnaut.benchmarks.arena.policies import short
-from lidarnaut.benchmarks.arena.records import SETTINGS_FILE, Key, write_table
 from lidarnaut.benchmarks.arena.runner import Evaluation
 from lidarnaut.benchmarks.arena.settings import estimator_of
 from lidarnaut.benchmarks.arena.verdict import verdict_section
@@ -31,15 +31,14 @@ from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
 
 TEXT = (
-    "Policies meet the same worlds, from the same starts, with the same noise, and are measured against ground truth, "
-    "which no competitor sees, except for the pose where `slam` or `localizer` is `truth`. "
+    "All policies run in the same worlds from the same starts with the same noise, and are measured against ground "
+    "truth. Competitors do not observe ground truth, except for the pose if `slam` or `localizer` is `truth`. "
 )
-"""First lines of the leaderboard's page."""
 DOCS_TEXT = "See [measures and statistics](measures.md); `arena/episodes.csv` holds the raw numbers."
 
 
 def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how: Any) -> list[Result]:
-    """Run an evaluation behind a progress bar (`how`: see `Evaluation.run`); return and say what could not be run."""
+    """Run an evaluation with a progress bar; print and return the episodes that failed. `how`: see `Evaluation.run`."""
     headline = evaluation.measures.headline
     with Progress(total=evaluation.total, initial=evaluation.done, desc="episodes", unit="episode") as bar:
 
@@ -56,7 +55,7 @@ def run_with_progress(evaluation: Evaluation, jobs: int, console: Console, **how
 
 
 def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[int, str]]:
-    """Return by world (with its robot, and an own SLAM) and reason how many episodes could not be run, and of whom."""
+    """Return number and policies of failed episodes, by world and reason."""
     groups: dict[tuple[str, str], list[str]] = {}
     for failure in failures:
         where = f"{failure.key.world} with {failure.key.robot}"
@@ -66,16 +65,15 @@ def group_failures(failures: Sequence[Result]) -> dict[tuple[str, str], tuple[in
 
 
 def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None) -> Summary:
-    """Write `summary.json`, pictures, leaderboard and `report.html` into the folder of an evaluation.
+    """Write `summary.json`, figures, leaderboard and `report.html` to the evaluation folder.
 
     Args:
-        evaluation: what the folder holds of it is published.
-        command: that made it, to say so.
-        docs: folder that gets the leaderboard as `arena.md`, and its pictures, long tables and the raw rows as
-            `arena/`.
+        evaluation: evaluation, complete or not.
+        command: command line shown in the report.
+        docs: documentation folder for `arena.md` and `arena/`, optional.
 
     Raises:
-        ValueError: if the folder holds nothing yet.
+        ValueError: if there are no episodes.
     """
     folder, settings, measures = evaluation.folder, evaluation.settings, evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
@@ -83,11 +81,9 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
         raise ValueError(f"{folder} holds no episode yet")
     axis_rows, cases, summary = evaluation.slam_axis_rows(), episodes.by_case(), episodes.summary()
     write_file(folder / "summary.json", json.dumps(to_json(summary), indent=1) + "\n")
-    # The rows of the evaluation and of its SLAM axis, each once.
     everything = Episodes({Key.of(row): row for row in (*episodes, *axis_rows)}.values(), measures)
     has_more = len(cases) > 1 or axis_rows or evaluation.missing() or docs
     sections = _leaderboard(evaluation, episodes, everything, command) if has_more else []
-    # In the report alone, because other pages lie elsewhere.
     players = list(filter(None, [players_section(folder, episodes)]))
     report = [*sections[:1], *players, *sections[1:]]
     for case, here in cases.items() if settings.world_sections else ():
@@ -97,19 +93,18 @@ def publish(evaluation: Evaluation, command: str = "", docs: Path | None = None)
             for figure in section.parts:
                 if isinstance(figure, Figure):
                     write_file(folder / f"{figure.name}.png", figure.content)
-    title = f"How well do they do? {settings.id}"
+    title = f"Evaluation of {settings.id}"
     write_file(folder / "report.html", to_html(report, title=title, facts=_facts(evaluation, episodes)))
     if sections:
         write_markdown("The arena", TEXT, sections, folder / "leaderboard.md", folder / "leaderboard")
     if docs:
         write_markdown("The arena", TEXT + DOCS_TEXT, sections, docs / "arena.md", docs / "arena")
         columns = list(evaluation.columns)
-        write_table(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
+        write_csv(docs / "arena" / "episodes.csv", columns, ([row[name] for name in columns] for row in everything))
     return summary
 
 
 def to_json(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the summary as `summary.json` holds it."""
     names = ("iqm", "low", "high", "n", "never")
     return {k: to_json(v) if isinstance(v, dict) else dict(zip(names, v)) for k, v in summary.items()}
 
@@ -128,7 +123,7 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
             leaderboard.measures_section(fair),
         ]
     sections += [
-        # Along these, starts stay the same; robots differ in which cells they can traverse.
+        # Not robots: their traversable cells, hence their starts, differ.
         *(leaderboard.axis_section(everything, axis) for axis in ("physics", "slam", "people")),
         leaderboard.worlds_section(episodes),
         leaderboard.unfinished_section(episodes),
@@ -140,9 +135,9 @@ def _leaderboard(evaluation: Evaluation, episodes: Episodes, everything: Episode
 
 
 def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) -> Section | None:
-    """Return the episodes that could not be run, and why; None if none is missing.
+    """Return a section with the missing episodes and the reasons; None if complete.
 
-    `num_fair` of the `num_rows` episodes that there are begin at starts that all competitors share.
+    `num_fair` of `num_rows` episodes are from starts common to all competitors.
     """
     if not missing:
         return None
@@ -150,13 +145,12 @@ def _missing_section(missing: Sequence[Result], num_rows: int, num_fair: int) ->
     lines = [list(map(Cell, (where, str(number), who, why))) for (where, why), (number, who) in groups.items()]
     untried = sum(one.reason == NOT_RUN for one in missing)
     text = f"{len(missing)} episodes are missing, {untried} of them were {NOT_RUN}. " if untried else ""
-    text += f"The leaderboard counts the starts that all competitors have: {num_fair} of {num_rows} episodes."
+    text += f"The leaderboard covers the starts common to all competitors: {num_fair} of {num_rows} episodes."
     table = Table(("world and robot", "episodes", "policies", "why"), lines, words=(2, 3))
     return Section("Not run", (text, table) if lines else (text,))
 
 
 def _origin_section(evaluation: Evaluation, command: str) -> Section:
-    """Say how the page came to be."""
     facts = evaluation.settings.model_dump(mode="json", exclude={"policies", "worlds", "world_sections"})
     versions = read_json(evaluation.folder / SETTINGS_FILE)["versions"]
     parts = (
@@ -168,7 +162,6 @@ def _origin_section(evaluation: Evaluation, command: str) -> Section:
 
 
 def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
-    """Return what all episodes have in common."""
     settings = evaluation.settings
     columns = {name: name for name in ("robot", "physics", "people")} | {estimator_of(settings.id) or "slam": "slam"}
     seeds = [row["seed"] for row in episodes]
@@ -182,7 +175,7 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
 
 
 def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
-    """Print a table for every case, or where there are many the leaderboard, and say where the rest is.
+    """Print a table per case, or the leaderboard if there are several, and the path of the report.
 
     `all`: print all measures, not only `Measures.brief`.
     """
@@ -197,7 +190,7 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console, a
     if len(cases) > 1 or not evaluation.settings.world_sections:
         fair = episodes.shared().related()
         printed = (measures.headline, *measures.relative[:1], *(measures.reached or (SUCCESS,)))
-        unseen = "Worlds or robots that no training of the package saw"
+        unseen = "Worlds or robots not used in training"
         for title, part in {unseen: fair.unseen(), "All worlds": fair}.items():
             if part:
                 console.print(to_terminal(leaderboard.ranking_table(part, printed), title))

@@ -1,4 +1,4 @@
-"""Run policies in the same worlds with the same seeds."""
+"""Evaluation of policies in the same worlds with the same seeds."""
 
 import contextlib
 import json
@@ -13,13 +13,13 @@ from gymnasium import spaces
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.trust import named_code
 from lidarnaut.baselines import policies_for
-from lidarnaut.baselines.explorer import marked
+from lidarnaut.baselines.policy import marked
+from lidarnaut.benchmarks.arena.evaluation_folder import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Makers, Policy, is_bound, parse_policy
-from lidarnaut.benchmarks.arena.records import Key, Records, Row, columns_of
 from lidarnaut.benchmarks.arena.settings import USUAL, Case, Settings
 from lidarnaut.benchmarks.arena.trace import episode_name, recording_path, trace_path
-from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Result, Task, explain_fault, prepare, run_all
+from lidarnaut.benchmarks.arena.workers import FAULTS, NOT_RUN, Job, Result, explain_fault, prepare, run_all
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import Lock, own_folder, write_file
 from lidarnaut.envs.ids import CHOOSE
@@ -28,7 +28,7 @@ from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 @contextlib.contextmanager
 def _blaming(culprit: str) -> Iterator[None]:
-    """Name whose code has failed, unless the error speaks for itself."""
+    """Convert unexpected exceptions to a ValueError that names the faulty component."""
     try:
         yield
     except (ValueError, RuntimeError, ImportError, OSError):
@@ -38,7 +38,7 @@ def _blaming(culprit: str) -> Iterator[None]:
 
 
 class Evaluation:
-    """All episodes of some settings, in a folder that may hold a part of them already."""
+    """All episodes of an evaluation, with a folder for the results; resumes an incomplete evaluation."""
 
     def __init__(
         self,
@@ -48,19 +48,17 @@ class Evaluation:
         given: Mapping[str, Any] | None = None,
         trust: Iterable[str] = (),
     ) -> None:
-        """Make everything once, so that a wrong name comes out before any work.
+        """Check the settings by constructing every environment and policy once.
 
         Args:
-            settings: what to run.
-            folder: takes `episodes.csv`, and a trace per episode.
-            shard: part that `run` runs, `2/4` of four parts: of the starts in their order, every fourth; None for all.
-            given: policies, worlds, robots and SLAMs of the user's own, by the names that the settings use for them.
-                With several processes they must be picklable.
-            trust: modules and names of code that learned policies may name; see `lidarnaut.agents.trust`.
+            settings: episodes to run.
+            folder: output folder.
+            shard: part for `run`, such as `2/4` (every fourth start); None for all.
+            given: user-defined policies, worlds, robots and SLAMs by name; picklable for several processes.
+            trust: modules and names that checkpoints may import; see `lidarnaut.agents.trust`.
 
         Raises:
-            ValueError: if a name is wrong, a robot fits nowhere, or the folder holds another evaluation; says what is
-                allowed.
+            ValueError: if a name is unknown, a robot does not fit, or the folder holds another evaluation.
             lidarnaut.agents.run_folder.CheckpointError: if a checkpoint is missing or damaged.
         """
         match = re.fullmatch(r"(\d+)/(\d+)", "1/1" if shard is None else shard)
@@ -72,19 +70,19 @@ class Evaluation:
         self._shard = f"{number}of{total}" if total > 1 else ""
         self._given = dict(given or {})
         self._robots: dict[Case, str] = {}
-        classic = self._look_around()
+        classic = self._check_cases()
         self._policies = {}
         for name in settings.all_policies:
             with _blaming(name):
                 self._policies[name] = self._marked(parse_policy(name, classic, self._given, trust))
         names = [policy.name for policy in self._policies.values()]
         if len(set(names)) < len(names):
-            raise ValueError(f"policies must not name one twice, got {', '.join(names)}")
+            raise ValueError(f"policies must be unique, got {', '.join(names)}")
         self._tasks = self._lay_out(settings.starts())
         self._axis_tasks = self._lay_out(settings.slam_axis_starts())
         self._all_tasks = {task.key: task for task in (*self._tasks, *self._axis_tasks)}
         self._check_fit()
-        # Pairs stay together, so that a part of an evaluation is a fair one.
+        # Paired episodes stay in one shard.
         groups = {start: k for k, start in enumerate(dict.fromkeys((key.world, key.seed) for key in self._all_tasks))}
         own = [task for key, task in self._all_tasks.items() if groups[key.world, key.seed] % total == number - 1]
         worlds = {key.world: task.case.world for key, task in self._all_tasks.items()}
@@ -95,11 +93,11 @@ class Evaluation:
         self._records = Records(folder, self.columns, common, self._shard, own_worlds)
         self._missing = self._not_found(own)
         self.total = len(own)
-        """Number of the episodes of this shard."""
+        """Number of episodes of this shard."""
 
     @property
     def done(self) -> int:
-        """Number of them that the folder holds."""
+        """Number of finished episodes of this shard."""
         return self.total - len(self._missing)
 
     def run(
@@ -110,31 +108,26 @@ class Evaluation:
         bags: Path | None = None,
         record: bool = False,
     ) -> list[Result]:
-        """Run the episodes that are missing.
+        """Run the missing episodes and return the failed ones.
 
         Args:
-            jobs: processes to spread the episodes over; 1 stays in this one.
-            ray: address of a Ray cluster that runs them instead.
-            on_result: called with each episode that has ended, also in failure.
-            bags: folder that gets a ROS 2 bag of each of them, see `lidarnaut.envs.wrappers.BagRecorder`; None for
-                none.
-            record: whether to keep a recording of each of them for the player, see `lidarnaut.envs.player`.
-
-        Returns:
-            The episodes that could not be run. The others are in the folder.
+            jobs: number of processes.
+            ray: address of a Ray cluster to use instead.
+            on_result: called after each episode, also after a failure.
+            bags: output folder for ROS 2 bags of the episodes; None for none.
+            record: whether to record the episodes for the player.
 
         Raises:
-            ValueError: an argument makes no sense, or the folder holds shards of another total.
-            lidarnaut.envs.files.LockedError: another process runs the evaluation of the folder, or the same shard of
-                it.
+            ValueError: if an argument is invalid, or the folder has a different number of shards.
+            lidarnaut.envs.files.LockedError: if another process runs this evaluation or shard.
         """
         if jobs < 1:
             raise ValueError(f"jobs must be at least 1, got {jobs}")
         if bags and ray:
-            raise ValueError("bags are written where episodes run, which with Ray may be any machine: leave out one")
+            raise ValueError("bags and ray must not be combined: bags would be written on the machines of the cluster")
         failures = []
         with contextlib.ExitStack() as locks:
-            # Shards share the folder with each other, and not with a run of the whole.
+            # Shards may run at the same time, but not with a full run.
             locks.enter_context(Lock(self.folder, shared=bool(self._shard)))
             if self._shard:
                 locks.enter_context(Lock(self.folder, f"lock-{self._shard}"))
@@ -160,29 +153,26 @@ class Evaluation:
         return failures
 
     def rows(self) -> list[Row]:
-        """Return the rows that the folder holds, of all shards."""
+        """Return the finished episodes of all shards."""
         return list(filter(None, map(self._find, self._tasks)))
 
     def slam_axis_rows(self) -> list[Row]:
-        """Return the rows of the SLAM axis."""
+        """Return the finished episodes of the SLAM comparison."""
         return list(filter(None, map(self._find, self._axis_tasks)))
 
     def missing(self) -> list[Result]:
-        """Return the episodes of all shards that the folder does not hold, and why."""
+        """Return the missing episodes of all shards with the reasons."""
         missing = self._not_found(self._all_tasks.values())
         return [Result(task.key, reason=self._records.failure(task.key) or NOT_RUN) for task in missing]
 
-    def _find(self, task: Task) -> Row | None:
+    def _find(self, task: Job) -> Row | None:
         return self._records.find(task.key, task.policy.model)
 
-    def _not_found(self, tasks: Iterable[Task]) -> list[Task]:
+    def _not_found(self, tasks: Iterable[Job]) -> list[Job]:
         return [task for task in tasks if self._find(task) is None]
 
-    def _look_around(self) -> Makers:
-        """Make the environment of every case, which refuses what it does not know; return the policies that fit.
-
-        The task tells them, and its measures, once an episode has begun in one of the cases.
-        """
+    def _check_cases(self) -> Makers:
+        """Construct the environment of every case; read the measures and return the task's classic policies."""
         classic: Makers | None = None
         faults: list[BaseException] = []
         for case, seed, _ in (*self.settings.starts(), *self.settings.slam_axis_starts()):
@@ -200,7 +190,7 @@ class Evaluation:
                         classic = policies_for(env)
                         self._chooses = isinstance(env.action_space, spaces.Discrete)
                         self._explores = hasattr(inner.task, "coverage") and len(inner.robots) == 1
-                except FAULTS as error:  # of this world; its episodes will tell
+                except FAULTS as error:  # reported again by the episodes
                     faults.append(error)
         if classic is None:
             with _blaming(self.settings.id):
@@ -209,7 +199,6 @@ class Evaluation:
         return classic
 
     def _marked(self, policy: Policy) -> Policy:
-        """Return a policy by the name that it has in rows, marked if it observes ground truth."""
         if not policy.observes or is_bound(policy.name):
             return policy
         case = replace(next(iter(self._robots)), id=self._id_for(policy))
@@ -217,27 +206,25 @@ class Evaluation:
             return replace(policy, name=marked(policy.name, None, env))
 
     def _objects(self, case: Case) -> dict[str, Any]:
-        """Return those of the given objects that the environment of a case is made of."""
         return {name: self._given[name] for name in (case.world, case.robot, case.slam) if name in self._given}
 
-    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Task]:
-        tasks: dict[Key, Task] = {}
+    def _lay_out(self, starts: Iterable[tuple[Case, int, tuple[str, ...]]]) -> list[Job]:
+        tasks: dict[Key, Job] = {}
         for case, seed, policies in starts:
             for policy in (self._policies[name] for name in policies):
                 conditions = self._robots[case], case.name("physics"), case.name("slam"), case.name("people")
                 key = Key(policy.name, case.name("world"), seed, *conditions)
-                # A bound that had to estimate its pose would be none: it uses the true one under every SLAM.
+                # Upper bounds use the true pose under every SLAM.
                 is_oracle = is_bound(policy.name) and not policy.observes
                 own = replace(case, id=self._id_for(policy), slam="truth" if is_oracle else case.slam)
-                # Where the usual robot is also named, it drives once.
-                tasks.setdefault(key, Task(key, policy, own, self._objects(own)))
+                tasks.setdefault(key, Job(key, policy, own, self._objects(own)))
         return list(tasks.values())
 
     def _id_for(self, policy: Policy) -> str:
-        """Return the environment in which a policy acts: one that chooses frontiers explores by decisions.
+        """Return the environment id for a policy: frontier policies run in `ExploreFrontiers`.
 
         Raises:
-            ValueError: it decides something else than the environment asks for.
+            ValueError: if the policy's actions do not fit the environment.
         """
         id = self.settings.id
         if policy.level is None or (policy.level == "decision") == self._chooses:
@@ -245,11 +232,10 @@ class Evaluation:
         if policy.level == "decision" and self._explores:
             return CHOOSE
         wanted = "frontiers" if self._chooses else "twists"
-        raise ValueError(f"{policy.name} decides by {policy.level}s, and {id} takes {wanted}")
+        raise ValueError(f"{policy.name} outputs {policy.level}s, but {id} takes {wanted}")
 
     def _check_fit(self) -> None:
-        """See that every policy gets along with one of its environments; in others, its episodes will say so."""
-        groups: dict[tuple[Any, ...], dict[str, Task]] = {}
+        groups: dict[tuple[Any, ...], dict[str, Job]] = {}
         for task in self._all_tasks.values():
             groups.setdefault(task.conditions, {}).setdefault(task.policy.name, task)
         pending = {task.policy.name for task in self._all_tasks.values()}
@@ -265,7 +251,7 @@ class Evaluation:
                     except (ValueError, CheckpointError) as error:
                         faults.append(error)
                         continue
-                    except FAULTS:  # a fault in the explorer: its episodes will tell
+                    except FAULTS:  # reported by the episodes
                         pass
                     pending.discard(task.policy.name)
         if pending and faults:

@@ -1,4 +1,4 @@
-"""What an evaluation consists of."""
+"""Settings of an evaluation."""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,39 +18,38 @@ from lidarnaut.envs.slam import DEFAULT_SLAM
 from lidarnaut.envs.worlds import BARN_NAMES, FAMILIES, WORLD_NAMES
 
 USUAL = "usual"
-"""Stands for what an environment takes if nothing is said; of robots, the one that a world is usually driven with."""
+"""Stands for the environment's default; for robots, the default of each world."""
 GROUPS = {"library": WORLD_NAMES, "families": tuple(FAMILIES), "barn": BARN_NAMES, "barn_test": BARN_NAMES[::6]}
-"""Words that stand for many worlds; the benchmark BARN is reported on every sixth of its own.
+"""Names for groups of worlds; `barn_test` is every sixth BARN world, as in the BARN benchmark.
 
-:meta hide-value:
-"""
+:meta hide-value:"""
 
 
 def estimator_of(id: str) -> str:
-    """Return the argument of an environment that names what estimates poses; empty where it has none."""
+    """Return the environment's argument for the pose estimator, `slam` or `localizer`; empty without one."""
     return next((name for name in ("slam", "localizer") if name in arguments_of(id)), "")
 
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """World, robot, physics and SLAM of an episode, as the environment takes them, or `usual`."""
+    """Conditions of an episode, as environment arguments or `usual`."""
 
     world: str
     robot: str
     physics: str
     slam: str
-    """SLAM, or the localizer where the environment has one instead."""
+    """SLAM, or localizer."""
     people: str = USUAL
-    """How many people walk around, as `lidarnaut.envs.simulation.crowd.crowd_of` reads it."""
+    """Number of people or crowd preset, see `lidarnaut.envs.simulation.crowd.crowd_of`."""
     label: str = ""
-    """What the world is called in tables and files; empty if that is `world`."""
+    """Name of the world in tables; empty for `world`."""
     id: str = EXPLORE
-    """Of the environment."""
+    """Environment id."""
     arguments: Mapping[str, Any] = field(default_factory=dict, compare=False)
-    """Further arguments of the environment, the same for all cases of an evaluation."""
+    """Further environment arguments, common to all cases."""
 
     def name(self, part: str) -> str:
-        """Return what `world`, `physics`, `slam` or `people` are called in tables and files; empty without one."""
+        """Return the table name of `world`, `physics`, `slam` or `people`, with defaults resolved."""
         value, argument = getattr(self, part), estimator_of(self.id) if part == "slam" else part
         if part == "world" and self.label:
             return self.label
@@ -62,10 +61,11 @@ class Case:
     def make_env(
         self, given: Mapping[str, Any] = MappingProxyType({}), needed: Mapping[str, Any] = MappingProxyType({})
     ) -> gymnasium.Env[Any, Any]:
-        """Make the environment; procedural families draw from their test split.
+        """Construct the environment, with test worlds of procedural families.
 
-        `given` holds worlds, robots and SLAMs of the user's own that names stand for, `needed` the arguments that the
-        policy needs.
+        Args:
+            given: user-defined worlds, robots and SLAMs by name.
+            needed: arguments required by the policy.
         """
         parts = {"world": self.world, "robot": self.robot, "physics": self.physics, "people": self.people}
         parts[estimator_of(self.id)] = self.slam
@@ -75,80 +75,78 @@ class Case:
 
 
 def parse_world(name: str) -> tuple[str, str]:
-    """Return what a world is called, and which one it is, of `LABEL=WORLD`, or of a world without a label.
+    """Split `LABEL=WORLD` into label and world; without a label, both are the world.
 
     Raises:
-        ValueError: if a world of the library or a family has or lends the label.
+        ValueError: if label or world is a library world, family or group.
     """
     if not (match := re.fullmatch(r"([\w.-]+)=(.+)", name)):
         return name, name
     label, world = match.groups()
     if {label, world} & {*WORLD_NAMES, *BARN_NAMES, *FAMILIES, *GROUPS}:
         raise ValueError(
-            f"world {name!r}: only paths and module:attribute can have names of their own, as LABEL=PATH, and not "
-            "those of the library or of a procedural family"
+            f"world {name!r}: labels (LABEL=PATH) are for paths and module:attribute only, and must differ from "
+            "library worlds and procedural families"
         )
     return label, world
 
 
 Episodes = Annotated[int, Field(ge=1, le=100_000)]
-"""Number of episodes of each policy in each world."""
 
 
 class SlamAxis(Section):
-    """The same explorers under several SLAMs: what mapping error costs them. Without worlds it is left out."""
+    """Comparison of the same policies under several SLAMs; without worlds it is omitted."""
 
     policies: tuple[str, ...] = ()
     worlds: tuple[str, ...] = ()
     episodes: Episodes = 5
-    """Episodes of each explorer in each world under each SLAM."""
+    """Episodes per policy, world and SLAM."""
     slam: tuple[str, ...] = Field(default=("truth", "odometry", DEFAULT_SLAM), min_length=1)
-    """SLAMs; `truth`, or else the first one, is what the others are compared with."""
+    """SLAMs; the others are compared with `truth`, or else with the first."""
 
 
 class Settings(Section):
-    """What an evaluation consists of. Every combination of robots, physics, SLAM and people is run in each world."""
+    """Settings of an evaluation: all combinations of robots, physics, SLAM and people run in each world."""
 
     policies: tuple[str, ...] = Field(min_length=1)
-    """Classic policies that can do the task by name, learned ones as `ppo:PATH` of a run folder, explorers and policies
-    of your own as `module:attribute`; a name for tables goes before, as `LABEL=ppo:PATH`."""
+    """Classic policies by name, learned ones as `ppo:PATH`, your own as `module:attribute`; `LABEL=ppo:PATH` sets the
+    table name."""
     id: str = EXPLORE
-    """Environment: an id of the package, or `module:id` of your own."""
+    """Environment id, `module:id` for your own."""
     arguments: tyro.conf.Suppress[dict[str, Any]] = Field(default_factory=dict)
-    """Further arguments of the environment, as `gymnasium.make` takes them; on the command line one by one, as
-    `--arguments.goal_tolerance 0.2`."""
+    """Further environment arguments; on the command line as `--arguments.goal_tolerance 0.2`."""
     worlds: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
-    """Library worlds, procedural families (their test split), paths of world files or of ROS maps, `module:attribute`;
-    `library`, `families` and `barn` stand for all of them, `barn_test` for every sixth of BARN's (`barn:12` is one),
-    `usual` for the environment's own. A name for tables goes before the latter two, as `LABEL=PATH`."""
+    """Library worlds, procedural families (test split), paths of world files or ROS maps, `module:attribute`, or the
+    groups `library`, `families`, `barn` and `barn_test` (every sixth); `barn:12` is a single world, `usual` the
+    environment's default. `LABEL=PATH` sets the table name."""
     episodes: Episodes = 10
-    """Episodes of each policy in each world."""
+    """Episodes per policy and world."""
     family_episodes: Episodes | None = None
-    """Episodes in each procedural family, where each is another world; null takes `episodes`."""
+    """Episodes per policy and procedural family, each in a new world; null for `episodes`."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
-    """Seed of the first episode, the next ones count up: same world, start and noise for every policy."""
+    """Seed of the first episode; later episodes count up. It sets world, start and noise."""
     robots: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--robot"])] = Field(default=(USUAL,), min_length=1)
-    """Robots by name, path or `module:attribute`; `usual` takes each world's own."""
+    """Robots by name, path or `module:attribute`; `usual` is the default of each world."""
     physics: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
-    """`bullet`, `kinematic`; `usual` takes the environment's own."""
+    """`bullet`, `kinematic`; `usual` is the environment's default."""
     slam: Annotated[tuple[str, ...], tyro.conf.arg(aliases=["--localizer"])] = Field(default=(USUAL,), min_length=1)
-    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth`, or `module:attribute`; of an environment with a
-    localizer, `amcl`, `odometry` or `truth`."""
+    """`hector`, `tinyslam`, `gmapping`, `graph`, `odometry`, `truth` or `module:attribute`; for localizers `amcl`,
+    `odometry` or `truth`."""
     people: tuple[str, ...] = Field(default=(USUAL,), min_length=1)
-    """How many people walk around: numbers, or crowds by name (`sparse`, `dense`, `corridor`, `doorway`, `crossing`),
-    either with parameters, as `20?attentive=0.5,model=orca`; `usual` takes the environment's own, mostly nobody."""
+    """Numbers of people, or presets (`sparse`, `dense`, `corridor`, `doorway`, `crossing`), optionally with parameters:
+    `20?attentive=0.5,model=orca`; `usual` is the environment's default."""
     time_limit: PositiveFloat | None = None
-    """Length of an episode [s]; null lets it grow with the world."""
+    """Time limit of an episode [s]; null scales with the world."""
     world_sections: bool = True
-    """Whether the report has a section with curves, maps and tables for every world; with many it grows large."""
+    """Add curves, maps and tables of every world to the report."""
     slam_axis: SlamAxis = SlamAxis()
-    """What mapping error costs."""
+    """Comparison of SLAMs."""
 
     @field_validator("people")
     @classmethod
     def _check_people(cls, people: tuple[str, ...]) -> tuple[str, ...]:
         if USUAL in people and len(people) > 1:
-            raise ValueError("must not mix 'usual' with others; 0 stands for nobody")
+            raise ValueError("must not mix 'usual' with other values; 0 means no people")
         for crowd in people:
             crowd_of(None if crowd == USUAL else crowd)
         return people
@@ -161,7 +159,7 @@ class Settings(Section):
             names = tuple(one for name in names for one in GROUPS.get(name, (name,)))
             called = [parse_world(name)[0] for name in names]
         if len(set(called)) < len(called):
-            raise ValueError("must name none twice")
+            raise ValueError("must be unique")
         return names
 
     @field_validator("slam_axis")
@@ -175,18 +173,17 @@ class Settings(Section):
 
     @property
     def all_policies(self) -> tuple[str, ...]:
-        """Policies of the evaluation and of its SLAM axis."""
         return tuple(dict.fromkeys((*self.policies, *self.slam_axis.policies)))
 
     def starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield every case and seed, and the policies that start there."""
+        """Yield case, seed and policies of all episodes."""
         for case in self._cases(self.worlds, self.robots, self.physics, self.slam, self.people):
             episodes = (case.name("world") in FAMILIES and self.family_episodes) or self.episodes
             for seed in range(self.seed, self.seed + episodes):
                 yield case, seed, self.policies
 
     def slam_axis_starts(self) -> Iterator[tuple[Case, int, tuple[str, ...]]]:
-        """Yield the same for the SLAM axis; those of the evaluation may be among them."""
+        """Yield case, seed and policies of the SLAM comparison; may overlap with `starts`."""
         axis = self.slam_axis
         for case in self._cases(axis.worlds, self.robots[:1], self.physics[:1], axis.slam, self.people[:1]):
             for seed in range(self.seed, self.seed + axis.episodes):

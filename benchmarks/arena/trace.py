@@ -1,4 +1,4 @@
-"""The course of an episode: the estimated path, and when which cell became known."""
+"""Traces of episodes: progress, estimated path, and growth of the map."""
 
 import io
 import re
@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from lidarnaut.baselines.episode import Episode
-from lidarnaut.benchmarks.arena.records import Row
+from lidarnaut.benchmarks.arena.evaluation_folder import Row
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.files import open_archive
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
@@ -20,43 +20,42 @@ from lidarnaut.envs.navigation.costmap import known_window
 WHAT, HINT = "trace of an episode", "choose another --out, or remove the folder"
 
 
-class Curve(NamedTuple):
-    """The course of an episode, shape (n,), float64: one sample at the reset and one after every step."""
+class ProgressCurve(NamedTuple):
+    """Progress over an episode: samples at the reset and after every step, shape (n,), float64."""
 
     time: np.ndarray
-    """Since the reset [s]."""
+    """Time since the reset [s]."""
     path_length: np.ndarray
-    """True distance driven, by all robots [m]."""
+    """True distance driven, summed over robots [m]."""
     progress: np.ndarray
-    """How much of the task is done, from 0 to 1."""
+    """Task progress, 0 to 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trace:
-    """The course of an episode. Trail and map are in the map frame, walls and the start in the world frame."""
+    """Trace of an episode; trail and map in the map frame, walls and start in the world frame."""
 
-    curve: Curve
+    curve: ProgressCurve
     trail: np.ndarray
-    """Shape (n, 2), float32, estimated positions of the (first) robot at the samples [m]."""
+    """Estimated positions of the first robot, shape (n, 2), float32 [m]."""
     grid: OccupancyGrid
-    """The final map, cut to what is known."""
+    """Final map, cropped to known cells."""
     known_since: np.ndarray
-    """Shape of the map, float32, time at which a cell became known [s]; infinite where it did not."""
+    """Time of first observation of each map cell, float32 [s]; inf if unobserved."""
     start: Pose2D
-    """Pose of the map frame."""
+    """Pose of the map frame in the world frame."""
     segments: np.ndarray
-    """Shape (k, 4), float32, true walls as (x0, y0, x1, y1) [m]."""
+    """True walls (x0, y0, x1, y1), shape (k, 4), float32 [m]."""
     circles: np.ndarray
-    """Shape (m, 3), float32, true static cylinders as (x, y, radius) [m]."""
+    """True cylinders (x, y, radius), shape (m, 3), float32 [m]."""
 
     @property
     def has_grown(self) -> bool:
-        """Whether cells became known after the start: the map was made meanwhile."""
+        """Whether the map has grown after the reset."""
         known = self.known_since[np.isfinite(self.known_since)]
         return bool(known.size and known.max() > known.min())
 
     def to_bytes(self) -> bytes:
-        """Return the trace as a compressed NumPy archive."""
         archive = io.BytesIO()
         np.savez_compressed(
             archive,
@@ -74,17 +73,16 @@ class Trace:
 
     @classmethod
     def load(cls, path: Path) -> "Trace":
-        """Read a file with what `to_bytes` returned."""
         with open_archive(path, WHAT, HINT) as file:
             x, y = file["origin"]
             grid = OccupancyGrid(file["map"], float(file["resolution"]), (float(x), float(y)))
-            curve = Curve(*file["curve"])
+            curve = ProgressCurve(*file["curve"])
             start = Pose2D(*map(float, file["start"]))
             return cls(curve, file["trail"], grid, file["known_since"], start, file["segments"], file["circles"])
 
 
 class Recorder:
-    """Watches an episode; pass `watch` to `run_episode` and ask for the `trace` afterwards."""
+    """Records the trace of an episode; pass `watch` to `run_episode`."""
 
     def __init__(self, env: LidarEnv) -> None:
         self._env = env
@@ -93,11 +91,10 @@ class Recorder:
         self._origin = (0.0, 0.0)
 
     def watch(self, info: dict[str, Any]) -> None:
-        """Record the pose estimate, and the time of the cells that became known."""
         belief = self._env.belief
         self._trail.append((belief.pose.x, belief.pose.y))
         self._fit(belief.grid)
-        # The belief's new cells are those of the decision's last step, or of one robot; a known map has none.
+        # `new_cells` covers only one robot, and only the last step of a decision.
         if len(self._trail) == 1 or "decision_steps" in info or len(self._env.robots) > 1:
             rows, cols = np.nonzero((belief.grid.data >= 0) & np.isinf(self._known_since))
         else:
@@ -105,9 +102,8 @@ class Recorder:
         self._known_since[rows, cols] = np.minimum(self._known_since[rows, cols], info["time"])
 
     def trace(self, episode: Episode) -> Trace:
-        """Return the course of the episode that has ended."""
-        env, course = self._env, episode.course
-        curve = Curve(course.of("time"), course.of("path_length"), course.samples[env.task.progress])
+        env, history = self._env, episode.history
+        curve = ProgressCurve(history.of("time"), history.of("path_length"), history.samples[env.task.progress])
         return Trace(
             curve,
             np.array(self._trail, dtype=np.float32),
@@ -119,7 +115,6 @@ class Recorder:
         )
 
     def _fit(self, grid: OccupancyGrid) -> None:
-        """Keep the times under their cells when the map has grown, or was redrawn with other borders."""
         if self._known_since.shape == grid.data.shape and self._origin == grid.origin:
             return
         grown: np.ndarray = np.full(grid.data.shape, np.inf, dtype=np.float32)
@@ -131,28 +126,24 @@ class Recorder:
 
 
 def trace_path(folder: Path, row: Row) -> Path:
-    """Return where the trace of a row's episode lies."""
     return folder / "episodes" / f"{episode_name(row)}.npz"
 
 
 def recording_path(folder: Path, row: Row) -> Path:
-    """Return where the recording of a row's episode lies, for the player."""
     return folder / "recordings" / f"{episode_name(row)}.npz"
 
 
 def episode_name(row: Row) -> str:
-    """Return the name of the files of a row's episode, without a suffix."""
     names = ("policy", "world", "robot", "physics", "slam", *(["people"] if row["people"] != "0" else []), "seed")
     return "__".join(slug(str(row[name])) for name in names)
 
 
-def load_curve(folder: Path, row: Row) -> Curve:
-    """Read the curve of a row's episode, and nothing else of its trace."""
+def load_curve(folder: Path, row: Row) -> ProgressCurve:
     with open_archive(trace_path(folder, row), WHAT, HINT) as file:
-        return Curve(*file["curve"])
+        return ProgressCurve(*file["curve"])
 
 
 def slug(name: str) -> str:
-    """Turn a policy's or a world's name, which may be a path, into a part of a file name; different names stay so."""
+    """Return a unique file name part for a name or path."""
     simple = re.sub(r"[^A-Za-z0-9.-]+", "_", name).strip("_")
     return name if simple == name else f"{simple[-60:]}-{zlib.crc32(name.encode()):08x}"

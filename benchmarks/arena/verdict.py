@@ -1,4 +1,4 @@
-"""What an evaluation says in a sentence and in a picture: who does best, and by how much."""
+"""Summary of an evaluation: best policy and margin, as a sentence and a figure."""
 
 from collections.abc import Mapping
 
@@ -12,21 +12,18 @@ from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference
 from lidarnaut.envs.measures import Measure
 
 NUM_NAMED = 3
-"""Policies that the sentence names where many cannot be told apart."""
+"""Maximum number of tied policies named in the sentence."""
 
 
 def verdict_section(episodes: Episodes) -> Section | None:
-    """Return who does best: where something learned takes part, first in what no training saw, then in all.
-
-    Of related episodes from starts that all competitors share; None with fewer than two of these.
-    """
+    """Return a section with the best policy, first for held-out starts; None with fewer than two competitors."""
     measures, measure = episodes.measures, episodes.measures.decisive
     if len(episodes.competitors(measure)) < 2:
         return None
     text, where = verdict(episodes), ""
     if unseen := episodes.unseen():
-        where = ", in worlds or with robots that no training of the package saw"
-        text = f"{where[2:].capitalize()}: {verdict(unseen)} With those of the training: {text}"
+        where = ", in worlds or with robots not used in training"
+        text = f"{where[2:].capitalize()}: {verdict(unseen)} Including training worlds: {text}"
         episodes = unseen
     values, reference = episodes.competitors(measure), episodes.reference
     first = next(iter(values.values()))
@@ -47,16 +44,15 @@ def verdict_section(episodes: Episodes) -> Section | None:
     caption = (
         f"{title[:1].upper()}{title[1:]}{' from the same start' if measures.marks else ''}{where}: interquartile "
         f"means, 95 % intervals. Further {'right' if measure.higher_is_better else 'left'} is {better}. Blue: the "
-        f"{best}, and those that cannot be told apart from it."
+        f"{best} policy, and policies that cannot be distinguished from it."
     )
     return Section("At a glance", (text, Figure("verdict", picture, caption, is_wide=True)))
 
 
 def verdict(episodes: Episodes) -> str:
-    """Say who does best, by how much, who cannot be told apart from it, and what the bound is.
+    """Return a sentence with the best policy, its margin, tied policies and the ground-truth bound.
 
-    Two policies are told apart where the 95 % interval of their paired difference leaves out zero: in relative time to
-    the first mark where the task has one, otherwise in its headline.
+    Policies are tied if the 95 % interval of their paired difference contains 0.
     """
     measures, measure, mark = episodes.measures, episodes.measures.decisive, episodes.measures.mark
     values = episodes.competitors(measure)
@@ -68,24 +64,24 @@ def verdict(episodes: Episodes) -> str:
     if mark:
         found = f"{mark} in {value} of {short(episodes.reference)}'s time over {number} starts"
     if mark and leader == episodes.reference:
-        found = f"no other needs less than its time to {mark} over {number} starts"
+        found = f"no other policy is faster to {mark} over {number} starts"
     best, has = ("is fastest", "needs") if mark else ("does best", "has")
     if tied := _tied(episodes, values, measure):
         names = [f"{short(policy)} ({_value(values[policy], measure)})" for policy in tied[:NUM_NAMED]]
         names += [f"{len(tied) - NUM_NAMED} more"] if len(tied) > NUM_NAMED else []
         listed = " and ".join(filter(None, (", ".join(names[:-1]), names[-1])))
-        parts = [f"{short(leader)} is ahead: {found}", f"it cannot be told apart from {listed}"]
+        parts = [f"{short(leader)} is ahead: {found}", f"it cannot be distinguished from {listed}"]
     else:
         parts = [f"{short(leader)} {best}: {found}"]
     rivals = [policy for policy in others if leader in CLASSIC or policy in CLASSIC]
     if rivals and not set(rivals) & set(tied):
-        who = "the next" if leader in CLASSIC else "the best classic policy"
+        who = "the next policy" if leader in CLASSIC else "the best classic policy"
         parts.append(f"{who}, {short(rivals[0])}, {has} {_value(values[rivals[0]], measure)}")
     if bound := _bound(episodes, measure):
         parts.append(f"the bound, {bound[0]}, is {_value(bound[1], measure)}")
     text = f"{'; '.join(parts)}."
     if (first := next(iter(episodes.standing(measures.headline)))) != leader:
-        text += f" By {measures.headline.label}, which the leaderboard is ranked by, {short(first)} comes first."
+        text += f" By {measures.headline.label}, the ranking measure of the leaderboard, {short(first)} is first."
     return text
 
 
@@ -94,7 +90,7 @@ def _bound(episodes: Episodes, measure: Measure) -> tuple[str, Estimate] | None:
 
 
 def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) -> list[str]:
-    """Return those that cannot be told apart from the best policy, best first."""
+    """Return the policies without a significant difference to the best one."""
     leader, *others = values
     sign = 1.0 if measure.higher_is_better else -1.0
     gaps = {policy: paired_difference(*episodes.pairs(policy, leader, measure)) for policy in others}
@@ -102,7 +98,6 @@ def _tied(episodes: Episodes, values: Mapping[str, Estimate], measure: Measure) 
 
 
 def _value(estimate: Estimate, measure: Measure) -> str:
-    """Return a value and its interval, such as "0.87 [0.84, 0.91]"."""
     middle, note = texts(measure, estimate)
     middle = f"{middle} {measure.unit}".strip()
     if estimate.low == estimate.high:

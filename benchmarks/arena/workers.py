@@ -1,4 +1,4 @@
-"""Episodes, one after the other or side by side in processes."""
+"""Run episodes sequentially or in worker processes."""
 
 import contextlib
 import logging
@@ -17,10 +17,10 @@ import numpy as np
 from lidarnaut.agents.pools import make_pool
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
-from lidarnaut.baselines.explorer import Policy as Driver
+from lidarnaut.baselines.policy import Policy as Driver
+from lidarnaut.benchmarks.arena.evaluation_folder import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
 from lidarnaut.benchmarks.arena.policies import Policy, short
-from lidarnaut.benchmarks.arena.records import Key, Row, columns_of
 from lidarnaut.benchmarks.arena.settings import Case
 from lidarnaut.benchmarks.arena.trace import Recorder
 from lidarnaut.envs.core import lidar_env_of
@@ -29,68 +29,63 @@ from lidarnaut.envs.processes import interrupts_held
 from lidarnaut.envs.wrappers import BagRecorder
 
 WARM_UP_STEPS = 20
-"""Steps that a policy drives in a process before it is timed: compiling and loading on first use is no decision."""
+"""Number of untimed steps per policy and process, for compilation and loading."""
 NOT_RUN = "not tried yet"
-"""Why an episode is missing that was not tried."""
+"""Reason of episodes that were never run."""
 FAULTS = (Exception, SystemExit)
-"""What users' code may raise without ending the evaluation."""
+"""Exceptions of user code that do not end the evaluation."""
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
-    """One episode to run."""
+class Job:
+    """Episode to run."""
 
     key: Key
     policy: Policy
     case: Case
     given: Mapping[str, Any] = field(default_factory=dict)
-    """World, robot and SLAM of the user's own that the case names."""
+    """User-defined world, robot and SLAM by name."""
     bag: Path | None = None
-    """File that the episode is recorded in, as a ROS 2 bag; None for none."""
+    """Output file for a ROS 2 bag, optional."""
     has_recording: bool = False
-    """Whether the episode is recorded for the player."""
+    """Whether to record the episode for the player."""
 
     @property
     def conditions(self) -> tuple[Any, ...]:
-        """What decides which environment it is."""
+        """Environment key; tasks with equal keys share an environment."""
         return self.case, repr(self.policy.arguments)
 
     def make_env(self) -> gymnasium.Env[Any, Any]:
-        """Make the environment."""
         return self.case.make_env(self.given, self.policy.arguments)
 
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """The outcome of a task."""
+    """Result of an episode: its table row, or the reason of a failure."""
 
     key: Key
     row: Row | None = None
-    """The episode; None if it could not be run."""
+    """Row of the episode; None after a failure."""
     trace: bytes = b""
-    """Its trace, as a file holds it."""
+    """Content of the trace file."""
     recording: bytes = b""
-    """Its recording for the player, as a file holds it; empty without one."""
+    """Content of the recording file, empty without one."""
     reason: str = ""
-    """Why it could not be run."""
+    """Reason of a failure."""
 
 
 def explain_fault(error: BaseException) -> str:
-    """Return kind and text of what was raised, and where."""
     *_, last = traceback.extract_tb(error.__traceback__)
     return f"{type(error).__name__}: {' '.join(str(error).split())} ({Path(last.filename).name}, line {last.lineno})"
 
 
-def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Result]:
-    """Yield the results of tasks as they end, from processes of this machine or from the Ray cluster of an address.
-
-    Files that the tasks name travel to the machines of a cluster, see `lidarnaut.agents.pools.collect_files`. Ray keeps
-    its processes, and with them the environments, between tasks.
+def run_all(tasks: list[Job], jobs: int, ray: str | None = None) -> Iterator[Result]:
+    """Yield the results of tasks in order of completion, from local processes or a Ray cluster.
 
     Raises:
         ImportError: if Ray is not installed.
-        ConnectionError: if no cluster answers at the address.
-        RuntimeError: if a process of this machine dies.
+        ConnectionError: if no cluster answers at the address `ray`.
+        RuntimeError: if a local process dies.
     """
     if ray is None and (jobs == 1 or len(tasks) < 2):
         with contextlib.closing(_Worker()) as worker:
@@ -106,37 +101,35 @@ def run_all(tasks: list[Task], jobs: int, ray: str | None = None) -> Iterator[Re
             with interrupts_held():
                 pending = {pool.submit(run_in_worker, task): task.key for task in tasks}
             for future in as_completed(pending):
-                key = pending.pop(future)  # which would keep the trace until the end
+                key = pending.pop(future)  # frees the trace
                 error = future.exception()
                 if error is not None and ray is None:
                     raise error
-                # Of an episode whose machine has died: those of the episode itself are results.
+                # The machine died; failures within an episode are results.
                 why = f"{type(error).__name__}: {' '.join(str(error).split())[:200]}"
                 yield future.result() if error is None else Result(key, reason=why)
         except BrokenProcessPool as error:
             raise RuntimeError(
-                "a process died while it ran an episode (out of memory?); the same command goes on from there"
+                "a process died while it ran an episode (out of memory?); run the same command to continue"
             ) from error
 
 
 class _Worker:
-    """Keeps one environment and the policies between the episodes of a process."""
-
     def __init__(self) -> None:
         self._env: gymnasium.Env[Any, Any] | None = None
         self._conditions: tuple[Any, ...] | None = None
         self._policies: dict[str, Driver] = {}
 
-    def run(self, task: Task) -> Result:
-        """Run an episode. What goes wrong in it is its own result: the others go on."""
+    def run(self, task: Job) -> Result:
+        """Run an episode; return exceptions as failed results."""
         try:
             return self._run(task)
         except FAULTS as error:
-            if not isinstance(error, (ValueError, CheckpointError, SystemExit)):  # those speak for themselves
+            if not isinstance(error, (ValueError, CheckpointError, SystemExit)):  # without traceback
                 logging.getLogger(__name__).exception("%s", task.key)
             return Result(task.key, reason=explain_fault(error))
 
-    def _run(self, task: Task) -> Result:
+    def _run(self, task: Job) -> Result:
         if self._env is None or task.conditions != self._conditions:
             self.close()
             self._env, self._conditions = task.make_env(), task.conditions
@@ -157,7 +150,6 @@ class _Worker:
         return Result(task.key, row, recorder.trace(episode).to_bytes(), recording)
 
     def close(self) -> None:
-        """Close the environment."""
         if self._env is not None:
             self._env.close()
             self._env = None
@@ -166,22 +158,21 @@ class _Worker:
 _worker = _Worker()
 
 
-def run_in_worker(task: Task) -> Result:
-    """Run a task in a process that keeps its environment and policies for the next one."""
+def run_in_worker(task: Job) -> Result:
     return _worker.run(task)
 
 
 def prepare(env: gymnasium.Env[Any, Any], policy: Driver, seed: int, steps: int = 0) -> None:
-    """Let a policy get ready for an environment, and drive it for a few steps that are not measured."""
+    """Reset a policy and run a few unmeasured steps."""
     observation, info = begin_episode(env, policy, seed, np.random.default_rng(seed))
     run(env, decide_with(policy, env), observation, info, max_steps=steps)
 
 
 def describe(row: Row, measures: Measures) -> dict[str, Any]:
-    """Return what a recording says about a row's episode, see `lidarnaut.envs.player.Recording.about`."""
+    """Return the metadata of a recording, see `lidarnaut.envs.player.Recording.about`."""
     figures = {}
     for measure in measures.all:
-        if measure.name not in ("decision_ms", "success"):  # differs from run to run; is told by the end
+        if measure.name not in ("decision_ms", "success"):  # not reproducible; covered by `end_reason`
             title = f"{measure.label} [{measure.unit}]" if measure.unit else measure.label
             figures[title] = measure.text(row[measure.name]).removesuffix(".0" if measure.name == "collisions" else "-")
     about = {"explorer": short(row["policy"])} | {name: row[name] for name in ("world", "robot", "seed")}

@@ -1,1 +1,1 @@
-"""What SLAMs, localizers and planners make of drives: `python -m lidarnaut.benchmarks.drives STAGE`."""
+"""Benchmarks of SLAM, localization and planning on recorded drives."""

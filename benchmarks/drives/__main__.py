@@ -1,8 +1,4 @@
-"""What SLAMs, localizers, filters and planners make of drives: a command for each stage.
-
-`python -m lidarnaut.benchmarks.drives slam`, `... kidnapping --help`. The log of a real robot is the Intel Research
-Lab's, in `$LIDARNAUT_DATA/intel`. Run it on a machine that does nothing else where times count.
-"""
+"""Benchmarks of SLAM, localization, pose fusion and planning: `python -m lidarnaut.benchmarks.drives STAGE`."""
 
 import functools
 import json
@@ -46,16 +42,15 @@ PARSERS = [Annotated[Any, tyro.conf.subcommand(name, constructor=_later(stage))]
 
 @dataclass(frozen=True)
 class Command:
-    """What is measured."""
+    """Command line of the benchmarks."""
 
     stage: Annotated[functools.reduce(operator.or_, PARSERS), tyro.conf.arg(name="")]
-    """What to measure."""
+    """Benchmark to run."""
     json: Path | None = None
-    """Also write the rows of the table to this file; what was never reached is null."""
+    """Also write the table to this JSON file; times never reached are null."""
 
 
 def main(command: Command) -> None:
-    """Run a stage, and print its table."""
     rows = command.stage()
     make_console().print(table(rows))
     if command.json is not None:
@@ -63,7 +58,7 @@ def main(command: Command) -> None:
 
 
 def table(rows: Sequence[Row]) -> Table:
-    """Return a table with a line for each row, or with a column for each where they hold many numbers."""
+    """Return a table of the rows, transposed if there are more than nine columns."""
     names = list(dict.fromkeys(name for row in rows for name in row))
     lines = [names, *([_cell(row.get(name, "")) for name in names] for row in rows)]
     if len(names) > 9:

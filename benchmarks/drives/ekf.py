@@ -1,4 +1,4 @@
-"""The experiment of Nguyen et al. (2021), see `docs/notes/ekf.md`: estimates of the pose along a rectangle of 78 m."""
+"""EKF pose fusion on the 78 m rectangle of Nguyen et al. (2021), see `docs/notes/ekf.md`."""
 
 import dataclasses
 import itertools
@@ -34,21 +34,19 @@ PAPER = {
     "heading_rmse_deg": 0.6939,
     "max_heading_deg": 3.3,
 }
-"""Results of Nguyen et al. (2021) for the full fusion: errors of position and heading, root mean square (equations 11
-and 12) and greatest."""
+"""Results of Nguyen et al. (2021) for the full fusion: RMSE (equations 11 and 12) and maximum errors."""
 DRIVER = "full"
-"""Fusion by which the robot drives. Other filters run along on the same measurements."""
+"""Fusion used for driving; other filters process the same measurements."""
 LABELS = {
     "encoder": "encoder alone",
     "amcl": "AMCL alone",
     "encoder_compass": "encoder + compass",
     DRIVER: "full fusion",
 }
-"""Fusions, in the order of the table."""
 COLOURS = dict(zip(LABELS, (LINES[1], LINES[2], LINES[3], LINES[0])))
 Physics = Literal["kinematic", "bullet"]
 Delivery = tuple[float, Measurement]
-"""Delay [s], infinite for a measurement that is lost, and the measurement."""
+"""Delay [s], inf if the measurement is lost, and the measurement."""
 Fault = Callable[[Measurement, np.random.Generator], Delivery]
 
 
@@ -66,7 +64,7 @@ def _wrong(measurement: Measurement, rng: np.random.Generator) -> Delivery:
 FILTERS: dict[str, Fault] = {
     name: _lost_if(lambda sent, rng, kinds=kinds: sent.kind not in kinds) for name, kinds in FUSIONS.items() if kinds
 }
-"""What the filter of each fusion does not get."""
+"""Measurement kinds dropped for each fusion, by fusion name."""
 FAULTS: dict[str, Fault] = {
     "none": lambda sent, rng: (0.0, sent),
     "each up to 0.8 s late, out of order": lambda sent, rng: (rng.uniform(0.0, 0.8), sent),
@@ -78,18 +76,18 @@ FAULTS: dict[str, Fault] = {
     "no map": _lost_if(lambda sent, rng: sent.kind == "map"),
     "no encoders": _lost_if(lambda sent, rng: sent.kind == "encoder"),
 }
-"""What happens to the measurements of a filter that fuses all kinds."""
+"""Measurement faults for the full fusion, by table label."""
 
 
 class FaultyChannel:
-    """A filter whose measurements pass through a channel with a fault."""
+    """EKF behind a faulty measurement channel."""
 
     def __init__(self, ekf: Ekf, fault: Fault, rng: np.random.Generator) -> None:
         self.ekf, self._fault, self._rng = ekf, fault, rng
         self._delayed: list[Delivery] = []
 
     def deliver(self, time: float, measurements: Sequence[Measurement]) -> Estimate:
-        """Give measurements to the filter, now or later; return its estimate, a prediction if it got none."""
+        """Send measurements through the channel; return the filter's estimate at `time`."""
         for measurement in measurements:
             delay, sent = self._fault(measurement, self._rng)
             if delay < math.inf:
@@ -103,27 +101,27 @@ class FaultyChannel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteDrive:
-    """Record of a drive: poses in the map frame, after each of n control periods."""
+    """Recorded drive of n control periods; poses in the map frame."""
 
     physics: str
     seed: int
-    """Seed of the drive, and of the one that made its map."""
+    """Seed of the drive and of the mapping drive before it."""
     end_reason: str
-    """Why it ended; see `FollowRoute`."""
+    """End reason of the `Track-v0` episode."""
     collisions: int
     time: np.ndarray
-    """Shape (n,), float64 [s]."""
+    """Time, shape (n,), float64 [s]."""
     truth: np.ndarray
-    """Shape (n, 3), float64: x, y, heading [m, m, rad]."""
+    """True poses (x, y, heading), shape (n, 3), float64 [m, m, rad]."""
     estimated: dict[str, np.ndarray]
-    """By filter: estimated poses, as `truth`."""
+    """Estimated poses by filter, layout of `truth`."""
     covariance: dict[str, np.ndarray]
-    """By filter: shape (n, 3, 3), float64, of x, y and heading."""
+    """Pose covariances by filter, shape (n, 3, 3), float64."""
     verdicts: dict[str, Counter[str]]
-    """By filter: numbers of measurements that were accepted, gated, too old, and so on."""
+    """Number of measurements by filter and outcome (accepted, gated, too old, ...)."""
 
     def error(self, name: str) -> np.ndarray:
-        """Return a filter's estimated minus true poses, shape (n, 3), headings in [-180, 180) [mm, mm, deg]."""
+        """Return the errors (x, y, heading) of a filter: shape (n, 3), heading in [-180, 180) [mm, mm, deg]."""
         error = self.estimated[name] - self.truth
         error[:, 2] = wrap_angle(error[:, 2])
         return error * (1e3, 1e3, math.degrees(1.0))
@@ -140,13 +138,13 @@ def compare_fusions(
     physics: tuple[Physics, ...] = ("kinematic", "bullet"),
     images: Path = Path("docs/images"),
 ) -> list[Row]:
-    """The rectangle of Nguyen et al. (2021), driven by an EKF of AMCL, encoders and compass: medians and worst drives.
+    """EKF fusion of AMCL, encoders and compass on the rectangle of Nguyen et al. (2021): median and maximum errors.
 
     Args:
-        seeds: drives per physics; each has its own noise and its own map.
+        seeds: drives per simulator, each with its own noise and map.
         jobs: number of processes.
         physics: simulators.
-        images: folder for the paper's figures 5 to 10, `ekf_*.png`.
+        images: output folder for figures 5 to 10 of the paper, `ekf_*.png`.
     """
     drives = run_each(run_drive, list(itertools.product(physics, range(seeds))), jobs, "drives")
     rows = []
@@ -164,10 +162,10 @@ def compare_fusions(
 
 
 def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row]:
-    """The same drives with late, missing or wrong measurements, or without a sensor: errors, shares of measurements.
+    """EKF fusion with late, missing or wrong measurements: errors and shares of accepted measurements.
 
     Args:
-        seeds: drives.
+        seeds: number of drives.
         physics: simulator.
     """
     drives, rows = [run_drive(physics, seed, FAULTS) for seed in range(seeds)], []
@@ -183,18 +181,15 @@ def compare_faults(seeds: Count = 3, physics: Physics = "kinematic") -> list[Row
 
 
 def make_env(physics: str, map_seed: int) -> LidarEnv:
-    """Return the environment of the experiment, in which the robot knows its initial pose."""
-    given = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
-    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **given))
+    """Return `Track-v0` with a known initial pose."""
+    arguments = {"physics": physics, "map_seed": map_seed, "fusion": DRIVER, "start_spread": (0.0, 0.0)}
+    return lidar_env_of(gymnasium.make("lidarnaut/Track-v0", **arguments))
 
 
 def run_drive(
     physics: str, seed: int, filters: Mapping[str, Fault] = FILTERS, max_steps: int | None = None
 ) -> RouteDrive:
-    """Map the route, then drive it by the fused pose with the same seed, for so many control periods; None for all.
-
-    Filters by name run along, whose measurements have faults.
-    """
+    """Map the route, then drive it with the fused pose; `filters` process the same measurements with faults."""
     env, follower = make_env(physics, map_seed=seed), RouteFollower()
     observation, info = begin_episode(env, follower, seed, np.random.default_rng([seed, 1]))
     decide, fused = decide_with(follower, env), env.robots[0].estimator
@@ -229,18 +224,16 @@ def run_drive(
 
 
 def nees_bounds(num_drives: int) -> tuple[float, float]:
-    """Return the 95 % bounds of the mean NEES of poses over drives."""
+    """Return the 95 % bounds of the NEES averaged over drives."""
     low, high = chi2.ppf([0.025, 0.975], 3 * num_drives) / num_drives
     return float(low), float(high)
 
 
 def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
-    """Measure a fusion over drives under one physics.
+    """Return the errors of a fusion over drives, as median and maximum (`{name}_worst`) of each measure in `PAPER`.
 
-    Returns:
-        The median over the drives of each of the paper's measures, and as `{name}_worst` the worst drive's. `nees`: the
-        mean NEES of the pose over all drives and times, 3 for a consistent estimate, more for an overconfident one.
-        `nees_within`: the share of control periods in which the mean over the drives lies within `nees_bounds`.
+    `nees` is the mean NEES of the pose; above 3, the filter is overconfident. `nees_within` is the share of control
+    periods with the mean over drives within `nees_bounds`.
     """
     found = []
     for error in (drive.error(fusion) for drive in drives):
@@ -256,7 +249,7 @@ def measure(drives: Sequence[RouteDrive], fusion: str) -> Row:
 
 
 def _draw_drive(drive: RouteDrive, folder: Path) -> None:
-    """Draw figures 5 and 6, the map made beforehand, the true and the estimated paths; and 7, the heading over time."""
+    """Plot figures 5 to 7 of the paper: true and estimated paths on the map, and heading over time."""
     env, what = make_env(drive.physics, map_seed=drive.seed), f"{drive.physics} physics, seed {drive.seed}"
     env.reset(seed=drive.seed)
     grid = crop_to_known(env.belief.grid)
@@ -271,9 +264,9 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
         path.plot(*poses[:, :2].T, color=color, label=label, **{"lw": 1.6, **dashes})
         turns.plot(drive.time, np.degrees(np.unwrap(poses[:, 2])), color=color, label=label, **dashes)
     path.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
-    path.set_title(f"Position on the map made beforehand ({what}); the paper's 5 and 6")
+    path.set_title(f"Position on the prior map ({what}); figures 5 and 6 of the paper")
     turns.set(xlabel="time [s]", ylabel="heading [deg]", yticks=range(0, 361, 90))
-    turns.set_title(f"Heading ({what}); the paper's figure 7")
+    turns.set_title(f"Heading ({what}); figure 7 of the paper")
     position.legend(loc="outside lower center", ncols=5, frameon=False)
     turns.legend(frameon=False)
     position.savefig(folder / "ekf_position.png", dpi=110)
@@ -281,11 +274,11 @@ def _draw_drive(drive: RouteDrive, folder: Path) -> None:
 
 
 def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
-    """Figures 8 to 10: errors of the localizer alone and of the full fusion, all drives, and the paper's greatest."""
+    """Plot figures 8 to 10 of the paper: pose errors of AMCL alone and of the full fusion."""
     physics = list(dict.fromkeys(drive.physics for drive in drives))
     figure = Figure(figsize=(5.2 * len(physics), 7.4), layout="constrained")
     grid = figure.subplots(3, len(physics), sharex="col", sharey="row", squeeze=False)
-    greatest, mean = "paper's greatest error", "paper's RMSE (its greatest error is 3.3)"
+    greatest, mean = "maximum error of the paper", "RMSE of the paper (maximum 3.3)"
     labels = "x error [mm]", "y error [mm]", "heading error [deg]"
     bounds = (PAPER["max_x_mm"], greatest), (PAPER["max_y_mm"], greatest), (PAPER["heading_rmse_deg"], mean)
     for (k, label), name in itertools.product(enumerate(labels), physics):
@@ -302,5 +295,5 @@ def _draw_errors(drives: Sequence[RouteDrive]) -> Figure:
         grid[-1, physics.index(name)].set_xlabel("time [s]")
     for axes in grid[:, -1]:
         axes.legend(loc="upper right", fontsize=7, framealpha=0.8)
-    figure.suptitle("Errors of AMCL alone and of the full fusion; the paper's figures 8 to 10")
+    figure.suptitle("Errors of AMCL alone and of the full fusion; figures 8 to 10 of the paper")
     return figure

@@ -1,4 +1,4 @@
-"""AMCL on the maps of known worlds, on the log of a real robot, and what its updates cost."""
+"""Accuracy of AMCL in known worlds and on the log of a real robot."""
 
 import itertools
 import math
@@ -39,19 +39,20 @@ from lidarnaut.envs.worlds import load_world
 
 WORLDS = ("turtlebot3_world", "turtlebot3_house", "tugbot_warehouse")
 TRACKING_TIME, KIDNAPPED_AT, RECOVERY_TIME = 60.0, 20.0, 90.0
-"""How long robots are tracked and localized globally, when one is kidnapped, and how long it drives after that [s]."""
-NEAR, NEAR_ANGLE = 0.5, math.radians(20.0)
-"""Greatest errors of a correct estimate [m, rad]."""
-HOLD = 5.0
-"""A robot is localized if its estimate is correct for this long at the end [s]."""
+"""Duration of tracking and global localization, time until kidnapping, and duration after kidnapping [s]."""
+MAX_POSITION_ERROR, MAX_HEADING_ERROR = 0.5, math.radians(20.0)
+"""Maximum errors of a correct pose estimate [m, rad]."""
+MIN_CORRECT_TIME = 5.0
+"""Minimum duration of correct estimates at the end of a successful localization [s]."""
 START_STD = (0.05, 0.05, 0.05)
-"""Standard deviations of the initial pose in known worlds [m, m, rad]."""
+"""Standard deviations of the initial pose in simulated worlds [m, m, rad]."""
 LOG_START_STD = (0.1, 0.1, 0.05)
-"""The same on the log."""
+"""Standard deviations of the initial pose on the log [m, m, rad]."""
 LOG_SEEDS = range(100, 105)
 SHARE_OF_HITS = 16
-"""A cell of the log's map is occupied from this share of hits among all that beams say of it [percent]: what log odds
-make of 0.9 for a hit and 0.4 for a pass, as Hector has them."""
+"""Minimum share of hits among hits and passes of an occupied cell in the log's map [percent].
+
+Equivalent to log-odds with 0.9 for a hit and 0.4 for a pass, as in Hector."""
 HIT_COUNTS = TinySlamParams(
     resolution=0.05,
     map_width=60.0,
@@ -63,27 +64,26 @@ HIT_COUNTS = TinySlamParams(
     raw_quality=1.0,
     skip_exceeding=True,
 )
-"""Cells that count hits and passes."""
+"""Map parameters with cells that hold their share of hits."""
 NAV2_PROB = replace(PRESETS["nav2"], sensor="likelihood_field_prob")
-ALONE = replace(PRESETS["default"], relocalize=False)
+NO_RELOCALIZATION = replace(PRESETS["default"], relocalize=False)
 FILTERS = {
     "nav2 likelihood_field": PRESETS["nav2"],
     "nav2 likelihood_field_prob": NAV2_PROB,
     "nav2 likelihood_field_prob, 2000 particles": replace(NAV2_PROB, min_particles=2000),
     "nav2 beam": replace(PRESETS["nav2"], sensor="beam", max_range=30.0),
-    "default": ALONE,
-    "default, 2000 particles, all beams": replace(ALONE, min_particles=2000, max_beams=180, squash=9.0),
+    "default": NO_RELOCALIZATION,
+    "default, 2000 particles, all beams": replace(NO_RELOCALIZATION, min_particles=2000, max_beams=180, squash=9.0),
 }
-"""Filters that are compared on the log, without relocalization, so that no error is hidden."""
+"""AMCL variants compared on the log, without relocalization."""
 
 
 def localize(
     amcl: Amcl, grid: OccupancyGrid, drive: Drive, seed: int, start_std: tuple[float, float, float] | None
 ) -> dict[str, np.ndarray]:
-    """Reset a filter with a seed, and localize along a drive on a map; see `track`.
+    """Reset AMCL and run it along a drive on a map; see `track`.
 
-    `start_std` are the standard deviations of the initial pose, which is the true one [m, m, rad]; None for global
-    localization.
+    `start_std` are standard deviations of the initial pose [m, m, rad]; None for global localization.
     """
     start = None if start_std is None else Pose2D(*drive.truth[0].tolist())
     covariance = None if start_std is None else np.diag(np.square(start_std))
@@ -93,10 +93,9 @@ def localize(
 
 @lru_cache(maxsize=4)
 def load_known_world(name: str, physics: str = "kinematic") -> Setup:
-    """Load a library world, in which robots are localized on `known_map` of its area.
+    """Load a library world for localization on its `known_map`.
 
-    Walls of library worlds tend to lie on the border between cells, which would move all of them half a cell up and
-    right: the raster is shifted so that the outer walls run through the middle of cells.
+    The map is offset by half a cell, because walls of library worlds lie on cell borders.
     """
     world, half = load_world(name), 0.5 * RESOLUTION
     bounds = np.array(world.bounds) + (-half, -half, half, half)
@@ -104,16 +103,15 @@ def load_known_world(name: str, physics: str = "kinematic") -> Setup:
 
 
 def record_from_anywhere(setup: Setup, seed: np.random.SeedSequence, duration: float) -> Drive:
-    """Drive a robot to random goals from a random start for `duration` [s]."""
+    """Record a drive from a random start to random goals for `duration` [s]."""
     rng_simulator, rng_driver = map(np.random.default_rng, seed.spawn(2))
     return record(setup, setup.area.draw_pose(rng_driver), rng_simulator, rng_driver, duration)
 
 
 def symmetries(grid: OccupancyGrid, share: float = 0.9) -> list[Pose2D]:
-    """Find the turns by multiples of 30 degrees about the middle of the free space that lay a map over itself.
+    """Return the symmetries of a map: rotations by multiples of 30 degrees, as motions in the map frame.
 
-    At least a `share` of its occupied cells must come to lie within two cells of another one. Returns the motions, in
-    the map frame.
+    A `share` of the occupied cells must move to within two cells of another one.
     """
     occupied = grid.data == OCCUPIED
     distances = ndimage.distance_transform_edt(~occupied)
@@ -138,17 +136,14 @@ def compare_amcl(
     preset: str = "default",
     first_seed: int = 0,
 ) -> list[Row]:
-    """Accuracy of AMCL in known worlds, where robots drive to random goals from random starts.
-
-    With every seed one is tracked from a known pose, one is localized globally, and one is kidnapped;
-    docs/notes/localization_accuracy.md says how each is judged.
+    """Accuracy of AMCL in known worlds: pose tracking, global localization and kidnapped robots.
 
     Args:
         runs: seeds per world.
         jobs: number of processes.
         worlds: library worlds.
         physics: simulator.
-        preset: of AMCL.
+        preset: preset of AMCL.
         first_seed: seed of the first run.
     """
     rows = []
@@ -168,14 +163,14 @@ def compare_amcl(
 
 
 def time_quantile(times: Sequence[float], share: float) -> float | None:
-    """Return a quantile of times of which some, never reached, are inf; None if that quantile was never reached."""
+    """Return a quantile of times (inf: never reached); None if the quantile is inf."""
     if math.isinf(np.quantile(times, share, method="higher")):
         return None
     return float(np.quantile(np.nan_to_num(times), share))
 
 
 def run(world: str, preset: str, physics: str, seed: int) -> Row:
-    """Do all three experiments with one seed."""
+    """Run pose tracking, global localization and a kidnapped robot with one seed."""
     setup = load_known_world(world, physics)
     grid, amcl = known_map(setup.area), Amcl(setup.robot.lidar, load_preset(preset))
     first, second = np.random.SeedSequence(seed).spawn(2)
@@ -188,7 +183,7 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
     found = localize(amcl, grid, drive, seed, None)
     is_right = _is_right(found["poses"], drive.truth)
     turned = [[motion.compose(Pose2D(*pose)) for pose in drive.truth.tolist()] for motion in symmetries(grid)]
-    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), HOLD) for truth in turned]
+    after_turned = [right_since(_is_right(found["poses"], np.array(truth)), MIN_CORRECT_TIME) for truth in turned]
 
     scans = round(KIDNAPPED_AT / PERIOD)
     kidnapped = drive.then(elsewhere, scans)
@@ -199,24 +194,24 @@ def run(world: str, preset: str, physics: str, seed: int) -> Row:
         "tracking_m": rms(distance),
         "tracking_deg": math.degrees(rms(angle)),
         "lost_while_right": float(np.mean(tracked["is_lost"] & _is_right(tracked["poses"], drive.truth))),
-        "global_after": right_since(is_right, HOLD),
-        "global_after_up_to_symmetry": min([right_since(is_right, HOLD), *after_turned]),
-        "kidnapped_after": right_since(is_right_again, HOLD),
+        "global_after": right_since(is_right, MIN_CORRECT_TIME),
+        "global_after_up_to_symmetry": min([right_since(is_right, MIN_CORRECT_TIME), *after_turned]),
+        "kidnapped_after": right_since(is_right_again, MIN_CORRECT_TIME),
         "kidnapped_noticed_after": first_time(is_lost_again),
-        "confident_and_wrong": float(np.mean(wrong)),  # share of the time of these two experiments
+        "confident_and_wrong": float(np.mean(wrong)),
     }
 
 
 def _is_right(poses: np.ndarray, truth: np.ndarray) -> np.ndarray:
     distance, angle = trajectory_errors(poses, truth)
-    return (distance <= NEAR) & (angle <= NEAR_ANGLE)
+    return (distance <= MAX_POSITION_ERROR) & (angle <= MAX_HEADING_ERROR)
 
 
 def compare_on_log(log: Path = LOG) -> list[Row]:
-    """AMCL on the log of a real robot, on a map made from its reference poses; medians over seeds.
+    """AMCL on the log of a real robot, with a map from its reference poses; medians over seeds.
 
     Args:
-        log: whose arrays also hold the reference, `corr`.
+        log: log file with reference poses (`corr`).
     """
     read, drive = load_reference(log)
     grid = reference_map(read, drive.truth)
@@ -230,7 +225,7 @@ def compare_on_log(log: Path = LOG) -> list[Row]:
 
 
 def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive]:
-    """Read the first scans of a log, None for all, with their reference poses, which begin at the origin."""
+    """Read a log and its reference poses, relative to the first pose; at most `num_scans` scans."""
     log = load_log(path)
     log = replace(log, scan_rows=log.scan_rows[:num_scans], ranges=log.ranges[:num_scans])
     with np.load(path) as arrays:
@@ -241,7 +236,7 @@ def load_reference(path: Path, num_scans: int | None = None) -> tuple[Log, Drive
 
 
 def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
-    """Draw a log at reference poses, shape (m, 3) [m, rad], seen from the first one, which becomes the origin."""
+    """Return the map of a log at its reference poses, shape (m, 3) [m, rad]."""
     mapper = KnownPoses(log.lidar, HIT_COUNTS)
     mapper.reset(np.random.default_rng(0))
     poses = [Pose2D(0.0, 0.0, 0.0), *(Pose2D(*row) for row in reference.tolist())]
@@ -253,10 +248,7 @@ def reference_map(log: Log, reference: np.ndarray) -> OccupancyGrid:
 
 
 def measure_filter(drive: Drive, lidar: LidarParams, grid: OccupancyGrid, params: AmclParams, seed: int) -> Row:
-    """Track the robot of a log along its raw odometry from the first reference pose on, on a map in their frame.
-
-    Returns errors over all scans against the reference, time of an update and number of particles.
-    """
+    """Return AMCL's pose errors, update time, number of particles and lost share on a log with raw odometry."""
     done = localize(Amcl(lidar, params), grid, drive, seed, LOG_START_STD)
     distance, angle = trajectory_errors(done["poses"], drive.truth)
     return {

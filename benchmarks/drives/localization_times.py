@@ -1,4 +1,4 @@
-"""What AMCL's updates cost, and a picture of how it localizes."""
+"""Update times of AMCL."""
 
 import itertools
 from dataclasses import replace
@@ -22,18 +22,15 @@ from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.tasks.goals import known_map
 
 REPEATS = 5
-"""Measurements of a time; the median of their medians is reported."""
 PARTICLE_TIMES = {"0": 0.0, "1": 0.2, "2": 3.0, "3": 15.0}
-"""Times at which particles are drawn [s], by the panel."""
+"""Times of the particle plots [s], by panel."""
 
 
 def time_amcl(picture: Path | None = None) -> list[Row]:
-    """Time of AMCL's whole updates [us] in the house: by number of particles, and as it falls in a global localization.
-
-    Fixed numbers of particles are timed with 60 beams that all return: the lidar gets a range of 15 m.
+    """Update times of AMCL [us] by number of particles, and during global localization.
 
     Args:
-        picture: also draw particles, errors of a kidnapped robot and cost to this file.
+        picture: also plot particles, errors of a kidnapped robot, and update times to this file.
     """
     house = load_known_world("turtlebot3_house")
     lidar, grid = replace(house.robot.lidar, range_max=15.0), known_map(house.area)
@@ -57,17 +54,17 @@ def time_amcl(picture: Path | None = None) -> list[Row]:
 
 
 def cost_by_size(setup: Setup, seed: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time the default preset in global localization: times of the scans used [s], particles weighted, updates [us]."""
+    """Return scan times [s], numbers of particles, and update times [us] during global localization."""
     drive, params = record_from_anywhere(setup, np.random.SeedSequence(seed), 30.0), PRESETS["default"]
     amcl, grid = Amcl(setup.robot.lidar, params), known_map(setup.area)
-    localize(amcl, grid, drive, seed, None)  # compiles the kernels
+    localize(amcl, grid, drive, seed, None)  # compiles
     done = localize(amcl, grid, drive, seed, None)
     weighted, used = np.concatenate([[params.most_particles], done["num_particles"][:-1]]), done["is_corrected"]
     return PERIOD * np.flatnonzero(used), weighted[used], 1e6 * done["seconds"][used]
 
 
 def draw(setup: Setup, seed: int, cost: tuple[np.ndarray, np.ndarray, np.ndarray], path: Path) -> None:
-    """Draw particles during global localization, errors of a kidnapped robot over time, and cost (`cost_by_size`)."""
+    """Plot particles of a global localization, errors of a kidnapped robot, and update times (`cost_by_size`)."""
     figure, grid = Figure(figsize=(15, 7.6), layout="constrained"), known_map(setup.area)
     axes, amcl = figure.subplot_mosaic("0123;eecc"), Amcl(setup.robot.lidar, PRESETS["default"])
     seeds, kidnapped_at = np.random.SeedSequence(seed), round(KIDNAPPED_AT / PERIOD)

@@ -1,4 +1,4 @@
-"""Pictures of the maps of SLAMs side by side."""
+"""Figures of SLAM maps."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -15,36 +15,36 @@ from lidarnaut.envs.estimation import ORIGIN
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Pose2D
 from lidarnaut.envs.rendering import style
 
-NEAR = 0.15
-"""Distance from a true wall up to which a wall of a map is where it should be [m]."""
-MARGIN = 0.5
-"""Around what is shown [m]."""
+WALL_TOLERANCE = 0.15
+"""Maximum distance of a correct map wall from a true wall [m]."""
+VIEW_MARGIN = 0.5
+"""Margin around the plotted points [m]."""
 COLUMNS, WIDTH = 3, 10.5
-"""Panels in a row; width of a picture [in]."""
+"""Panels per row, and width of the figure [in]."""
 PATH, WRONG = style.TRUE, style.ESTIMATED
 LEGEND = {"wall": style.OCCUPIED, "free": style.FREE, "unknown": style.UNKNOWN, "path": PATH}
 
 
 class Panel(NamedTuple):
-    """One map in a picture, whose frame is the world's or, of a log, that of the start."""
+    """Map in a figure."""
 
     title: str
     grid: OccupancyGrid
     path: np.ndarray
-    """Shape (n, >= 2) [m]."""
+    """Estimated path, shape (n, >= 2) [m]."""
     wrong: np.ndarray | None = None
-    """Shape of the map, bool: walls that are not where they should be."""
+    """Misplaced wall cells, shape of the map, bool."""
     map_pose: Pose2D = ORIGIN
     """Pose of the map frame."""
 
 
 def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str) -> None:
-    """Draw the same part of the plane in each panel at the same scale, with a scale bar, a note and a legend below.
+    """Plot maps side by side at equal scale, with scale bar, note and legend.
 
     All `points`, shape (k, 2) [m], are in view.
     """
-    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - MARGIN, points.max(axis=0) + MARGIN
-    legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {NEAR:g} m off": WRONG}
+    (x_min, y_min), (x_max, y_max) = points.min(axis=0) - VIEW_MARGIN, points.max(axis=0) + VIEW_MARGIN
+    legend = LEGEND if panels[-1].wrong is None else {**LEGEND, f"wall more than {WALL_TOLERANCE:g} m off": WRONG}
     lines = -(-len(panels) // COLUMNS)
     height = lines * (WIDTH / COLUMNS * (y_max - y_min) / (x_max - x_min) + 0.3) + 0.4
     figure = Figure(figsize=(WIDTH, height), layout="constrained")
@@ -80,12 +80,12 @@ def draw_maps(path: Path, panels: Sequence[Panel], points: np.ndarray, note: str
 
 
 def wrong_cells(grid: OccupancyGrid, map_pose: Pose2D, walls: OccupancyGrid) -> np.ndarray:
-    """Return which cells of a map are occupied and lie more than `NEAR` from true walls, world frame, or outside."""
+    """Return a mask of occupied map cells too far from the true walls (`walls`, world frame)."""
     distance = ndimage.distance_transform_edt(walls.data == 0) * walls.resolution
     occupied = np.argwhere(grid.data >= 65)
     cells = walls.cells(map_pose.transform(grid.centers(occupied)))
     is_wrong = ~walls.contains(cells)
-    is_wrong[~is_wrong] = distance[tuple(cells[~is_wrong].T)] > NEAR
+    is_wrong[~is_wrong] = distance[tuple(cells[~is_wrong].T)] > WALL_TOLERANCE
     wrong = np.zeros(grid.data.shape, dtype=np.bool_)
     wrong[tuple(occupied[is_wrong].T)] = True
     return wrong

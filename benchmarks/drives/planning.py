@@ -1,4 +1,4 @@
-"""What planning costs on the whole map of a world."""
+"""Planning times on complete maps."""
 
 import timeit
 from collections.abc import Callable
@@ -23,15 +23,13 @@ from lidarnaut.envs.worlds import explorable_area, load_world
 
 
 def _least(work: Callable[[], object], repeats: int = 15) -> float:
-    """Return the least wall-clock time of some work [us], after a run that compiles it: other work only adds to it."""
+    """Return the minimum time of a function after one warm-up call [us]."""
     work()
     return 1e6 * min(timeit.repeat(work, number=1, repeat=repeats))
 
 
 def time_planning(worlds: tuple[str, ...] = ("turtlebot3_house", "tugbot_warehouse")) -> list[Row]:
-    """What planning costs on the whole map of a world [us], on one core.
-
-    How surely and how fast policies get to goals is measured by `evaluate.py --id lidarnaut/Navigate-v0`.
+    """Planning times on the complete map of a world [us], on one core.
 
     Args:
         worlds: library worlds.
@@ -40,7 +38,6 @@ def time_planning(worlds: tuple[str, ...] = ("turtlebot3_house", "tugbot_warehou
 
 
 def planning_costs(name: str) -> Row:
-    """Measure the costs in one world."""
     world, robot = load_world(name), choose_robot(None, name)
     area = explorable_area(world, robot, RESOLUTION)
     grid = known_map(area)
@@ -48,7 +45,7 @@ def planning_costs(name: str) -> Row:
     costmap, planning = make_costmap(grid, params), PlanningMap(robot, grid.resolution, PlanningParams(cell=0.05))
     planning.update(grid, None)
     rng = np.random.default_rng(0)
-    # The two cells of this map that are farthest from each other: farthest from anywhere, then farthest from there.
+    # Find a distant pair of cells.
     ends = [world.spawns[0][:2]]
     for _ in range(2):
         field = travel_field(costmap, ends[-1])

@@ -1,4 +1,4 @@
-"""Drives through known worlds, recorded once and replayed through SLAMs and localizers as often as needed."""
+"""Simulated drives in known worlds, recorded once and replayed through estimators."""
 
 import math
 import os
@@ -21,44 +21,43 @@ from lidarnaut.envs.simulation import Reading, Twist, make_simulator
 from lidarnaut.envs.worlds import ExplorableArea, World, explorable_area
 
 RESOLUTION = 0.05
-"""Side of a map cell [m]."""
+"""Map resolution [m]."""
 PERIOD = 0.1
-"""Time between two commands and scans [s]."""
+"""Control and scan period [s]."""
 DATA = Path(os.environ.get("LIDARNAUT_DATA", Path(__file__).resolve().parents[3] / "shared" / "data"))
 LOG = DATA / "intel" / "scans_2725.npz"
-"""The log of the Intel Research Lab."""
+"""Log of the Intel Research Lab."""
 Row = dict[str, Any]
-"""A line of a table, by the names of its columns; a value of None was never reached."""
+"""Table row by column name; None stands for never."""
 
 
 class Setup(NamedTuple):
-    """What drives are recorded with."""
+    """World, robot and simulator of a recording."""
 
     world: World
     robot: RobotParams
     area: ExplorableArea
-    """The poses that the robot can reach."""
+    """Poses reachable for the robot."""
     physics: str
 
 
 def make_setup(world: World, robot: RobotParams, physics: str) -> Setup:
-    """Return a setup with the poses that a robot can reach in a world."""
     return Setup(world, robot, explorable_area(world, robot, RESOLUTION), physics)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Drive:
-    """What a robot recorded at n scans, and the ground truth."""
+    """Recorded drive with n scans."""
 
     ranges: np.ndarray
-    """Shape (n, num_beams), float32 [m]."""
+    """Lidar ranges, shape (n, num_beams), float32 [m]."""
     motions: np.ndarray
-    """Shape (n, 3), float64: the base by odometry, seen from the base one scan before [m, rad]; 0 at the start."""
+    """Odometry motion since the previous scan, in the previous base frame: shape (n, 3), float64 [m, rad]."""
     truth: np.ndarray
-    """Shape (n, 3), float64: true poses, world frame [m, rad]."""
+    """True poses in the world frame, shape (n, 3), float64 [m, rad]."""
 
     def then(self, other: "Drive", scans: int) -> "Drive":
-        """Return a drive whose robot is kidnapped after some scans: moved, unnoticed, to the start of another drive."""
+        """Return this drive up to `scans`, continued by another one without odometry in between (kidnapped robot)."""
         pairs = (self.ranges, other.ranges), (self.motions, other.motions), (self.truth, other.truth)
         return Drive(*(np.concatenate([own[:scans], others]) for own, others in pairs))
 
@@ -70,7 +69,7 @@ def record(
     rng_driver: np.random.Generator,
     duration: float,
 ) -> Drive:
-    """Drive a robot from a pose in the world, by ground truth, to one random goal after another, for so long [s]."""
+    """Record a drive from `start` to random goals for `duration` [s], controlled by ground truth."""
     robot = setup.robot
     params = CostmapParams(robot_radius=robot.radius + 0.02, inflation_radius=robot.radius + 0.5)
     costmap, path = make_costmap(setup.area.walls, params), np.empty((0, 2))
@@ -94,13 +93,11 @@ def record(
 
 
 def _ahead(path: np.ndarray, pose: Pose2D) -> np.ndarray:
-    """Return the part of a path, shape (k, 2) [m], after its last point that has been reached."""
     near = np.flatnonzero(np.hypot(*(path - pose[:2]).T) < 0.3)
     return path[near[-1] + 1 :] if len(near) else path
 
 
 def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
-    """Return the command that leads to a point in the robot's frame, shape (2,) [m]."""
     angle, top_w = math.atan2(carrot[1], carrot[0]), min(robot.max_w, 1.0)
     if abs(angle) > 0.6:
         return Twist(0.0, math.copysign(top_w, angle))
@@ -108,17 +105,16 @@ def _steer(robot: RobotParams, carrot: np.ndarray) -> Twist:
 
 
 def record_drive(setup: Setup, seed: int, duration: float) -> Drive:
-    """Drive a robot from the world's first spawn to random goals, so long [s]; the seed is that of noise and goals."""
+    """Record a drive from the first spawn pose to random goals for `duration` [s]."""
     rng_simulator, _, rng_driver = np.random.default_rng(seed).spawn(3)
     return record(setup, setup.world.spawns[0], rng_simulator, rng_driver, duration)
 
 
 def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarray]:
-    """Run an estimator, which was reset, along a drive with n scans.
+    """Run an estimator along a drive with n scans.
 
-    Returns:
-        `poses`, estimated, shape (n, 3), float64 [m, rad]; `is_lost`, shape (n,), bool; `seconds`, the time of each
-        update, shape (n,), float64; and attributes of the estimator after each update, by their names.
+    Returns estimated `poses`, shape (n, 3) [m, rad], `is_lost`, shape (n,), update times `seconds`, shape (n,), and the
+    attributes in `noted`.
     """
     rows = []
     for ranges, motion in zip(drive.ranges, drive.motions.tolist()):
@@ -130,7 +126,7 @@ def track(estimator: Estimator, drive: Drive, *noted: str) -> dict[str, np.ndarr
 
 
 def right_since(is_right: np.ndarray, hold: float) -> float:
-    """Return since when flags, shape (n,), bool, are set to the end [s]; infinite if for less than `hold` [s]."""
+    """Return the time since all flags are set [s]; inf if for less than `hold` [s]."""
     if not is_right[-round(hold / PERIOD) :].all():
         return math.inf
     wrong = np.flatnonzero(~is_right)
@@ -138,12 +134,12 @@ def right_since(is_right: np.ndarray, hold: float) -> float:
 
 
 def first_time(flags: np.ndarray) -> float:
-    """Return when the first of some flags is set, shape (n,), bool [s]; infinite if none is."""
+    """Return the time of the first set flag [s]; inf if none."""
     return float(np.argmax(flags)) * PERIOD if flags.any() else math.inf
 
 
 def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: int, desc: str) -> list[Any]:
-    """Call a function with each tuple of arguments, by so many processes, behind a progress bar; return the results."""
+    """Call a function with each tuple of arguments in `jobs` processes; return the results."""
     if jobs == 1:
         return [work(*task) for task in Progress(tasks, desc)]
     with make_pool(jobs, None) as pool:
@@ -151,5 +147,4 @@ def run_each(work: Callable[..., Any], tasks: Sequence[tuple[Any, ...]], jobs: i
 
 
 def medians(rows: Sequence[Row]) -> Row:
-    """Return the median of each column."""
     return {key: float(np.median([row[key] for row in rows])) for key in rows[0]}

@@ -1,7 +1,6 @@
-"""SLAMs on the log of a real robot, on simulated drives, and with kidnapped robots.
+"""Accuracy of SLAM on the log of a real robot, on simulated drives, and with kidnapped robots.
 
-Robots are driven by ground truth to random goals, so that the route, the same for every SLAM, does not depend on
-estimates. Errors are against ground truth in the frame of the start: what the map itself is off is part of them.
+Robots are driven by ground truth, so the route is equal for every SLAM. Errors are in the frame of the start pose.
 """
 
 import itertools
@@ -49,7 +48,7 @@ DRIVES = (
     "rmf_hotel_L1:tugbot",
     "tugbot_warehouse:tugbot",
 )
-"""Worlds and robots: lidars of 3.5 m, and of 10 m."""
+"""Simulated drives as `WORLD:ROBOT`; lidar ranges are 3.5 m (Burger) and 10 m (Tugbot)."""
 HELD_OUT = (
     "aws_small_house",
     "aws_small_warehouse",
@@ -60,11 +59,9 @@ HELD_OUT = (
     "rooms:1",
     "maze:1",
 )
-"""Worlds for kidnapped robots, none of them symmetric: no threshold of `lidarnaut.envs.slam.relocalization` may be
-chosen on them.
-"""
-FOUND = 0.5
-"""Position error up to which a kidnapped robot has found its pose again [m]."""
+"""Asymmetric test worlds for kidnapped robots; not used for tuning the relocalization."""
+MAX_POSITION_ERROR = 0.5
+"""Maximum position error of a relocalized robot [m]."""
 
 
 def compare_slams(
@@ -79,21 +76,19 @@ def compare_slams(
     tilt: float = 0.0,
     picture: Path | None = None,
 ) -> list[Row]:
-    """All SLAMs on a log, by its relation error, and on simulated drives, by root mean squares over all scans.
-
-    `--slams hector odometry` compares with the robot's own odometry. Figures are medians over seeds.
+    """Accuracy of SLAM: relation errors on a log, RMSE on simulated drives; medians over seeds.
 
     Args:
-        slams: names of SLAMs.
-        drives: `WORLD:ROBOT`, each from the library or paths of files.
-        log: log of a real robot, as the Intel Research Lab's; SLAMs take their preset `intel`.
-        relations: its hand-verified relations (Kuemmerle et al., On measuring the accuracy of SLAM algorithms, 2009).
-        seeds: drives in each world, and runs on the log.
-        minutes: length of each drive [min].
-        physics: simulator of the drives.
-        preset: of the parameters of the SLAMs on the drives.
-        tilt: pitch of the lidar, positive looking down [deg]; the SLAM takes it to be level.
-        picture: also draw the maps of the last drive, or without drives of the log, to this file.
+        slams: names of SLAMs, `odometry` for raw odometry.
+        drives: `WORLD:ROBOT`, names or paths.
+        log: log of a real robot; SLAMs use their preset `intel`.
+        relations: hand-verified relations of the log (Kuemmerle et al., 2009).
+        seeds: drives per world, and runs on the log.
+        minutes: duration of a drive [min].
+        physics: simulator.
+        preset: SLAM parameters on the drives.
+        tilt: lidar pitch, positive down, unknown to the SLAM [deg].
+        picture: also plot the maps of the last drive or of the log to this file.
     """
     if (log is None) != (relations is None):
         raise ValueError("--log and --relations go together")
@@ -126,7 +121,7 @@ def compare_slams(
 def compare_on_log(
     log_path: Path, relations_path: Path, slams: tuple[str, ...], seeds: int, picture: Path | None = None
 ) -> list[Row]:
-    """Return the medians over seeds of each SLAM on a log with its preset `intel`; draw the maps of the last seed."""
+    """Return the median errors of each SLAM on a log; plot the maps of the last seed to `picture`."""
     log, relations, rows, panels = load_log(log_path), load_labelled(relations_path), [], []
     for name in Progress(slams, log_path.stem, leave=False):
         params, found = SLAMS[name].load("intel"), []
@@ -143,7 +138,7 @@ def compare_on_log(
         rows.append({"slam": name, "data": log_path.stem, **medians(found)})
         panels.append(Panel(f"{name}: {row['translation_m']:.3f} m", slam.belief.grid, replayed.final))
     if picture is not None:
-        # The map of the odometry is larger than the building, and would leave no room for it.
+        # Raw odometry would enlarge the view.
         inside = [panel.path[:, :2] for name, panel in zip(slams, panels) if name != "odometry" or len(slams) == 1]
         view = np.array([np.min(np.concatenate(inside), axis=0) - 5.0, np.max(np.concatenate(inside), axis=0) + 5.0])
         draw_maps(picture, panels, view, f"{log_path.stem}: final maps and poses, mean relation error")
@@ -151,7 +146,7 @@ def compare_on_log(
 
 
 def measure_drive(setup: Setup, drive: Drive, slam: Estimator, seed: int) -> tuple[Row, np.ndarray]:
-    """Run a SLAM along a drive from the first spawn; return what was measured, and its poses in the world, (n, 3)."""
+    """Run a SLAM along a drive; return errors and times, and the estimated poses in the world frame, shape (n, 3)."""
     slam.reset(np.random.default_rng(seed).spawn(2)[1])
     tracked, start = track(slam, drive), setup.world.spawns[0]
     poses = compose_poses(np.array([start]), tracked["poses"])
@@ -175,19 +170,18 @@ def compare_kidnapped(
     seconds: float = 180.0,
     jobs: Count = 1,
 ) -> list[Row]:
-    """Kidnapped robots: each maps a world for some minutes, and is then put down elsewhere in it, unnoticed.
+    """Kidnapped robots: number that report to be lost, that relocalize, and that end at a wrong pose without a report.
 
-    Counted is whether the SLAM says that it is lost, whether it finds its pose again, and whether it ends at a wrong
-    one that it does not report; times are medians [s].
+    Times are medians [s].
 
     Args:
         slams: names of SLAMs.
         worlds: library worlds, or `FAMILY:SEED`.
         robot: library robot.
-        seeds: robots that are kidnapped in each world.
-        minutes: mapping before [min].
-        seconds: driving afterwards [s].
-        jobs: processes.
+        seeds: robots per world.
+        minutes: mapping time [min].
+        seconds: driving time after the robot was moved [s].
+        jobs: number of processes.
     """
     tasks = [(slam, world, robot, k, minutes, seconds) for slam in slams for world in worlds for k in range(seeds)]
     outcomes = np.array(run_each(kidnap, tasks, jobs, "kidnapped robots"))
@@ -205,11 +199,10 @@ def compare_kidnapped(
 def kidnap(
     slam_name: str, world: str, robot: str, seed: int, minutes: float, seconds: float
 ) -> tuple[float, float, bool]:
-    """Map a world for some minutes, move the robot, and go on for some seconds.
+    """Map a world for `minutes`, move the robot, and continue for `seconds`.
 
-    Returns:
-        Time until the SLAM said that it was lost [s], infinite if it never did; time until its position was right, and
-        stayed so, without `is_lost` [s]; whether it ends without `is_lost` at a wrong position.
+    Returns the time until `is_lost` is set [s], the time since the position is correct [s], and whether the robot ends
+    at a wrong position without `is_lost`. Times are inf if never.
     """
     family, _, number = world.partition(":")
     found = FAMILIES[family](int(number)) if family in FAMILIES else load_world(world)
@@ -223,5 +216,5 @@ def kidnap(
     after = {name: values[len(first.ranges) :] for name, values in track(slam, drive).items()}
     poses, is_lost = compose_poses(np.array([start]), after["poses"]), after["is_lost"]
     errors = trajectory_errors(poses, drive.truth[len(first.ranges) :])[0]
-    found_after = right_since(~is_lost & (errors <= FOUND), PERIOD)
-    return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > FOUND)
+    found_after = right_since(~is_lost & (errors <= MAX_POSITION_ERROR), PERIOD)
+    return first_time(is_lost), found_after, bool(not is_lost[-1] and errors[-1] > MAX_POSITION_ERROR)

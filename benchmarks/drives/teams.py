@@ -1,4 +1,4 @@
-"""How much faster several robots explore than fewer, and than by another rule."""
+"""Speed-up of exploration by teams."""
 
 from dataclasses import replace
 from itertools import product
@@ -21,7 +21,7 @@ from lidarnaut.envs.tasks.explore import MAX_ROBOTS, Explore
 from lidarnaut.envs.worlds import FAMILIES
 
 MARK = 0.95
-"""Explored fraction at which the time is taken, and the episode ends."""
+"""Explored fraction that ends an episode."""
 MEASURES = Measures(Explore.measures, Explore.progress)
 TIME = next(measure for measure in Explore.measures if measure.name == "time_to_95")
 SPEED_UP = Measure("speed_up", "T(1) / T(n)", "", True, digits=2)
@@ -39,21 +39,18 @@ def compare_teams(
     slam: str = DEFAULT_SLAM,
     out: Path = Path("runs/team"),
 ) -> list[Row]:
-    """How much faster several robots explore than fewer, and by one policy than by another.
-
-    The same seed is the same world and the same start for every number of robots and every policy, so times are
-    compared pair by pair.
+    """Exploration times of teams by number of robots and by policy, compared in pairs of equal seeds.
 
     Args:
-        worlds: library worlds and procedural families (20 m x 20 m, test seeds).
-        robots: numbers of robots; speed-ups are over the first one.
-        policies: classic ones for teams; relative times are over those of the first one.
-        episodes: seeds in each world.
-        jobs: processes.
-        seed: of the first episode; the next ones count up.
+        worlds: library worlds and procedural families (20 m x 20 m, test split).
+        robots: numbers of robots; the first is the base of speed-ups.
+        policies: classic team policies; the first is the base of relative times.
+        episodes: seeds per world.
+        jobs: number of processes.
+        seed: first seed.
         physics: simulator.
-        slam: name of a SLAM whose map robots can share.
-        out: folder of the evaluations; run again, the command goes on where it stopped.
+        slam: SLAM with maps that robots can share.
+        out: output folder; an interrupted run resumes.
     """
     found: list[Row] = []
     for num, policy in product(robots, policies):
@@ -78,9 +75,9 @@ def compare_teams(
 
 
 def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...] = ("rrt_team",)) -> list[Row]:
-    """Return a line for each world, policy and number of robots, of rows whose policy is such as "rrt_team 3".
+    """Return a table row per world, policy and team size; `policy` in `rows` is such as "rrt_team 3".
 
-    Ratios are interquartile means over pairs; where one time never reached 95 %, they are bounds.
+    Ratios are interquartile means over pairs, or bounds if 95 % was not reached.
     """
     together, lines = Episodes(rows, MEASURES), list[Row]()
     worlds = together.by_case()
@@ -102,7 +99,6 @@ def summarise(rows: list[Row], robots: tuple[int, ...], policies: tuple[str, ...
 
 
 def _ratio(here: Episodes, a: str, b: str, measure: Measure) -> str:
-    """Return what the times of a are over those of b, pair by pair."""
     reached = [np.isfinite(times) for times in here.pairs(a, b, replace(TIME, limit=""))[0]]
     ratio = estimate([x / y for x, y in zip(*here.pairs(a, b, TIME), strict=True)], reached if a != b else None)
     return "{} [{}]".format(*texts(measure, ratio))

@@ -1,1 +1,1 @@
-"""Speed: kernels, physics, environments, decisions and training, beside the usual design of an environment."""
+"""Benchmarks of throughput and kernels."""

@@ -1,10 +1,7 @@
-"""How fast everything is: `python -m lidarnaut.benchmarks.speed`.
+"""Throughput of kernels, simulators, environments and training: `python -m lidarnaut.benchmarks.speed`.
 
-All designs are measured in turn, in one run, pinned to one core unless said; every figure is a median. They explore
-the same two halls with the same robot (360 beams of 10 m, ten steps per second, cells of 0.05 m) and the same actions,
-under TinySLAM (100 candidates) and at the true pose. `naive` is what one writes with PyBullet and NumPy; its map crop
-has 64 x 64 pixels, the two crops of the other designs 40 x 40 each. `ppo` is a whole training, rollouts and updates.
-Run it on a machine that does nothing else.
+Measurements are interleaved, pinned to one core unless noted; values are medians. All designs explore two halls with
+the same robot (360 beams, 10 m, 10 Hz), with TinySLAM or the true pose.
 """
 
 import contextlib
@@ -30,7 +27,7 @@ from lidarnaut.envs.progress import Progress
 Stage = Literal["designs", "kernels", "memory", "growth", "physics", "decisions", "people"]
 PLOT = Path(__file__).resolve().parents[2] / "docs" / "images" / "throughput.png"
 BODIES = (50, 300)
-"""Crates and pillars in the halls that are driven in."""
+"""Numbers of obstacles in the halls."""
 PACKAGES = ("numba", "numpy", "gymnasium", "stable-baselines3")
 
 AXES = {
@@ -38,7 +35,7 @@ AXES = {
     "map_cells": "cells along each side of a map of 20 m",
     "num_envs": "sub-environments",
 }
-"""What the panels are about."""
+"""Axis labels of the growth plots."""
 COLOURS = {"tinyslam": "#1668b8", "truth": "#d2600c"}
 
 
@@ -47,12 +44,12 @@ def main(
     json_file: Annotated[Path | None, tyro.conf.arg(name="json")] = None,
     quick: bool = False,
 ) -> None:
-    """Measure, print a table for each stage, and draw how cost grows with beams, cells and sub-environments.
+    """Measure, print a table per stage, and plot the cost of a step.
 
     Args:
-        only: what to measure.
-        json_file: also write everything measured to this file.
-        quick: shorter measurements, no growth.
+        only: stages to measure.
+        json_file: also write the results to this file.
+        quick: shorter measurements, without growth.
     """
     seconds, repeats = (0.1, 3) if quick else (0.4, 5)
     results: dict[str, Any] = {"machine": machine()}
@@ -80,7 +77,7 @@ def main(
 
 
 def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
-    """Return a row for each design, with a column for each hall and SLAM: steps per second, how often naive's."""
+    """Return a row per design, with steps per second and the ratio to `naive` for each hall and SLAM."""
     lines: dict[tuple[Any, ...], dict[str, Any]] = {}
     for row in rows:
         design = {key: row[key] for key in ("name", "num_envs", "cores")}
@@ -90,7 +87,6 @@ def side_by_side(rows: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
-    """Return a table of rows that have the same keys."""
     made = Table(*rows[0], title=title)
     for row in rows:
         made.add_row(*(f"{value:,.4g}" if isinstance(value, float) else str(value) for value in row.values()))
@@ -98,7 +94,7 @@ def table(title: str, rows: Sequence[dict[str, Any]]) -> Table:
 
 
 def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
-    """Draw rows of `grows` (of `AXES`), `slam`, `at` and `us`, and write the picture as PNG."""
+    """Plot step times [us] over beams, map cells and sub-environments; save as PNG."""
     figure = Figure(figsize=(11, 3.6), layout="constrained")
     keys = list(dict.fromkeys(row["grows"] for row in rows))
     panels = figure.subplots(1, len(keys), sharey=True, squeeze=False)[0]
@@ -116,12 +112,11 @@ def plot_growth(rows: Sequence[dict[str, Any]], path: Path) -> None:
         panel.spines[["top", "right"]].set_visible(False)
     panels[0].set_ylabel("time for a step of one sub-environment [µs]")
     panels[0].legend(frameon=False, title="pose from")
-    figure.suptitle("What a step of the vector environment costs on one core", x=0.01, ha="left", fontsize=11)
+    figure.suptitle("Time of a step of the vector environment on one core", x=0.01, ha="left", fontsize=11)
     figure.savefig(path, dpi=150, metadata={"Software": None})
 
 
 def machine() -> dict[str, str]:
-    """Say what the figures were measured on."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.is_file() else []
     model = next((line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")), "")

@@ -1,4 +1,4 @@
-"""The designs whose throughput is compared, each behind the same two calls."""
+"""Environment designs whose throughput is compared."""
 
 import contextlib
 import dataclasses
@@ -18,75 +18,73 @@ from lidarnaut.benchmarks.speed.naive import NaiveExploreEnv
 from lidarnaut.envs.robots import RobotParams, load_robot
 
 ID = "lidarnaut:lidarnaut/Explore-v0"
-HOLD, NUM_ACTIONS = 10, 500
-"""Steps for which an action is held, at white noise a robot would tremble on the spot; actions before they repeat."""
+ACTION_REPEAT, NUM_ACTIONS = 10, 500
+"""Steps per action (white noise would keep the robot in place), and number of distinct actions."""
 TRAINING = Path(__file__).parents[2] / "configs" / "rooms_fast.yaml"
-"""Network and settings of `ppo`; where it learns and in how many sub-environments is up to the benchmark."""
-FEW, MANY = 16, 256
-"""Sub-environments of the vector environments that are measured on one core and on two."""
+"""Training configuration of `ppo`."""
+FEWEST_ENVS, MOST_ENVS = 16, 256
+"""Smallest and largest number of sub-environments of the compared vector environments."""
 
 
 class Design(NamedTuple):
-    """What is measured, and on how much of the machine."""
+    """Environment design with its number of sub-environments and cores."""
 
     name: str
-    """`naive`: `lidarnaut.benchmarks.speed.naive`. `bullet` and `kinematic`: the single environment under either
-    physics. `vector` and `bullet_vector`: `lidarnaut.envs.vector`, under either physics. `subproc`: the single
-    kinematic environment in stable-baselines3's `SubprocVecEnv`. `ppo`: PPO of stable-baselines3 learning from
-    `vector`, end to end."""
+    """`naive`: PyBullet and NumPy. `bullet`, `kinematic`: single environment. `vector`, `bullet_vector`: vector
+    environment. `subproc`: `SubprocVecEnv` of stable-baselines3. `ppo`: PPO training on `vector`."""
     num_envs: int = 1
     cores: int = 1
-    """Cores that they may use; from two on, a vector environment has as many shards."""
+    """Number of cores; from two on, also the number of workers of a vector environment."""
 
 
 DESIGNS = (
     Design("naive"),
     Design("bullet"),
     Design("kinematic"),
-    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEW, 64, MANY)),
-    *(Design("bullet_vector", FEW, cores) for cores in (1, 2)),
+    *(Design("vector", num_envs, cores) for cores in (1, 2) for num_envs in (FEWEST_ENVS, 64, MOST_ENVS)),
+    *(Design("bullet_vector", FEWEST_ENVS, cores) for cores in (1, 2)),
     *(Design("subproc", 2, cores) for cores in (1, 2)),
-    Design("ppo", MANY, 2),
+    Design("ppo", MOST_ENVS, 2),
 )
-"""What is measured side by side; `naive` is first, since the others are told as multiples of it."""
+"""Compared designs; the first is the base of the ratios."""
 
 
 class Case(NamedTuple):
-    """A design at work in a hall, under "tinyslam" or "truth"."""
+    """Benchmark case: an environment design in a hall, with SLAM "tinyslam" or "truth"."""
 
     design: Design
     num_bodies: int
     slam: str
     num_beams: int = 360
     map_resolution: float = 0.05
-    """Side of a map cell [m]; the naive design has 0.05 m alone."""
+    """Map resolution [m]; ignored by `naive`, which uses 0.05."""
 
 
 class Drive(NamedTuple):
-    """Environments of one design that are being stepped."""
+    """Running environments of one design."""
 
     step: Callable[[int], object]
-    """Steps every sub-environment so many times."""
+    """Steps every sub-environment a number of times."""
     close: Callable[[], object]
     at_once: int
-    """Steps of a sub-environment between two looks at the clock."""
+    """Steps per sub-environment between clock readings."""
 
 
 def benchmark_robot(num_beams: int = 360) -> RobotParams:
-    """Return a TurtleBot3 Burger whose lidar sees 10 m far."""
+    """Return a TurtleBot3 Burger with a lidar range of 10 m."""
     robot = load_robot("turtlebot3_burger")
     return dataclasses.replace(robot, lidar=dataclasses.replace(robot.lidar, num_beams=num_beams, range_max=10.0))
 
 
 def make_actions(num_envs: int) -> Iterator[np.ndarray]:
-    """Yield actions without end, shape (num_envs, 2), float32: forward, turning either way; the same at every run."""
+    """Yield reproducible forward and turning actions, shape (num_envs, 2), float32."""
     table = np.random.default_rng(0).uniform((0.3, -1.0), 1.0, (NUM_ACTIONS, num_envs, 2)).astype(np.float32)
     while True:
-        yield from (actions for actions in table for _ in range(HOLD))
+        yield from (actions for actions in table for _ in range(ACTION_REPEAT))
 
 
 def open_drive(case: Case) -> Drive:
-    """Start driving in the middle of the hall that the case names."""
+    """Create and reset the environments of a case."""
     (name, num_envs, cores), hall, robot = case.design, make_hall(case.num_bodies), benchmark_robot(case.num_beams)
     physics = "bullet" if name.startswith("bullet") else "kinematic"
     arguments: dict[str, Any] = {"world": hall.world, "robot": robot, "slam": case.slam, "physics": physics}
@@ -98,13 +96,12 @@ def open_drive(case: Case) -> Drive:
     elif name == "subproc":
         from stable_baselines3.common.vec_env import SubprocVecEnv
 
-        # Imported once in the process that the others are forked from.
         multiprocessing.get_context("forkserver").set_forkserver_preload([SubprocVecEnv.__module__, __name__])
         env = SubprocVecEnv([make_single] * num_envs, start_method="forkserver")
         env.seed(0)
         env.reset()
     else:
-        # Not forked: a process that learns has threads, which copies of it would miss.
+        # A fork would miss the threads of a training process.
         env = gymnasium.make_vec(
             ID, num_envs, "vector_entry_point", start="spawn", map_resolution=case.map_resolution, context="forkserver",
             autoreset_mode=AutoresetMode.SAME_STEP if name == "ppo" else AutoresetMode.NEXT_STEP,
@@ -129,7 +126,6 @@ def open_drive(case: Case) -> Drive:
 
 
 def _train(env: gymnasium.vector.VectorEnv, cores: int) -> Drive:
-    """Learn by PPO with the network and the settings of `configs/rooms_fast.yaml`: rollouts and updates."""
     from stable_baselines3.common.logger import Logger
 
     from lidarnaut.agents.algorithms import build_model

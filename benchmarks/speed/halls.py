@@ -1,4 +1,4 @@
-"""Halls full of crates: worlds of any number of bodies, the same at every run."""
+"""Reproducible worlds with a given number of obstacles."""
 
 import math
 from functools import lru_cache
@@ -10,32 +10,32 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds import World
 
 SIDE, WALL = 16.0, 0.2
-"""Inner length and width of a hall, and thickness of its walls [m]."""
+"""Inner side length of a hall, and wall thickness [m]."""
 GAP, FREE_AROUND_SPAWN = 0.35, 0.7
-"""Least distance between two bodies, which the robots of the benchmark pass, and of any from the middle [m]."""
+"""Minimum gap between obstacles, and minimum distance to the spawn pose [m]."""
 PACKING = 0.45
-"""Share of the floor that the largest bodies would take, each with half the gap around it."""
+"""Share of floor area that the largest obstacles may cover, including half the gap."""
 PILLARS = 10
-"""Every so manieth body is round."""
+"""One of this many obstacles is a cylinder."""
 
 
 class Hall(NamedTuple):
-    """A closed square hall: inner faces of walls, outlines of crates, pillars as circles; and its crates and walls."""
+    """Square hall with crates and pillars."""
 
     world: World
     boxes: list[tuple[float, ...]]
-    """(x, y, yaw, length, width) of crates and walls [m, rad]."""
+    """Crates and walls as (x, y, yaw, length, width) [m, rad]."""
 
 
 def outline(x: float, y: float, yaw: float, length: float, width: float) -> np.ndarray:
-    """Return the four sides of a box, shape (4, 4), (x0, y0, x1, y1) [m]."""
+    """Return the sides (x0, y0, x1, y1) of a box, shape (4, 4) [m]."""
     corners = Pose2D(x, y, yaw).transform(0.5 * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]]) * (length, width))
     return np.hstack([corners, np.roll(corners, -1, axis=0)])
 
 
 @lru_cache(maxsize=2)
 def make_hall(num_bodies: int) -> Hall:
-    """Scatter crates and pillars over a hall, and leave room to pass everywhere; RuntimeError if not all fit."""
+    """Place crates and pillars at random; RuntimeError if they do not fit."""
     rng = np.random.default_rng(num_bodies)
     largest = math.sqrt(PACKING * SIDE**2 / (math.pi * num_bodies)) - 0.5 * GAP
     placed = np.empty((0, 3))
@@ -51,7 +51,7 @@ def make_hall(num_bodies: int) -> Hall:
         raise RuntimeError(f"{num_bodies} bodies do not fit into a hall of {SIDE} m x {SIDE} m")
     crates = []
     for x, y, radius in np.delete(placed, np.s_[::PILLARS], axis=0).tolist():
-        # The corners of a crate lie on its circle, which keeps it clear of its neighbours however it is turned.
+        # Crates are inscribed in their circle at any yaw.
         diagonal = rng.uniform(math.pi / 8, 3 * math.pi / 8)
         size = 2.0 * radius * math.cos(diagonal), 2.0 * radius * math.sin(diagonal)
         crates.append((x, y, float(rng.uniform(-math.pi, math.pi)), *size))

@@ -1,7 +1,6 @@
-"""Kernels, one by one, beside the same work in plain NumPy.
+"""Compare kernels with equivalent NumPy code.
 
-They run in compiled loops: from Python each call would cost microseconds of its own. The loops are compiled anew in
-each run, since cached ones would not notice that a kernel has changed.
+Kernels run in compiled loops, without call overhead. A cached loop would miss changes of its kernel.
 """
 
 import math
@@ -31,17 +30,17 @@ from lidarnaut.envs.slam.matcher import match, search_params
 from lidarnaut.envs.slam.scans import project_hits
 
 PERIOD, CROP_SIZE, CALLS = 0.1, 40, 1000
-"""Control period [s]; pixels along the sides of a crop; calls of a kernel that are timed together."""
+"""Control period [s], side of a map crop [pixels], kernel calls per timing."""
 
 
 class Kernel(NamedTuple):
-    """A kernel and the same work in NumPy, on the same input."""
+    """Kernel and reference implementation with equal input."""
 
     name: str
     function: Any
     arguments: tuple[Any, ...]
     read: Callable[[], np.ndarray]
-    """Returns what the kernel has computed."""
+    """Returns the output of the kernel."""
     reference: Callable[[], np.ndarray]
 
 
@@ -57,7 +56,7 @@ def _match(words, points, count, start, search, noise, trace, out):
 
 
 def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
-    """Return the median times of kernels and their references in a hall, measured in turn `repeats` times [us]."""
+    """Return the median times of kernels and references in a hall [us]."""
     rows = []
     for name, function, arguments, _, reference in make_kernels(num_bodies):
         _repeat(1, function, arguments)
@@ -69,16 +68,16 @@ def time_kernels(num_bodies: int, repeats: int) -> list[dict[str, Any]]:
 
 
 def make_kernels(num_bodies: int) -> list[Kernel]:
-    """Prepare every kernel with what it would meet in a hall: a robot with a map of what it has seen so far."""
+    """Return the kernels with realistic input: a robot in a partly mapped hall."""
     world, robot, params = make_hall(num_bodies).world, benchmark_robot(), load_params("default")
     lidar, rng = robot.lidar, np.random.default_rng(0)
     grid_map, naive = GridMap(params, lidar), NaiveSlam(lidar, params)
-    ranges, around = np.empty(lidar.num_beams, dtype=np.float32), (world.segments, world.circles)
+    ranges, obstacles = np.empty(lidar.num_beams, dtype=np.float32), (world.segments, world.circles)
     for angle in np.arange(12) * math.pi / 6:
         naive.pose = pose = Pose2D(0.2 * math.cos(angle), 0.2 * math.sin(angle), float(angle))
-        # Pose of the lidar; map frame and world frame are one here.
+        # Pose of the lidar; the map frame equals the world frame.
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
-        cast_rays(*sensor, lidar.beams, *around, ranges)
+        cast_rays(*sensor, lidar.beams, *obstacles, ranges)
         noisy = ranges + rng.normal(0.0, lidar.noise_std, ranges.shape).astype(np.float32)
         naive.integrate(noisy, params.quality)
         grid_map.integrate(noisy, pose, params.quality)
@@ -89,11 +88,11 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
     noise, trace = np.random.default_rng(0).standard_normal((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
     slow = (naive.values, points[:, :count], start, search[:2], (0.0, 0.0), noise, params.max_failed)
     command, normals, record, driven = (0.1, 1.0), (0.3, -0.2), robot_record(robot, PERIOD), np.zeros(STATE_SIZE)
-    moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *around)
+    moved = (np.zeros(STATE_SIZE), command, normals, PERIOD, int(record.substeps), robot, *obstacles)
     return [
         Kernel(
-            "cast_rays", cast_rays, (x, y, theta, lidar.beams, *around, ranges), lambda: ranges,
-            lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *around),
+            "cast_rays", cast_rays, (x, y, theta, lidar.beams, *obstacles, ranges), lambda: ranges,
+            lambda: cast_rays_in_numpy(x, y, theta + lidar.angles, lidar.range_max, *obstacles),
         ),
         Kernel(
             "match", _match, (grid_map.words, points, count, tuple(start), search, noise, trace, found), lambda: found,
@@ -101,9 +100,8 @@ def make_kernels(num_bodies: int) -> list[Kernel]:
         ),
         _integrate_scan(lidar, noisy, pose),
         *_crop(grid_map.grid, pose),
-        # A circle in the free middle of the hall, driven for ever.
         Kernel(
-            "advance", advance, (driven, command, normals, record, *around), driven.copy,
+            "advance", advance, (driven, command, normals, record, *obstacles), driven.copy,
             partial(advance_in_numpy, *moved),
         ),
     ]  # fmt: skip
@@ -117,7 +115,7 @@ def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D) -> Ker
     over = (empty.geometry, empty.corner, empty.model, params.quality, *room)
 
     def reference() -> np.ndarray:
-        naive.integrate(ranges, params.quality)  # a mean does not change when the same is averaged in again
+        naive.integrate(ranges, params.quality)  # averaging the same scan again changes nothing
         return naive.values
 
     arguments = (empty.words, empty.grid.data, ranges, tuple(pose), *over)
@@ -125,7 +123,6 @@ def _integrate_scan(lidar: LidarParams, ranges: np.ndarray, pose: Pose2D) -> Ker
 
 
 def _crop(grid: OccupancyGrid, pose: Pose2D) -> list[Kernel]:
-    """Return what pools the level of the map that `map_near` crops, and what crops it."""
     level, crop = Level(round(NEAR_PIXEL / grid.resolution), None), np.empty((3, CROP_SIZE, CROP_SIZE), dtype=np.uint8)
     level.rebuild(grid.data)
     rows, cols = np.nonzero(grid.data >= 0)

@@ -1,8 +1,4 @@
-"""Steps per second and memory of designs, measured in processes that are confined to a number of cores.
-
-On which cores a process and its threads run is decided once, so that each number of cores has a process of its own. A
-process waits without using a core while another one measures.
-"""
+"""Throughput and memory of designs, in processes pinned to a number of cores."""
 
 import contextlib
 import gc
@@ -17,25 +13,24 @@ from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
-from lidarnaut.benchmarks.speed.designs import FEW, Case, Design, Drive, open_drive
+from lidarnaut.benchmarks.speed.designs import FEWEST_ENVS, Case, Design, Drive, open_drive
 
 SLAMS = ("tinyslam", "truth")
 WARM_UP = 5000
-"""Steps of all sub-environments together before anything is measured, but 20 to 100 of each."""
+"""Total warm-up steps; 20 to 100 per sub-environment."""
 GROWTH = {"beams": (90, 180, 360, 720, 1080), "map_cells": (200, 400, 800, 1600), "num_envs": (1, 4, 16, 64, 256, 1024)}
-"""What cost is measured to grow with: beams of a scan, cells along a side of a map of 20 m, sub-environments."""
+"""Values of each quantity whose effect on the step time is measured; maps have a side of 20 m."""
 STATE_ENVS = (4, 12)
-"""Numbers of sub-environments whose memory is compared."""
+"""Numbers of sub-environments in the memory measurement."""
 Call = Callable[..., Any]
-"""Calls a function with its arguments in a process of its own, and returns what it returns."""
+"""Calls a function with its arguments in a pinned process and returns the result."""
 
 _drives: dict[Case, Drive] = {}
-"""What is being driven in this process."""
 
 
 @contextlib.contextmanager
 def confined(num_cores: int) -> Iterator[Call]:
-    """Offer a process that may use so many cores, the last ones of those that are available."""
+    """Yield a function that runs calls in a process pinned to the last `num_cores` cores."""
     os.environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
     cores = sorted(os.sched_getaffinity(0))[-num_cores:]
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn"), _start, (cores,)) as pool:
@@ -44,12 +39,12 @@ def confined(num_cores: int) -> Iterator[Call]:
 
 
 def _start(cores: list[int]) -> None:
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C reaches the whole group; the command ends its processes
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the command ends its processes itself
     os.sched_setaffinity(0, cores)
 
 
 def open_cases(cases: list[Case]) -> None:
-    """Set cases going in this process, in place of those before."""
+    """Start the environments of cases in this process; close the previous ones."""
     for drive in _drives.values():
         drive.close()
     _drives.clear()
@@ -57,13 +52,13 @@ def open_cases(cases: list[Case]) -> None:
     for case in cases:
         _drives[case] = open_drive(case)
         _drives[case].step(min(max(WARM_UP // case.design.num_envs, 20), 100))
-    # What is alive now stays so, and would only delay whichever design next sets off the garbage collector.
+    # Exclude live objects from later garbage collections.
     gc.collect()
     gc.freeze()
 
 
 def steps_per_second(case: Case, seconds: float) -> float:
-    """Drive on for about so many seconds; return steps of all sub-environments together by the wall clock [1/s]."""
+    """Step a case for about `seconds`; return the total steps per second of wall-clock time."""
     drive, count, start = _drives[case], 0, time.perf_counter()
     while (elapsed := time.perf_counter() - start) < seconds or not count:
         drive.step(drive.at_once)
@@ -72,10 +67,9 @@ def steps_per_second(case: Case, seconds: float) -> float:
 
 
 def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repeats: int) -> dict[Case, float]:
-    """Return the median steps per second of cases, measured in turn: what else the machine does meets all alike.
+    """Return the median steps per second of cases, measured in turn so that other load affects all equally.
 
-    `calls` are processes by the number of their cores; cases with another number are left out. A measurement takes
-    `seconds` [s].
+    `calls` are pinned processes by number of cores; cases without one are omitted.
     """
     turns = [case for case in cases if case.design.cores in calls]
     for cores, call in calls.items():
@@ -89,7 +83,7 @@ def compare(calls: dict[int, Call], cases: Sequence[Case], seconds: float, repea
 def compare_designs(
     calls: dict[int, Call], designs: tuple[Design, ...], bodies: tuple[int, ...], seconds: float, repeats: int
 ) -> list[dict[str, Any]]:
-    """Return for each hall, SLAM and design its steps per second, and how many times those of the first one."""
+    """Return steps per second, and the ratio to the first design, for each hall and SLAM."""
     rows = []
     for num_bodies, slam in itertools.product(bodies, SLAMS):
         speeds = compare(calls, [Case(design, num_bodies, slam) for design in designs], seconds, repeats)
@@ -101,12 +95,12 @@ def compare_designs(
 
 
 def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int) -> list[dict[str, Any]]:
-    """Return what a step of a sub-environment costs as what `GROWTH` names grows [us]."""
+    """Return the time per step and sub-environment for all values in `GROWTH` [us]."""
     rows = []
     for (key, values), slam in itertools.product(GROWTH.items(), SLAMS):
         cases = {}
         for at in values:
-            size = {"beams": 360, "map_cells": 400, "num_envs": FEW} | {key: at}
+            size = {"beams": 360, "map_cells": 400, "num_envs": FEWEST_ENVS} | {key: at}
             design = Design("vector", size["num_envs"])
             cases[Case(design, num_bodies, slam, size["beams"], 20.0 / size["map_cells"])] = at
         speeds = compare(calls, list(cases), seconds, repeats)
@@ -115,8 +109,8 @@ def growth(calls: dict[int, Call], num_bodies: int, seconds: float, repeats: int
 
 
 def memory(num_bodies: int) -> list[dict[str, Any]]:
-    """Return how much memory a further sub-environment takes, with a map of 400 x 400 cells and observations."""
-    open_drive(Case(Design("vector"), num_bodies, "tinyslam")).close()  # fills what all share
+    """Return the memory per additional sub-environment, with a map of 400 x 400 cells."""
+    open_drive(Case(Design("vector"), num_bodies, "tinyslam")).close()  # allocates shared memory
     sizes = []
     for num_envs in STATE_ENVS:
         gc.collect()

@@ -1,8 +1,6 @@
-"""Exploration as it is usually written, the reference of `python -m lidarnaut.benchmarks.speed`.
+"""Reference implementation of exploration with PyBullet (240 Hz, one body per box) and NumPy.
 
-PyBullet with a body per box at its usual 240 Hz, the lidar by `rayTestBatch`, TinySLAM and everything else in NumPy. It
-does the same job as `lidarnaut/Explore-v0` with the same robot, params and rewards, and nothing in it is slower than it
-has to be; the observation is the simpler one of most such environments: scan, one crop of the map, motion.
+Robot, parameters and rewards equal those of `lidarnaut/Explore-v0`; observations are simpler.
 """
 
 import math
@@ -25,15 +23,15 @@ from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.worlds import explorable_area
 
 PHYSICS_HZ = 240
-"""PyBullet's usual rate [1/s]."""
+"""PyBullet's default rate [1/s]."""
 CROP_SIZE, PIXEL = 64, 0.125
-"""Side of the map crop [pixels], and of its pixels [m]."""
+"""Side of the map crop [pixels], and pixel size [m]."""
 QUARTERS = np.array([[0.25, 0.25], [0.75, 0.25], [0.25, 0.75], [0.75, 0.75]])
-"""Points of a map cell that are looked up in the ground truth; see `lidarnaut.envs.tasks.coverage.mark_known`."""
+"""Sample points within a map cell, as in `lidarnaut.envs.tasks.coverage.mark_known`."""
 
 
 class NaivePhysics:
-    """A robot in a hall: one static body per box and per pillar."""
+    """Robot in a hall with one static body per box and pillar."""
 
     def __init__(self, hall: Hall, robot: RobotParams, period: float) -> None:
         self._robot, self._period, height = robot, period, hall.world.height
@@ -54,7 +52,6 @@ class NaivePhysics:
         self._body = build_robot(bullet, robot)
 
     def reset(self, pose: Pose2D) -> None:
-        """Put the robot at rest at `pose`."""
         orientation = self._bullet.getQuaternionFromEuler([0.0, 0.0, pose.theta])
         position = [pose.x, pose.y, self._robot.drive.wheel_radius]
         self._bullet.resetBasePositionAndOrientation(self._body, position, orientation)
@@ -64,7 +61,7 @@ class NaivePhysics:
         self._v = self._w = 0.0
 
     def step(self, v: float, w: float) -> bool:
-        """Drive with a twist [m/s, rad/s] for one control period; return whether the robot touches anything."""
+        """Drive with a twist [m/s, rad/s] for one control period; return True on contact."""
         robot, wheels = self._robot, self._robot.odometry
         change_v, change_w = robot.max_acc_v * self._period, robot.max_acc_w * self._period
         self._v += min(max(v - self._v, -change_v), change_v)
@@ -80,19 +77,18 @@ class NaivePhysics:
         return len(self._bullet.getContactPoints(self._body, linkIndexA=CHASSIS_LINK)) > 0
 
     def pose(self) -> Pose2D:
-        """Return the true pose."""
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         return Pose2D(x, y, self._bullet.getEulerFromQuaternion(orientation)[2])
 
     def ticks(self) -> tuple[int, ...]:
-        """Return the encoders' cumulative counts, left and right."""
+        """Return the cumulative wheel encoder ticks, left and right."""
         per_radian = self._robot.odometry.ticks_per_rev / (2.0 * math.pi)
         return tuple(
             math.floor(state[0] * per_radian) for state in self._bullet.getJointStates(self._body, WHEEL_LINKS)
         )
 
     def scan(self, pose: Pose2D, rng: np.random.Generator) -> np.ndarray:
-        """Return what the lidar of a robot at `pose` measures: shape (num_beams,), float32 [m]; see `Reading`."""
+        """Return the lidar ranges at a robot pose: shape (num_beams,), float32 [m]."""
         lidar = self._robot.lidar
         sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         angles = sensor.theta + lidar.angles
@@ -110,14 +106,13 @@ class NaivePhysics:
 
 
 class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
-    """Explore a hall; actions, rewards and end as in `lidarnaut/Explore-v0`.
+    """Exploration of a hall with the actions, rewards and end conditions of `lidarnaut/Explore-v0`.
 
-    Observations: `scan` (ranges over the greatest), `map` (occupied and free, 64 x 64 pixels of 0.125 m around the
-    robot), `motion` (forward speed and yaw rate by odometry over the limits, last action, bumper).
+    Observations: `scan` (ranges over maximum range), `map` (occupied and free, robot-centred), `motion` (odometry
+    twist, last action, bumper).
     """
 
     def __init__(self, hall: Hall, robot: RobotParams, slam: str = "tinyslam", control_hz: float = 10.0) -> None:
-        """Build the hall; `slam` is "tinyslam", or "truth" to map at the true pose."""
         self._robot, self._period, self._uses_truth = robot, 1.0 / control_hz, slam == "truth"
         params = replace(load_params("default"), odometry_noise=robot.odometry.noise)
         self.slam = NaiveSlam(robot.lidar, params, match_scans=slam == "tinyslam")
@@ -125,7 +120,7 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._area, self._start = explorable_area(hall.world, robot, params.resolution), hall.world.spawns[0]
         self.time_limit = self._area.usual_time_limit(robot.max_v)
         pixels = (np.arange(CROP_SIZE) + 0.5 - CROP_SIZE / 2) * PIXEL / params.resolution
-        self._pixels = np.stack(np.meshgrid(pixels, pixels, indexing="ij"))  # forward and left of the robot [cells]
+        self._pixels = np.stack(np.meshgrid(pixels, pixels, indexing="ij"))  # forward and left [cells]
         corner = (-(self.slam.shape[1] // 2) * params.resolution, -(self.slam.shape[0] // 2) * params.resolution)
         self._cells = OccupancyGrid(np.empty((0, 0), dtype=np.int8), params.resolution, corner)
         self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
@@ -138,7 +133,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Put the robot into the middle of the hall."""
         super().reset(seed=seed)
         self._physics.reset(self._start)
         self.slam.reset(self.np_random)
@@ -147,7 +141,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return self._observe(ORIGIN, ORIGIN, np.zeros(2), False)[1:]
 
     def step(self, action: np.ndarray) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive for one control period."""
         touching = self._physics.step(float(action[0]) * self._robot.max_v, float(action[1]) * self._robot.max_w)
         self._steps += 1
         before, self._pose = self._pose, self._physics.pose()
@@ -162,13 +155,11 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return observation, float(reward), terminated, not terminated and info["time"] >= self.time_limit, info
 
     def close(self) -> None:
-        """Disconnect from PyBullet."""
         self._physics.close()
 
     def _observe(
         self, motion: Pose2D, odometry: Pose2D, action: np.ndarray, touching: bool
     ) -> tuple[int, dict[str, np.ndarray], dict[str, Any]]:
-        """Take a scan into the map; return how many explorable cells are new, the observation, and `info`."""
         ranges, robot = self._physics.scan(self._pose, self.np_random), self._robot
         new_cells = self.slam.update(ranges, motion)
         gained = self._gain(new_cells) if len(new_cells) else 0
@@ -184,7 +175,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return gained, {"scan": scan.astype(np.float32), "map": self._crop(), "motion": motions}, info
 
     def _gain(self, cells: np.ndarray) -> int:
-        """Mark the explorable true cells under newly known map cells as seen; return how many were new."""
         corners = (cells[:, None, ::-1] + QUARTERS) * self._cells.resolution + self._cells.origin
         walls, seen = self._area.walls, self._seen
         true_cells = walls.cells(self._start.transform(corners.reshape(-1, 2)))
@@ -195,7 +185,6 @@ class NaiveExploreEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return len(indices)
 
     def _crop(self) -> np.ndarray:
-        """Look at the map from the robot: shape (2, size, size), uint8, 255 where occupied, and where free."""
         values, counts, (x, y) = self.slam.values, self.slam.counts, self.slam.to_cells(*self.slam.pose[:2])
         c, s = math.cos(self.slam.pose.theta), math.sin(self.slam.pose.theta)
         cols = np.floor(x + c * self._pixels[0] - s * self._pixels[1]).astype(np.int64)

@@ -1,7 +1,4 @@
-"""TinySLAM in idiomatic NumPy, for comparison: algorithm, parameters and work are those of `lidarnaut.envs.slam`.
-
-Key scans alone are matched, with odometry as a prior; a robot that is lost is not relocalized.
-"""
+"""TinySLAM in idiomatic NumPy, without relocalization; reference for `lidarnaut.envs.slam`."""
 
 import math
 
@@ -16,14 +13,14 @@ ORIGIN = Pose2D(0.0, 0.0, 0.0)
 
 
 def score(values: np.ndarray, points: np.ndarray, poses: np.ndarray) -> np.ndarray:
-    """Sum occupancies, shape (height, width), under hits, (2, n), at poses, (k, 3) [cells]: shape (k,), float32."""
+    """Return the sums of occupancy `values` at scan points (2, n) for poses (k, 3) [cells]: shape (k,), float32."""
     height, width = values.shape
     x, y, c, s = (
         part.astype(np.float32)[:, None] for part in (*poses[:, :2].T, np.cos(poses[:, 2]), np.sin(poses[:, 2]))
     )
     cols = (c * points[0] - s * points[1] + x).astype(np.int32)
     rows = (s * points[0] + c * points[1] + y).astype(np.int32)
-    np.clip(cols, 0, width - 1, out=cols)  # the outermost cells are never observed
+    np.clip(cols, 0, width - 1, out=cols)
     np.clip(rows, 0, height - 1, out=rows)
     rows *= width
     rows += cols
@@ -34,12 +31,10 @@ def match(
     values: np.ndarray, points: np.ndarray, pose: Pose2D, sigma: tuple[float, float], weights: tuple[float, float],
     noise: np.ndarray, max_failed: int,
 ) -> Pose2D:  # fmt: skip
-    """Search the pose at which a scan fits the map best, as `lidarnaut.envs.slam.matcher.match` does; see `score`.
+    """Return the best pose of a random search, as `lidarnaut.envs.slam.matcher.match`.
 
-    All candidates that are left are scored around the best pose so far. From the first that is better, the rest are
-    scored anew around it: three to five rounds for a scan, faster than a hundred candidates one by one. `sigma` is the
-    spread of positions [cells] and headings [rad], `weights` what a squared deviation of either from the predicted pose
-    costs, `noise` standard normal, shape (tries, 3), float64.
+    Remaining candidates are scored together and rescored around each improvement. `sigma` and `weights` are the spread
+    and the prior weight of position [cells] and heading [rad]; `noise` is standard normal, shape (tries, 3).
     """
     spread, costs = np.array([sigma[0], *sigma]), np.array([weights[0], *weights])
     best_pose, failed = np.array(pose), 0
@@ -58,14 +53,13 @@ def match(
 
 
 class NaiveSlam:
-    """TinySLAM with the mean of all observations in its cells and the `assign` blur.
+    """TinySLAM with averaging cells and the `assign` blur.
 
-    `values` are occupancies, shape (height, width), float32, `counts` their numbers of observations. The map has the
-    size that the params give it; beams that leave it are cut off at its border.
+    Attributes `values` (occupancy, float32) and `counts` (observations) have shape (height, width).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, match_scans: bool = True) -> None:
-        """Build a SLAM for one lidar; without matching it takes the pose that the motions lead to."""
+        """Build a SLAM; without `match_scans` it uses the predicted pose."""
         self._lidar, self._params, self._match_scans = lidar, params, match_scans
         angles = lidar.angles + lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
@@ -73,14 +67,14 @@ class NaiveSlam:
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator) -> None:
-        """Forget everything: an unknown map with the robot in its middle. Candidates are sampled from `rng`."""
+        """Clear the map and return to its centre; `rng` samples candidates."""
         self._rng, self.pose, self.num_integrated = rng, ORIGIN, 0
         self._last_integrated: Pose2D | None = None
         self.values = np.full(self.shape, self._params.unvisited, dtype=np.float32)
         self.counts, self._sums = np.zeros(self.shape, dtype=np.int64), np.zeros(self.shape)
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan, see `Estimator.update`; return (row, column) of the cells that became known, shape (k, 2)."""
+        """Process a scan; return the newly known cells (row, column), shape (k, 2)."""
         params, last = self._params, self._last_integrated
         predicted = self.pose = self.pose.compose(motion)
         moved = last.between(predicted) if last else ORIGIN
@@ -97,7 +91,6 @@ class NaiveSlam:
         return self.integrate(ranges, params.raw_quality if raw else params.quality)
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Return a position in the map frame [m] as distances from the map's corner [cells]."""
         return x / self._params.resolution + self.shape[1] // 2, y / self._params.resolution + self.shape[0] // 2
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D, weights: tuple[float, float]) -> Pose2D:
@@ -115,7 +108,7 @@ class NaiveSlam:
         return Pose2D(x * params.resolution, y * params.resolution, float(wrap_angle(found.theta)))
 
     def integrate(self, ranges: np.ndarray, quality: float) -> np.ndarray:
-        """Average every cell of every beam of a scan at `pose` into the map; return the cells that became known."""
+        """Insert a scan at `pose` by averaging; return the newly known cells."""
         params, lidar = self._params, self._lidar
         sensor = self.pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, 0.0))
         x, y = self.to_cells(sensor.x, sensor.y)
@@ -126,8 +119,7 @@ class NaiveSlam:
         cosines, sines = self._directions[:, used]
         end_x, end_y = x + reach * (c * cosines - s * sines), y + reach * (s * cosines + c * sines)
         start, ends = np.array([math.floor(y), math.floor(x)]), np.floor(np.column_stack([end_y, end_x])).astype(int)
-        # Straight lines of cells, all beams at once; half a cell, less a grain: a line right between two cells takes
-        # the one nearer to its start.
+        # Rasterize all beams at once.
         travel = ends - start
         lengths = np.abs(travel).max(axis=1)
         sizes = lengths + 1

@@ -1,4 +1,4 @@
-"""Both physics alone, whole decisions, steps among people: what one process on one core does."""
+"""Benchmarks of simulators, frontier decisions and crowds in one process."""
 
 import time
 from collections.abc import Callable
@@ -14,17 +14,17 @@ from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
 from lidarnaut.envs.worlds import load_world
 
 ROOMS = {"world": "rooms", "world_size": (20.0, 20.0), "physics": "kinematic"}
-"""Where decisions are taken."""
+"""Environment arguments for frontier decisions."""
 NUM_DECIDING = (1, 16, 64, 256)
-"""Numbers of sub-environments that decide; 1 is the single environment."""
+"""Numbers of sub-environments for frontier decisions; 1 is the single environment."""
 NUM_AMONG_PEOPLE = 64
-"""Number of sub-environments among people."""
+"""Number of sub-environments with people."""
 WARM_UP, SLICES = 3, 6
-"""Decisions or steps before the clock starts, which compile and draw the first worlds; turns for the others."""
+"""Number of warm-up steps, and of interleaved measurements."""
 
 
 def physics(repetitions: int) -> list[dict[str, Any]]:
-    """Time one control step of 0.1 s with all sensors, and a reset."""
+    """Time a 0.1 s control step with all sensors, and a reset [us]."""
     world, calls = load_world("turtlebot3_world"), {}
     for name in PHYSICS:
         for robot in map(load_robot, ("turtlebot3_burger", "turtlebot3_waffle_pi")):
@@ -35,17 +35,14 @@ def physics(repetitions: int) -> list[dict[str, Any]]:
             calls[f"step, {label}"] = partial(driven.step, [Twist(0.2, robot.max_w / 2)])
             calls[f"reset, {label}"] = partial(placed.reset, *start)
     turns = [[timeit(call, number=10) for call in calls.values()] for _ in range(repetitions + 1)]
-    times = 1e5 * np.array(turns[1:]).T  # the first turn compiles
+    times = 1e5 * np.array(turns[1:]).T
     return [{"what": name, "least us": us.min(), "median us": np.median(us)} for name, us in zip(calls, times)]
 
 
 def decisions(count: int) -> list[dict[str, Any]]:
-    """Take `count` decisions in each sub-environment, always the nearest frontier; return what they take.
+    """Measure `count` nearest-frontier decisions per sub-environment, in processor time.
 
-    Rooms of 20 m x 20 m, TurtleBot3 Burger (360 beams of 3.5 m), Hector, kinematic physics, all in one process. Every
-    number of sub-environments explores for as many decisions, so that maps small and large are in all figures; they
-    take turns. What counts is processor time, worlds that are drawn ahead in the background included: the wall clock of
-    a shared machine also measures other processes.
+    Rooms of 20 m x 20 m, TurtleBot3 Burger, Hector, kinematic physics. Numbers of sub-environments are interleaved.
     """
     deciding = {number: _deciding(number) for number in NUM_DECIDING}
     done = {number: np.zeros(4) for number in deciding}
@@ -66,7 +63,6 @@ def decisions(count: int) -> list[dict[str, Any]]:
 
 
 def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
-    """Return what decides once in every sub-environment; it returns decisions, control steps and simulated time [s]."""
     id = "lidarnaut:lidarnaut/ExploreFrontiers-v0"
     if number > 1:
         envs = gymnasium.make_vec(id, number, "vector_entry_point", num_workers=0, **ROOMS)
@@ -91,11 +87,9 @@ def _deciding(number: int) -> Callable[[], tuple[int, int, float]]:
 
 
 def people(count: int) -> list[dict[str, Any]]:
-    """Take `count` steps in each of 64 sub-environments that reach for goals among people; return what they take.
+    """Measure `count` steps per sub-environment of goal reaching among people, in processor time.
 
-    Halls of 12 m x 12 m, TurtleBot3 Burger (360 beams), parts `scan_history` and `goal`, random actions, kinematic
-    physics, all in one process; take turns. Once contact costs and episodes last as long as their time limit, and once
-    contact ends them, so that resets, one at each contact, are part of the figure. What counts is processor time.
+    Halls of 12 m x 12 m, TurtleBot3 Burger, kinematic physics, random actions.
     """
     id, world_size, shown = "lidarnaut:lidarnaut/ReachCrowd-v0", (12.0, 12.0), ("scan_history", "goal")
     usual: dict[str, Any] = {"robot": "turtlebot3_burger", "world_size": world_size, "observations": shown}

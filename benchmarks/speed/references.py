@@ -1,4 +1,4 @@
-"""What kernels compute, once more in plain NumPy."""
+"""NumPy references of kernels."""
 
 import math
 
@@ -12,10 +12,9 @@ from lidarnaut.envs.robots import RobotParams
 def cast_rays_in_numpy(
     x: float, y: float, angles: np.ndarray, range_max: float, segments: np.ndarray, circles: np.ndarray
 ) -> np.ndarray:
-    """Test every beam against every segment and circle, from outside the circles; see `cast_rays`.
+    """Return ranges to segments and circles, inf without a hit: shape (num_beams,), float64 [m]; see `cast_rays`.
 
-    `angles` are the directions of the beams, shape (num_beams,), world frame [rad]; returns shape (num_beams,), float64
-    [m], inf for no return.
+    `angles` are beam directions in the world frame, shape (num_beams,) [rad].
     """
     c, s = np.cos(angles)[:, None], np.sin(angles)[:, None]
     ax, ay = segments[:, 0] - x, segments[:, 1] - y
@@ -33,10 +32,9 @@ def cast_rays_in_numpy(
 
 
 def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarray:
-    """Pool a map, shape (height, width), int8, into blocks of cells; see `lidarnaut.envs.estimation.map_pyramid`.
+    """Pool a map, shape (height, width), int8, into blocks; see `lidarnaut.envs.estimation.map_pyramid`.
 
-    `visited` are (row, column) of the cells in which the robot has been, shape (n, 2), int64. Returns shape (3, rows,
-    columns), uint8: 255 where a block has an occupied cell, its share of free cells times 255, 255 where visited.
+    `visited` are robot cells (row, column), shape (n, 2). Returns shape (3, rows, columns), uint8.
     """
     rows, cols = -(-data.shape[0] // block), -(-data.shape[1] // block)
     margins = ((0, rows * block - data.shape[0]), (0, cols * block - data.shape[1]))
@@ -50,10 +48,9 @@ def pool_in_numpy(data: np.ndarray, visited: np.ndarray, block: int) -> np.ndarr
 
 
 def crop_in_numpy(pooled: np.ndarray, x: float, y: float, theta: float, pixel: float, size: int) -> np.ndarray:
-    """Look at pooled blocks, shape (channels, rows, columns), uint8, from the robot; see `crop_level`.
+    """Crop pooled blocks, shape (channels, rows, columns), around the robot; see `crop_level`.
 
-    `x` and `y` are measured from the map's corner [blocks], `pixel` is the side of a crop pixel [blocks]. Returns shape
-    (channels, size, size), uint8; 0 outside.
+    `x`, `y` and `pixel` (side of a crop pixel) are in blocks. Returns shape (channels, size, size), uint8; 0 outside.
     """
     c, s = math.cos(theta), math.sin(theta)
     steps = (np.arange(size) - 0.5 * size + 0.5) * pixel
@@ -69,10 +66,9 @@ def advance_in_numpy(
     state: np.ndarray, command: tuple[float, float], normals: tuple[float, float], period: float, substeps: int,
     robot: RobotParams, segments: np.ndarray, circles: np.ndarray,
 ) -> np.ndarray:  # fmt: skip
-    """Move a robot among static obstacles; see `lidarnaut.envs.simulation.kinematic.advance`.
+    """Move a robot among static obstacles for one period [s]; see `lidarnaut.envs.simulation.kinematic.advance`.
 
-    `normals` are standard normal draws for the slip of the left and the right wheel, `substeps` are the equal parts
-    into which the control period [s] is cut. Returns the state after it, shape (11,).
+    `normals` are standard normal samples of left and right wheel slip. Returns the next state, shape (11,).
     """
     x, y, theta, v, w, left_angle, right_angle, _, _, _, bias = state.tolist()
     turned = 0.0
@@ -100,7 +96,6 @@ def advance_in_numpy(
 def _push_out(
     x: float, y: float, radius: float, segments: np.ndarray, circles: np.ndarray
 ) -> tuple[float, float] | None:
-    """Push a footprint out of what it overlaps, the deepest overlap first; None if it stays wedged."""
     starts, along = segments[:, :2], segments[:, 2:] - segments[:, :2]
     lengths2 = np.maximum((along**2).sum(axis=1), 1e-300)
     reach = np.concatenate([np.full(len(segments), radius), radius + circles[:, 2]])

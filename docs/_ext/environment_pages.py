@@ -1,4 +1,4 @@
-"""A page per task: registered ids, an animated picture of each, spaces, and the docstring."""
+"""Generate one page per task: registered ids with animated pictures, spaces, and the docstring."""
 
 import functools
 import inspect
@@ -21,8 +21,8 @@ INDEX = """\
 # Environments
 
 `import lidarnaut` registers these ids with Gymnasium. `gymnasium.make(id)` makes one environment, and
-`gymnasium.make_vec(id, num_envs=n)` many in worker processes: sub-environment i equals a single one seeded with
-seed + i. The films show ground truth on the left, and what the robot estimates on the right.
+`gymnasium.make_vec(id, num_envs=n)` a vector environment with worker processes: sub-environment i equals a single
+environment with seed + i. The films show ground truth on the left, and map and pose estimate on the right.
 
 {sections}
 
@@ -40,7 +40,7 @@ SECTIONS = {
     "^explore": "Explore as a team, or by choosing frontiers",
     "": "Reach goals, follow routes",
 }
-"""Sections of the gallery, by a pattern of the page's name; the first that fits counts."""
+"""Section titles of the gallery by pattern of page names; the first match applies."""
 WORLDS = {
     "ExploreTurtleBot3World": "A hexagon with nine pillars: most of it is in view from anywhere.",
     "ExploreHouse": "Six rooms and a yard, joined by doors: a room that is left out costs a long way back.",
@@ -94,7 +94,7 @@ env = gymnasium.make("{id}", render_mode="human")
 
 
 def pages(source: Path) -> dict[str, str]:
-    """Return the pages by file name: one per task, or where an action is a frontier per entry point."""
+    """Return the pages by file name: one per task, or per entry point at decision level."""
     groups: dict[str, list[EnvSpec]] = {}
     for spec in gymnasium.registry.values():
         if spec.namespace == "lidarnaut":
@@ -114,7 +114,7 @@ def pages(source: Path) -> dict[str, str]:
 
 
 def _card(spec: EnvSpec, entry_point: str, page: str) -> str:
-    """Return a card of the gallery: the film of an id, its task or its world, and the arguments that it sets."""
+    """Return a card of the gallery: film, task or world, and arguments of an id."""
     default = getattr(load_env_creator(entry_point), "world", None)
     name = _name(spec)
     area = _area(spec.kwargs.get("world")) if name.startswith("Explore") else ""
@@ -143,7 +143,7 @@ def _page(entry_point: str, specs: list[EnvSpec], source: Path) -> str:
     parts = env.observation_space.items() if isinstance(env.observation_space, spaces.Dict) else ()
     shown = [spec for spec in specs if (source / PICTURES / f"{_slug(spec)}.webp").exists()]
     pictures = [
-        f"![{spec.id}: ground truth, and what the robot estimates](../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
+        f"![{spec.id}: ground truth, and estimates of the robot](../{PICTURES}/{_slug(spec)}.webp)" for spec in shown
     ]
     ids = ""
     if len(specs) > 1:
@@ -171,12 +171,12 @@ def _name(spec: EnvSpec) -> str:
 
 
 def _slug(spec: EnvSpec) -> str:
-    """Return the file name of an id, without suffix."""
+    """Return the file name of an id without suffix."""
     return spec.id.partition("/")[2].lower()
 
 
 def _docstring(entry_point: str) -> tuple[str, str]:
-    """Return the first line of the docstring and the rest, with links to the pages that it names."""
+    """Return the first line of the docstring, and the rest with links to pages of the site."""
     first, _, rest = (inspect.getdoc(load_env_creator(entry_point)) or "").partition("\n")
     return first, re.sub(r"\bdocs/(\w+)\.md", r"[\1](../\1.md)", rest.strip())
 
@@ -203,5 +203,5 @@ def _spell_out(body: str) -> str:
 
 
 def _arguments(spec: EnvSpec) -> str:
-    """Return what arguments an id sets, as Markdown."""
+    """Return the arguments of an id as Markdown."""
     return ", ".join(f"`{name}={value!r}`" for name, value in spec.kwargs.items() if name != "task")

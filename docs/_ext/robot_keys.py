@@ -1,4 +1,4 @@
-"""Tables of all keys of a robot file, from the dataclasses of `envs/robots/params.py` and their docstrings."""
+"""Tables of all keys of a robot file, from the dataclasses of `envs/robots/robot_params.py` and their docstrings."""
 
 import ast
 import dataclasses
@@ -13,7 +13,7 @@ from typing import Any
 import annotated_types
 from pydantic.fields import FieldInfo
 
-from lidarnaut.envs.robots import RobotParams, params
+from lidarnaut.envs.robots import RobotParams, robot_params
 
 TABLE = """\
 {heading}{about}
@@ -81,7 +81,7 @@ def _limits(metadata: tuple[Any, ...]) -> str:
     parts = []
     for one in (each for item in metadata for each in (item.metadata if isinstance(item, FieldInfo) else (item,))):
         for kind, name, sign in LIMITS:
-            if isinstance(one, kind) and abs(value := getattr(one, name)) < params.MAX_NUMBER:
+            if isinstance(one, kind) and abs(value := getattr(one, name)) < robot_params.MAX_NUMBER:
                 parts.append(f"{sign}\N{NO-BREAK SPACE}{'2π' if math.isclose(value, 2 * math.pi) else f'{value:g}'}")
     return f"\N{NO-BREAK SPACE}{', '.join(parts)}" if parts else ""
 
@@ -102,7 +102,9 @@ def _default(field: Any) -> str:
 def _docstrings(record: type) -> dict[str, str]:
     """Return the docstrings of the fields of a class, from its source."""
     (body,) = (
-        node.body for node in ast.parse(inspect.getsource(params)).body if getattr(node, "name", "") == record.__name__
+        node.body
+        for node in ast.parse(inspect.getsource(robot_params)).body
+        if getattr(node, "name", "") == record.__name__
     )
     found = {}
     for field, below in itertools.pairwise(body):

@@ -1,4 +1,4 @@
-"""Runs the notebooks side by side while other pages are made and read; myst-nb alone runs one after the other."""
+"""Run the notebooks in parallel, while other pages are generated and read; myst-nb runs notebooks in sequence."""
 
 import logging
 import shutil
@@ -12,7 +12,7 @@ from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
 NOTEBOOKS = "tutorials/"
-"""How the names of pages begin that are notebooks."""
+"""Prefix of the names of pages that are notebooks."""
 _running: list[subprocess.Popen[bytes]] = []
 
 
@@ -41,7 +41,7 @@ def finish(app: Sphinx, error: Exception | None) -> None:
 
 
 def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
-    """Run the notebooks of a source folder, and keep what they give where myst-nb looks for it."""
+    """Run the notebooks of a source folder, and store their outputs in the cache of myst-nb."""
     shutil.rmtree(folder, ignore_errors=True)
     cache = get_cache(folder)
     for path in sorted((source / NOTEBOOKS).glob("*.ipynb"), key=lambda path: -path.stat().st_size):

@@ -22,7 +22,7 @@ class Correction(NamedTuple):
     after: np.ndarray
     """Past poses in the new map: shape (n, 3), float64 [m, m, rad]."""
 
-    def carry(self, points: np.ndarray) -> np.ndarray:
+    def apply(self, points: np.ndarray) -> np.ndarray:
         """Move points to the new map, each with the nearest past pose: shape (k, 2), float64, map frame [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:

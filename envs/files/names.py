@@ -22,7 +22,8 @@ def printable(text: object) -> str:
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
     """Return a message about an unknown name: closest match and allowed names. `shown` replaces the name."""
     allowed = list(allowed)
-    close = difflib.get_close_matches(name, allowed, n=1)
+    parts = [one for one in allowed if len(name) > 2 and name in one]
+    close = difflib.get_close_matches(name, allowed, n=1) or parts[:1]
     hint = f" (did you mean {close[0]!r}?)" if close else ""
     return f"{SHORT.repr(shown or name)}{hint}; allowed are {', '.join(allowed)}"
 

@@ -18,11 +18,11 @@ from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.slam.scans import check_scan
 from lidarnaut.envs.worlds.map_files import FREE_THRESH
 
+from .amcl_params import AmclParams
 from .beam_model import BeamModel
 from .clusters import BinRaster, find_bins, heaviest_cluster, mean_and_covariance
 from .likelihood_field import LikelihoodField
 from .motion_model import move_particles
-from .params import AmclParams
 from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 

@@ -12,9 +12,9 @@ from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
+from .amcl_params import AmclParams
 from .likelihood_field import Beams, Field, obstacle_distances
 from .motion_model import cosine, sine
-from .params import AmclParams
 
 _MIN_STEP = np.float32(0.5)
 """Minimum step of ray casting [cells]."""

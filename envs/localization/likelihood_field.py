@@ -15,8 +15,8 @@ from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam.scans import ScanGeometry, project_hits
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
+from .amcl_params import AmclParams
 from .motion_model import cosine, sine
-from .params import AmclParams
 
 MAX_ENTRY = 65535
 """Maximum entry of a likelihood field (uint16, for caching and exact sums)."""

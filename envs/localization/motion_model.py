@@ -7,7 +7,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
-from .params import AmclParams
+from .amcl_params import AmclParams
 
 MIN_TRANSLATION = 0.01
 """Minimum translation with a defined direction of motion [m]."""

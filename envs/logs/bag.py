@@ -7,7 +7,7 @@ import numpy as np
 from lidarnaut.envs.files import MAX_BYTES
 
 from .bag_reader import BagReader, open_bag
-from .scans import Recording, Scan
+from .scans import LogContent, Scan
 from .trajectory import compose_poses, find_jump_back
 from .transforms import MIN_LEVEL, MIN_UPRIGHT, FrameTree, frame_name, planar, seconds
 
@@ -32,7 +32,7 @@ def read_bag(
     base_frame: str | None = None,
     odom_frame: str | None = None,
     laser_frame: str | None = None,
-) -> Recording:
+) -> LogContent:
     """Read the scans and odometry of a bag. Times are header stamps.
 
     Default odometry: the only Odometry topic, or else transforms from `odom_frame` to the base. Transforms are read
@@ -78,7 +78,7 @@ def read_bag(
             mounts = np.tile(np.eye(4), (len(scans), 1, 1))
         for name, number in sorted((tree.ignored | odometry.ignored).items()):
             notes.append(f"{number} transforms or poses of {name!r} are ignored: not finite, or invalid rotation")
-        return Recording(times, poses, _place(bag, scan_topic, scans, mounts, notes), notes, reaches_limit=True)
+        return LogContent(times, poses, _place(bag, scan_topic, scans, mounts, notes), notes, reaches_limit=True)
 
 
 def _read_scans(bag: BagReader, topic: str, laser_frame: str | None) -> tuple[list[Scan], str]:

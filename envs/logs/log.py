@@ -15,7 +15,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 
 from .bag import is_bag, read_bag
 from .readers import read_archive, read_carmen
-from .scans import Limits, Recording, Scan, common_beams, usable_scans
+from .scans import Limits, LogContent, Scan, common_beams, usable_scans
 from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_errors
 
 MAX_STEP = 100.0
@@ -163,7 +163,7 @@ def load_log(
     return log
 
 
-def _make_log(recording: Recording, limits: Limits, max_speeds: tuple[float, float]) -> Log:
+def _make_log(recording: LogContent, limits: Limits, max_speeds: tuple[float, float]) -> Log:
     limits.check()
     scans, faults = usable_scans(recording.scans, limits)
     of_all = f"of {len(recording.scans)} scans are left out"

@@ -12,7 +12,7 @@ import numpy as np
 from lidarnaut.envs.files import open_archive
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 
-from .scans import FULL_TURN, Recording, Scan
+from .scans import FULL_TURN, LogContent, Scan
 
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
@@ -30,7 +30,7 @@ MAX_TEXT = 2**30
 """Maximum length of an unpacked log [characters]."""
 
 
-def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
+def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
     """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one laser.
 
     FLASER lines lack angles. As in CARMEN, 180 or 181 beams have increments of 1 degree, 360 or 361 of 0.5, 400 or 401
@@ -105,7 +105,7 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> Recording:
         if (count := len(placed[0].ranges)) not in SICK_STEPS and field_of_view is None:
             spread = "assuming 180 degrees, as in CARMEN; set field_of_view (--field-of-view) to change"
             notes.append(f"FLASER lines do not hold the angles of their {count} beams: {spread}")
-    return Recording(np.array(times), np.array(odometry), placed, notes)
+    return LogContent(np.array(times), np.array(odometry), placed, notes)
 
 
 def _find_mount(path: Path, mounts: list[tuple[int, Pose2D]]) -> Pose2D:
@@ -165,7 +165,7 @@ def _numbers(fields: list[str]) -> list[float]:
     return values
 
 
-def read_archive(path: Path) -> Recording:
+def read_archive(path: Path) -> LogContent:
     """Read the arrays of `load_log`; ValueError if any is invalid."""
     arrays: dict[str, Any] = {}
     with open_archive(path) as archive:
@@ -198,4 +198,4 @@ def read_archive(path: Path) -> Recording:
     ranges = arrays["ranges"].astype(np.float32)
     scans = [Scan(row, *beams, position, k) for row, k in zip(ranges, arrays["idx"].astype(np.int64).tolist())]
     times = arrays["t"].astype(np.float64) + float(arrays.get("off", 0.0))
-    return Recording(times, arrays["odo"].astype(np.float64), scans, [])
+    return LogContent(times, arrays["odo"].astype(np.float64), scans, [])

@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from lidarnaut.envs.robots.params import MAX_BEAMS, MAX_LENGTH
+from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
@@ -42,7 +42,7 @@ class Scan(NamedTuple):
     """Time of the scan [s]."""
 
 
-class Recording(NamedTuple):
+class LogContent(NamedTuple):
     """Contents of a log file."""
 
     times: np.ndarray

@@ -19,10 +19,10 @@ from .goal_navigator import GoalNavigator, GoalParams, HomeNavigator
 from .mppi import MppiParams, MppiPlanner
 from .navigator import Navigator
 from .obstacles import NO_POINTS, free_distance
-from .params import NavigatorParams, PlanningParams
 from .paths import TravelField, is_path_valid, plan_path, smooth_path, travel_field
 from .planning_map import PlanningMap
-from .pursuit import FollowerParams, PathFollower
+from .planning_params import NavigatorParams, PlanningParams
+from .regulated_pursuit import FollowerParams, PathFollower
 from .views import NUM_SECTORS
 
 __all__ = [

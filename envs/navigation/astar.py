@@ -1,8 +1,7 @@
-"""The search for cheapest paths over a costmap: A* to one goal, Dijkstra's algorithm to everywhere.
+"""Path search on a costmap: A* to one goal, or Dijkstra's algorithm to all cells.
 
-Lengths are integers, so that equal paths are equal exactly, ties break the same way everywhere, and a reference
-implementation must agree to the last unit: a straight step over a free cell measures `70 * 16`, a diagonal one
-`99 * 16` (99/70 is the root of two to 5e-5).
+Integer lengths make results reproducible: a straight step over a free cell has length `70 * 16`, a diagonal step `99 *
+16`.
 """
 
 from typing import NamedTuple
@@ -13,45 +12,40 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a step to one of the four nearest cells."""
+"""Length of a straight step; 99 / 70 is the root of two to 5e-5."""
 DIAGONAL = 99
-"""Length of a step to one of the four next ones."""
 SCALE = 16
-"""Units into which the length of a step is divided, to weight it with costs."""
+"""Weight of a free cell, which multiplies a step's length."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
-"""Steps (rows, columns): the diagonal one with index `k + 4` lies between the straight ones `k` and `k + 1`."""
+"""Steps (row, column); diagonal step `k + 4` is between straight steps `k` and `k + 1`."""
 NO_STEP = 255
-"""In place of the step into a cell that none leads into."""
+"""Predecessor of a cell without a predecessor."""
 ALL_STEPS = np.uint8(255)
-"""A bit for each of `STEPS`."""
 ONWARD = np.full(256, ALL_STEPS)
-"""By the step that led into a cell, the bits of those that lead onward: that one, and of a diagonal one its parts."""
+"""Bit mask of the steps to try after each step: the step itself and, for a diagonal, its straight components."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
-"""By a set of steps, a bit for each of `STEPS`: the first one in it."""
+"""Index of the first step in each bit mask of `STEPS`."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
-"""Travel cost of cells that cannot be reached."""
 NO_GOAL = (-1, -1)
-"""In place of a goal, to search everywhere."""
+"""Goal value for a search of all cells."""
 COST_WEIGHT = 3.0
-"""How many times its length a step over a free cell of the highest cost costs more than one over a free one."""
+"""Additional cost of a step at `COST_MAX_FREE`, relative to a step over a free cell."""
 NUM_BUCKETS = 1 << 15
-"""Buckets of the queue, a power of two; more than the estimated total can grow by from one cell to the next."""
+"""Number of queue buckets of A*: a power of two, above the largest cost increase per step."""
 BUCKET_SHIFT = 8
-"""Without a goal a bucket holds 2**8 totals: fewer than any step is long, so that cells of one bucket cannot improve
-each other (Dinic 1978). Otherwise most of the time would go into passing empty buckets."""
+"""Bits of cost per queue bucket of Dijkstra's algorithm. Cells in a bucket cannot improve each other (Dinic 1978)."""
 NUM_COARSE_BUCKETS = 1 << 7
-"""Buckets that are used without a goal: more than a step is long, and few enough to stay in the nearest cache."""
+"""Number of queue buckets of Dijkstra's algorithm: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
-"""Greatest weight that may be asked for."""
 ESCAPE_WEIGHT = 10.0
-"""The same for cells where the footprint touches an obstacle; only a robot that is in them already crosses them.
-Greater than any other, which is how the search tells them."""
+"""Additional cost of cells in collision, which only a robot that starts in collision may cross. Larger than all other
+weights."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Tabulate what a unit of length costs in a cell of each cost: shape (256,), uint8; 0 where no robot may go."""
+    """Return the step weight of each cell cost, shape (256,), uint8; 0 if not traversable."""
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -64,23 +58,22 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the length of the shortest path over free cells."""
+    """Return the octile distance: the length of the shortest path over free cells."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
 class Expansion(NamedTuple):
-    """State of a search. Arrays over the raster are flat, with a border of one cell."""
+    """State of a search. Rasters are flat, shape ((height + 2) * (width + 2),), with a border of one cell."""
 
     travel: np.ndarray
-    """Shape ((height + 2) * (width + 2),), int32: travel costs, `UNREACHED` where the search has not come."""
+    """Travel costs, int32; `UNREACHED` for unvisited cells."""
     predecessor: np.ndarray
-    """Same shape, uint8: index into `STEPS` of the step that led into a cell."""
+    """Index into `STEPS` of the step into each cell, uint8."""
     heads: np.ndarray
-    """Shape (NUM_BUCKETS,), int32: first entry of each bucket of the queue, -1 for none."""
+    """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for none."""
     counters: np.ndarray
-    """Shape (4,), int64: level (total of the current bucket), number of entries so far, entries waiting in the queue,
-    and whether the search started in a lethal cell."""
+    """Level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal, int64."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
@@ -88,45 +81,43 @@ LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 @njit(cache=True, error_model="numpy")
 def new_expansion(height, width):
-    """Return a search over a raster that has not begun."""
+    """Return the state of a new search."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
 
 
 @njit(cache=True, error_model="numpy")
-def begin(expansion, entries, costs, start, goal):
-    """Start a search over at a cell, in time that grows with what the last one has reached; see `_expand`."""
+def begin(expansion, queue, costs, start, goal):
+    """Start a search at a cell; reset only the cells of the previous search."""
     (row, col), stride = start, costs.shape[1] + 2
     starts_inside = costs[row, col] == COST_LETHAL
     level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
     travel, predecessor, counters = expansion.travel, expansion.predecessor, expansion.counters
     for k in range(counters[NUM_ENTRIES]):
-        node = np.uint32(entries[k, 0])
+        node = np.uint32(queue[k, 0])
         travel[node] = UNREACHED
         predecessor[node] = NO_STEP
     expansion.heads[:] = -1
     node = np.uint32((row + 1) * stride + col + 1)
     travel[node] = 0
-    entries[0, 0], entries[0, 1] = node, -1
+    queue[0, 0], queue[0, 1] = node, -1
     expansion.heads[level & (NUM_BUCKETS - 1)] = 0
     counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING], counters[STARTS_INSIDE] = level, 1, 1, starts_inside
 
 
 @njit(cache=True, error_model="numpy")
-def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
-    """Search on until the goal is reached, or all cells that cost at most `limit`; return the next `counters`.
+def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
+    """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
 
-    A robot whose footprint touches something at the start may drive on through such cells, of weight `touching`, until
-    it is out of them, and enters none again. Diagonal steps need both cells beside them open. The queue is Dial's
-    (1969): a ring of buckets, one per estimated total, last in first out, so that ties go to the path that has come
-    farthest. Where all cells around one cost the same, only steps that lead onward are tried: the pruning of jump point
-    search (Harabor, Grastien, "Online graph pruning for pathfinding on grid maps", 2011). What the rest would find is
-    found from the cell before, at no higher cost.
+    A path that starts in collision may cross cells of weight `touching` until it first leaves them. Diagonal steps
+    require both adjacent straight cells to be open. The queue is Dial's (1969) ring of buckets, last in first out. In
+    uniform neighbourhoods only onward steps are tried, as in jump point search (Harabor, Grastien, "Online graph
+    pruning for pathfinding on grid maps", 2011).
 
-    `entries`: shape (n, 2), int32: of each entry of the queue its cell, and the next entry in its bucket; written, as
-    is `expansion`; where it is full, the search stops early. `open_weights`: shape ((height + 2) * (width + 2),),
-    uint8, 0 in the border; `stride`: width of the raster and its border; `goal`: (row, column) or `NO_GOAL`.
+    `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search stops early if it is full.
+    `open_weights`: flat raster, uint8, 0 in the border. `stride`: raster width plus 2. `goal`: (row, column) or
+    `NO_GOAL`.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
@@ -135,27 +126,27 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
     shift, mask = (0, NUM_BUCKETS - 1) if has_goal else (BUCKET_SHIFT, NUM_COARSE_BUCKETS - 1)
     level, num_entries, num_waiting = counters[LEVEL], np.uint64(counters[NUM_ENTRIES]), counters[NUM_WAITING]
     starts_inside = counters[STARTS_INSIDE] == 1
-    # Indices are unsigned: signed ones might be negative, and each would be checked for it.
+    # Unsigned indices avoid checks for negative indices.
     right, up = np.uint64(1), np.uint64(stride)
     straight, diagonal = np.int32(STRAIGHT), np.int32(DIAGONAL)
     shut = np.int32(touching)
     row, col = np.int64(0), np.int64(0)
-    # Room for eight more is left before a cell is expanded: an array that may change in the loop would slow it down.
-    while num_waiting > 0 and np.int64(num_entries) + 8 <= entries.shape[0]:
+    # Eight entries must be free: growing an array in the loop would be slow.
+    while num_waiting > 0 and np.int64(num_entries) + 8 <= queue.shape[0]:
         while heads[np.uint64(level & mask)] < 0:
             level += 1
         if level > limit >> shift:
             break
         bucket = np.uint64(level & mask)
         entry = np.uint64(heads[bucket])
-        heads[bucket] = entries[entry, 1]
+        heads[bucket] = queue[entry, 1]
         num_waiting -= 1
-        node = np.uint64(entries[entry, 0])
+        node = np.uint64(queue[entry, 0])
         here = travel[node]
         if has_goal:
             row, col = np.int64(node // up) - 1, np.int64(node % up) - 1
         if (here + (octile(row - goal_row, col - goal_col) if has_goal else 0)) >> shift != level:
-            # A cheaper path has come to this cell since it was queued.
+            # Outdated: a cheaper path has reached the cell.
             continue
         if has_goal and row == goal_row and col == goal_col:
             break
@@ -174,8 +165,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
         if not escaping:
             a, b, c, d = a * (a != shut), b * (b != shut), c * (c != shut), d * (d != shut)
             ab, bc, cd, da = ab * (ab != shut), bc * (bc != shut), cd * (cd != shut), da * (da != shut)
-        # The steps that lead somewhere at less cost than before, as bits and without branches, which would often be
-        # mispredicted.
+        # Steps that lower a neighbour's cost, as bits, because branches would be mispredicted.
         steps = ((a != 0) & (here + a * straight < travel[node + right])) * 1
         steps |= ((b != 0) & (here + b * straight < travel[node + up])) * 2
         steps |= ((c != 0) & (here + c * straight < travel[node - right])) * 4
@@ -196,7 +186,7 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
                 d_row, d_col = STEPS[k]
                 there += octile(row + d_row - goal_row, col + d_col - goal_col)
             bucket = np.uint64((there >> shift) & mask)
-            entries[num_entries, 0], entries[num_entries, 1] = neighbour, heads[bucket]
+            queue[num_entries, 0], queue[num_entries, 1] = neighbour, heads[bucket]
             heads[bucket] = num_entries
             num_entries += right
             num_waiting += 1
@@ -204,24 +194,24 @@ def _expand(expansion, entries, open_weights, stride, touching, goal, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def expand(expansion, entries, open_weights, costs, weights, goal, limit):
-    """Go on with a search over costs; see `_expand`. Returns `entries`, or a larger array instead."""
+def expand(expansion, queue, open_weights, costs, weights, goal, limit):
+    """Continue a search, see `_expand`; return `queue`, enlarged if necessary."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
-        # Written here, and not there: LLVM drops stores behind the loop of `_expand`.
-        level, num_entries, num_waiting = _expand(expansion, entries, open_weights, stride, touching, goal, limit)
+        # Written here: LLVM drops stores after the loop of `_expand`.
+        level, num_entries, num_waiting = _expand(expansion, queue, open_weights, stride, touching, goal, limit)
         counters[LEVEL], counters[NUM_ENTRIES], counters[NUM_WAITING] = level, num_entries, num_waiting
-        if num_entries + 8 <= entries.shape[0]:
-            return entries
-        entries = np.concatenate((entries, np.empty_like(entries)))
+        if num_entries + 8 <= queue.shape[0]:
+            return queue
+        queue = np.concatenate((queue, np.empty_like(queue)))
 
 
 @njit(cache=True, error_model="numpy")
 def search(costs, weights, start_row, start_col, goal_row, goal_col):
-    """Spread over costs, shape (height, width), uint8, from a start to a goal; everywhere if `goal_row` is negative.
+    """Return travel costs and predecessors from a start to a goal, or to all cells if `goal_row` is negative.
 
-    Returns travel costs, shape (height + 2, width + 2), int32, and the index into `STEPS` of the step that led to each
-    cell, same shape, uint8; both with a border of one cell. They are final along the path to the goal.
+    `costs`: shape (height, width), uint8. Returns int32 travel costs and uint8 indices into `STEPS` of the step into
+    each cell, with a border of one cell. With a goal, only the path is final.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)
@@ -230,8 +220,8 @@ def search(costs, weights, start_row, start_col, goal_row, goal_col):
         for c in range(width):
             open_weights[(r + 1) * stride + c + 1] = weights[costs[r, c]]
     expansion = new_expansion(height, width)
-    entries = np.empty((open_weights.size, 2), dtype=np.int32)
+    queue = np.empty((open_weights.size, 2), dtype=np.int32)
     goal = goal_row, goal_col
-    begin(expansion, entries, costs, (start_row, start_col), goal)
-    expand(expansion, entries, open_weights, costs, weights, goal, np.int64(UNREACHED))
+    begin(expansion, queue, costs, (start_row, start_col), goal)
+    expand(expansion, queue, open_weights, costs, weights, goal, np.int64(UNREACHED))
     return expansion.travel.reshape(height + 2, width + 2), expansion.predecessor.reshape(height + 2, width + 2)

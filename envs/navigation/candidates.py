@@ -1,8 +1,4 @@
-"""Frontier candidates: frontiers that the robot can get to, what is known of each, and what that is worth.
-
-The search for paths expands from the robot, and stops when the cheapest candidates are known: what lies beyond them
-costs nothing.
-"""
+"""Frontier candidates: reachable frontiers, their features, and a scoring rule."""
 
 import math
 from dataclasses import dataclass
@@ -13,6 +9,7 @@ from numba import njit
 from pydantic import PositiveFloat
 
 from lidarnaut.envs.estimation import Belief
+from lidarnaut.envs.files import explain_unknown
 from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
@@ -32,118 +29,131 @@ from lidarnaut.envs.robots import RobotParams
 
 CANDIDATE = record_type(
     [
-        ("viewpoint", np.float64, 2),  # from which the frontier is looked at, (x, y), map frame [m]
-        ("frontier", np.float64, 2),  # the frontier cell that is seen from there, (x, y), map frame [m]
-        ("cost", np.float64),  # length of the path to the viewpoint, weighted by nearness to obstacles [m]
-        ("size", np.float64),  # length of the frontier, or of this part of it [m]
-        ("group", np.int64),  # which frontier it is part of; long ones are split into several candidates
-        ("group_size", np.float64),  # length of that frontier as a whole [m]
-        ("visible", np.float64),  # unknown area in view, within the lidar's range and 8 m, up to occupied cells [m2]
-        ("unknown", np.float64, len(SHARE_RADII)),  # share of the area within 1, 2, 4 m of the frontier
-        # For each of 24 sectors around the viewpoint, counter-clockwise from the direction in which most unknown area
-        # lies, the free range over the longest; then for each the share that is unknown and in view.
+        ("viewpoint", np.float64, 2),
+        ("frontier", np.float64, 2),
+        ("cost", np.float64),
+        ("size", np.float64),
+        ("group", np.int64),
+        ("group_size", np.float64),
+        ("visible", np.float64),
+        ("unknown", np.float64, len(SHARE_RADII)),
         ("sectors", np.float32, 2 * NUM_SECTORS),
-        ("clearance", np.float64),  # from the viewpoint to obstacles, over the distance from which they cost nothing
-        ("turn", np.float64),  # from the robot's heading to the beginning of the path, counter-clockwise [rad]
-        ("age", np.float64),  # time for which there has been a candidate here [s]
-        ("failures", np.int64),  # attempts to get here that failed
-        ("goal", np.int64, 2),  # planning cell (row, column) of the viewpoint
-        ("cell", np.int64, 2),  # that of the frontier
-        ("travel", np.int64),  # cost in units of `search`
-        ("span", np.int64, 2),  # first of `Candidates.frontier_cells` that is its own, and the one after its last
+        ("clearance", np.float64),
+        ("turn", np.float64),
+        ("age", np.float64),
+        ("failures", np.int64),
+        ("goal", np.int64, 2),  # internal, like the next fields
+        ("cell", np.int64, 2),
+        ("travel", np.int64),
+        ("span", np.int64, 2),
     ]
 )
-"""A candidate; its fields are what rules read, as `candidates["cost"]`."""
+"""Record type of a candidate; see `Candidates`."""
 _FEATURES = """
 visible unknown_1m unknown_2m unknown_4m cost cost_ratio rank turn size clearance age ahead left failures chosen
 """
 FEATURES = tuple(_FEATURES.split())
-"""Columns of the observation's candidates; see `ExploreFrontiersEnv`."""
+"""Feature columns of a candidate; see `ExploreFrontiersEnv`."""
 NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Visible unknown area that counts as one half [m2]."""
+"""Visible unknown area that maps to feature value 0.5 [m2]."""
 HALF_COST = 5.0
-"""Travel cost that counts as one half [m]."""
+"""Travel cost that maps to feature value 0.5 [m]."""
 HALF_SIZE = 2.0
-"""Length of a frontier that counts as one half [m]."""
+"""Frontier length that maps to feature value 0.5 [m]."""
 HALF_AGE = 60.0
-"""Age of a frontier that counts as one half [s]."""
-REACH = 16.0
-"""Distance of a candidate that counts as one [m]."""
-FAILED = 1e6
-"""What is taken off the scores of candidates that failed."""
+"""Frontier age that maps to feature value 0.5 [s]."""
+OFFSET_SCALE = 16.0
+"""Distance ahead or to the left that maps to feature value 1 [m]."""
+FAILURE_PENALTY = 1e6
+"""Penalty on the scores of candidates with failed drives."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Frontiers that the robot can get to, by increasing travel cost; `candidates["cost"]` has shape (k,)."""
+    """Reachable frontiers, sorted by increasing travel cost.
+
+    Rules read fields by name, `candidates["cost"]`, with k values for k candidates:
+
+    - `viewpoint`: position that sees the frontier (x, y), shape (k, 2), map frame [m].
+    - `frontier`: frontier cell in view of the viewpoint (x, y), shape (k, 2), map frame [m].
+    - `cost`: path length to the viewpoint, weighted by traversal costs [m].
+    - `size`: length of the candidate [m]. Long frontiers are split into several candidates.
+    - `group`: index of the whole frontier.
+    - `group_size`: length of the whole frontier [m].
+    - `visible`: unknown area in view of the viewpoint, within lidar range and 8 m [m2].
+    - `unknown`: unknown share of discs of radius 1, 2 and 4 m around the frontier cell, shape (k, 3).
+    - `sectors`: free ranges of 24 sectors around the viewpoint, then their unknown shares, as fractions, shape (k, 48);
+      counter-clockwise from the mean direction of the unknown area.
+    - `clearance`: distance from the viewpoint to obstacles over the inflation radius, at most 1.
+    - `turn`: angle from the robot's heading to the start of the path, counter-clockwise [rad].
+    - `age`: time since the frontier became a candidate [s].
+    - `failures`: number of failed drives to the frontier.
+    """
 
     table: np.ndarray
-    """Shape (k,), `CANDIDATE`."""
+    """Records of the candidates, shape (k,), dtype `CANDIDATE`."""
     chosen: int
-    """Index of the candidate that the last drive was for; -1 if it is gone."""
+    """Index of the candidate of the last drive; -1 if it is gone."""
     last_failed: bool
-    """Whether that drive failed."""
     frontier_cells: np.ndarray
-    """Shape (n, 2), int64: (row, column) of the planning cells of all frontiers."""
+    """Planning cells of all frontiers (row, column), shape (n, 2), int64."""
     costmap: Costmap
-    """Costs on planning cells; its array is live."""
+    """Costs of the planning cells; a live view."""
 
     @property
     def cells(self) -> tuple[np.ndarray, ...]:
-        """For each candidate shape (n, 2), float64: centres of all its frontier cells (x, y) [m]; made when asked."""
+        """Centres of each candidate's frontier cells, k arrays of shape (n, 2), map frame [m]."""
         centers = self.costmap.grid.centers(self.frontier_cells)
         return tuple(centers[first:last] for first, last in self["span"].tolist())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return a field of all candidates; see `CANDIDATE`."""
+        """Return a field of all candidates; ValueError for an unknown name."""
+        if name not in (names := self.table.dtype.names or ()):
+            raise ValueError(f"unknown field of candidates {explain_unknown(name, names)}")
         return self.table[name]
 
     def __len__(self) -> int:
-        """Return how many there are."""
         return len(self.table)
 
 
 def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
-    """Return scores, shape (k,), with those of candidates that a drive has failed to get to behind all others."""
-    return np.where(candidates["failures"] > 0, scores - FAILED, scores)
+    """Return scores, shape (k,), with candidates of failed drives last."""
+    return np.where(candidates["failures"] > 0, scores - FAILURE_PENALTY, scores)
 
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class GainOverCost:
-    """The ratio of gain and cost: `(visible + least_gain) / (cost + least_cost)`.
+    """Score candidates by gain over cost: `(visible + least_gain) / (cost + least_cost)`.
 
-    After González-Baños and Latombe, "Navigation strategies for exploring indoor environments" (2002), who take
-    `gain * exp(-cost)`; a ratio prefers the same near views, and does not give up on far ones.
+    After González-Baños and Latombe, "Navigation strategies for exploring indoor environments" (2002), who use `gain *
+    exp(-cost)`, which discards distant candidates.
     """
 
     least_gain: PositiveFloat = 0.3
-    """Added to the visible unknown area [m2]: what looking at a frontier is worth where nothing seems to lie behind."""
+    """Added to the visible unknown area [m2]: value of a frontier with no such area."""
     least_cost: PositiveFloat = 3.0
-    """Added to the cost of the path [m]: the smaller, the more the nearest frontier counts."""
+    """Added to the path cost [m]; smaller values favour near frontiers."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return the logarithms of the ratios, shape (k,), float64."""
+        """Return the logarithm of each candidate's ratio, shape (k,), float64."""
         ratios = np.log(candidates["visible"] + self.least_gain) - np.log(candidates["cost"] + self.least_cost)
         return failed_last(ratios, candidates)
 
 
 def robot_features(robot: RobotParams) -> np.ndarray:
-    """Return what policies see of a robot: shape (3,), float32; see `ExploreFrontiersEnv`."""
+    """Return a robot's lidar range, radius and speed, scaled to [0, 1), shape (3,), float32."""
     sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
     return (sizes / (sizes + halves)).astype(np.float32)
 
 
 @njit(cache=True, error_model="numpy")
-def _view(joined, travel, members, tables, limit, is_complete):
-    """Find the cheapest viewpoint of frontier cells, at the least view distance from which there is one.
-
-    Returns row, column, index of the cell in view, travel cost; the index is -1 where the search has not found one.
-    """
+def _view(occupancy, travel, members, tables, limit, is_complete):
+    """Return row, column, visible cell and travel cost of the cheapest viewpoint; cell -1 if not final."""
     for k in range(len(tables.views)):
-        row, col, seen = cheapest_view(joined, travel, members, tables.views[k])
+        row, col, seen = cheapest_view(occupancy, travel, members, tables.views[k])
         if seen < 0:
             continue
         cost = travel[row + 1, col + 1]
@@ -154,7 +164,6 @@ def _view(joined, travel, members, tables, limit, is_complete):
 
 @njit(cache=True, error_model="numpy")
 def _is_beyond(members, start, reach, limit):
-    """Tell whether no cell within `reach` cells of any of some cells can be reached at a cost of `limit`."""
     nearest = np.int64(1 << 40)
     for k in range(len(members)):
         nearest = min(nearest, max(abs(members[k, 0] - start[0]), abs(members[k, 1] - start[1])))
@@ -162,19 +171,18 @@ def _is_beyond(members, start, reach, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def find_candidates(joined, layer, expansion, entries, start, frontier, min_lengths, max_candidates, tables):
-    """Find the frontiers that are cheapest to get to from a cell: at least `max_candidates`, if there are as many.
+def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
+    """Find the reachable frontiers with the lowest travel costs, at least `max_candidates` if possible.
 
-    `layer` holds costs, shape (height, width), uint8, and the `open_weights` of `_expand`, `frontier` the cells and
-    parts of `split_groups`. A frontier has at least the first of `min_lengths` cells; the next one counts where none of
-    those before can be reached. Returns records, `CANDIDATE`, of which the cells, travel cost, span and group are
-    written (`group_size` in cells), and `entries`.
+    `layer`: costs, shape (height, width), uint8, and `open_weights` of `_expand`. `frontier`: cells and parts from
+    `split_groups`. `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable.
+    Returns partly filled `CANDIDATE` records (`group_size` in cells) and `queue`.
     """
     costs, open_weights = layer
     cells, parts = frontier
-    height, width = joined.shape
+    height, width = occupancy.shape
     travel = expansion.travel.reshape(height + 2, width + 2)
-    begin(expansion, entries, costs, start, NO_GOAL)
+    begin(expansion, queue, costs, start, NO_GOAL)
     found = np.empty(len(parts), dtype=CANDIDATE)
     is_settled = np.zeros(len(parts), dtype=np.bool_)
     num_found = 0
@@ -184,7 +192,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
         while True:
             if is_complete or not ((parts[:, 2] >= min_length) & ~is_settled).any():
                 break
-            entries = expand(expansion, entries, open_weights, costs, tables.weights, NO_GOAL, limit)
+            queue = expand(expansion, queue, open_weights, costs, tables.weights, NO_GOAL, limit)
             is_complete = expansion.counters[NUM_WAITING] == 0
             for k in range(len(parts)):
                 if parts[k, 2] < min_length or is_settled[k]:
@@ -192,7 +200,7 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
                 members = cells[parts[k, 0] : parts[k, 1]]
                 if not is_complete and _is_beyond(members, start, tables.views[-1], limit):
                     continue
-                row, col, seen, cost = _view(joined, travel, members, tables, limit, is_complete)
+                row, col, seen, cost = _view(occupancy, travel, members, tables, limit, is_complete)
                 if seen >= 0:
                     new = found[num_found]
                     new.goal[0], new.goal[1] = row, col
@@ -206,33 +214,31 @@ def find_candidates(joined, layer, expansion, entries, start, frontier, min_leng
             limit *= 2
         if num_found > 0:
             break
-    return found[:num_found], entries
+    return found[:num_found], queue
 
 
 @njit(cache=True, error_model="numpy")
-def _clearance(joined, row, col, reach):
-    """Return the distance from a cell to the nearest occupied one, at most `reach` [cells]."""
-    height, width = joined.shape
+def _clearance(occupancy, row, col, reach):
+    height, width = occupancy.shape
     best = reach * reach
     for r in range(max(row - reach, 0), min(row + reach + 1, height)):
         for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-            if joined[r, c] >= OCCUPIED_FROM:
+            if occupancy[r, c] >= OCCUPIED_FROM:
                 best = min(best, (r - row) ** 2 + (c - col) ** 2)
     return math.sqrt(best)
 
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Complete the records of candidates, `table`, in metres and seconds.
+    """Fill in the remaining fields of the candidate records in `table`.
 
-    `raster` is `joined` and the predecessors, shape (height + 2, width + 2), uint8, of the search that found them;
-    `frame` where the first column and row begin, map frame, and the side of a cell; `past` the frontiers of the
-    candidates before (x, y), and since when they have been there, shape (n, 3); those that the robot did not get to,
-    shape (m, 2); the one that was chosen last (x, y), NaN for none; and the distance up to which two are the same.
+    `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and side of a
+    cell [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
+    shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
 
-    Returns the frontiers for the next call, shape (k, 3); and which candidate was chosen last, -1 if it is gone.
+    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 for none.
     """
-    joined, predecessor = raster
+    occupancy, predecessor = raster
     left, low, side = frame
     before, failures, chosen, radius = past
     seen, last, least = np.empty((len(table), 3)), -1, radius
@@ -258,13 +264,13 @@ def describe(raster, table, tables, frame, theta, now, past):
         out.cost, out["size"] = out.travel * side / (STRAIGHT * SCALE), (out.span[1] - out.span[0]) * side
         out.group_size *= side
         for i in range(len(SHARE_RADII)):
-            out.unknown[i] = unknown_share(joined, row, col, SHARE_RADII[i] / side)
-        outward = cast_view(joined, goal_row, goal_col, reach, free, unknown)
+            out.unknown[i] = unknown_share(occupancy, row, col, SHARE_RADII[i] / side)
+        outward = cast_view(occupancy, goal_row, goal_col, reach, free, unknown)
         out.visible = unknown.sum() * side * side
         fill_sectors(free, unknown, outward, reach, out.sectors)
-        out.clearance = min(_clearance(joined, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
+        out.clearance = min(_clearance(occupancy, goal_row, goal_col, tables.inflation) / tables.inflation, 1.0)
         path = walk_back(predecessor, goal_row, goal_col)
-        # On the viewpoint already, the path on is the one to what is to be seen.
+        # At the viewpoint, turn towards the frontier cell.
         if path.shape[0] > 1:
             ahead = min(tables.heading_steps, path.shape[0] - 1)
             row, col = path[ahead, 0], path[ahead, 1]
@@ -274,10 +280,10 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write what policies see of candidates from a pose; see `ExploreFrontiersEnv`. Rows without a candidate are 0.
+    """Write the policy features of candidates, float32; see `ExploreFrontiersEnv`. Unused rows are 0.
 
-    `max_failures` is the number of failures that counts as one. `features`, shape (n, NUM_FEATURES), `sectors`, shape
-    (n, 2 * NUM_SECTORS), and `gaps`, shape (n, n), all float32, are written.
+    `max_failures`: number of failures at feature value 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
+    (n, 2 * NUM_SECTORS), and `gaps`, normalised distances between candidates, shape (n, n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0
@@ -295,8 +301,8 @@ def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, g
         out[SIZE] = row["size"] / (row["size"] + HALF_SIZE)
         out[CLEARANCE] = row.clearance
         out[AGE] = row.age / (row.age + HALF_AGE)
-        out[AHEAD] = min(max((c * dx + s * dy) / REACH, -1.0), 1.0)
-        out[LEFT] = min(max((c * dy - s * dx) / REACH, -1.0), 1.0)
+        out[AHEAD] = min(max((c * dx + s * dy) / OFFSET_SCALE, -1.0), 1.0)
+        out[LEFT] = min(max((c * dy - s * dx) / OFFSET_SCALE, -1.0), 1.0)
         out[FAILURES] = min(row.failures / max_failures, 1.0)
         for i in range(sectors.shape[1]):
             sectors[k, i] = row.sectors[i]

@@ -1,4 +1,4 @@
-"""Costmaps in the manner of Nav2: what it costs to have the robot's centre in a cell."""
+"""Costmaps as in Nav2: traversal costs for the robot's centre."""
 
 import math
 from dataclasses import dataclass
@@ -12,34 +12,34 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
-"""Farther from every obstacle than the inflation radius."""
+"""Cost beyond the inflation radius of every obstacle."""
 COST_MAX_FREE = 252
-"""Highest cost at which the robot does not touch anything yet."""
+"""Highest cost of a collision-free cell."""
 COST_INSCRIBED = 253
-"""The robot's footprint would touch an obstacle."""
+"""Cost of a cell with the footprint in collision."""
 COST_LETHAL = 254
-"""The cell itself is occupied."""
+"""Cost of an occupied cell."""
 COST_UNKNOWN = 255
-"""Never observed, and no known obstacle's footprint reaches it."""
+"""Cost of an unobserved cell beyond the footprint radius of known obstacles."""
 
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class CostmapParams:
-    """How obstacles spread into a costmap. Defaults: Nav2's bring-up file."""
+    """Inflation parameters. Defaults are those of Nav2's bring-up file."""
 
     robot_radius: PositiveFloat = 0.22
-    """Distance from an obstacle's cell within which the robot's centre must not come [m]."""
+    """Footprint radius: minimum distance to obstacles [m]."""
     inflation_radius: float = 0.7
-    """Distance up to which nearness to an obstacle costs [m]."""
+    """Distance from obstacles within which costs increase [m]."""
     cost_scaling_factor: NonNegativeFloat = 3.0
-    """Rate at which the cost decays with the distance [1/m]."""
+    """Exponential decay rate of the cost with distance [1/m]."""
 
     def __post_init__(self) -> None:
         if not self.inflation_radius >= self.robot_radius:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
 
     def reach(self, resolution: float) -> int:
-        """Return how many cells of a side [m] the inflation radius spans; ValueError unless 1 to 180."""
+        """Return the inflation radius in cells of side `resolution` [m]; ValueError unless 1 to 180."""
         reach = math.floor(self.inflation_radius / resolution + 1e-9)
         if not 1 <= reach <= 180:
             raise ValueError(
@@ -48,8 +48,8 @@ class CostmapParams:
         return reach
 
     def table(self, resolution: float) -> np.ndarray:
-        """Return Nav2's costs by the squared distance to the nearest obstacle [cells2], up to (reach + 1)**2: uint8."""
-        # Rounded to a nanometre, so that five cells of 0.05 m count as 0.25 m and not as slightly more.
+        """Return Nav2's costs, uint8, by squared distance to the nearest obstacle [cells2]."""
+        # Rounded: five cells of 0.05 m are exactly 0.25 m.
         distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
         costs = COST_MAX_FREE * np.exp(-self.cost_scaling_factor * (distances - self.robot_radius))
         costs[distances <= self.robot_radius] = COST_INSCRIBED
@@ -60,19 +60,17 @@ class CostmapParams:
 
 @dataclass(frozen=True, slots=True)
 class Costmap:
-    """Costs on the raster of an occupancy grid."""
+    """Traversal costs on the raster of an occupancy grid."""
 
     costs: np.ndarray
-    """Shape (height, width), uint8: 0 free, 1..252 near something, 253 inscribed, 254 lethal, 255 unknown."""
+    """Costs, shape (height, width), uint8: 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown."""
     grid: OccupancyGrid
-    """The grid that the costs were made from; gives resolution and origin."""
     params: CostmapParams
-    """How they were made."""
 
 
 @njit(cache=True, error_model="numpy")
 def inflate(data, reach, table):
-    """Turn occupancy (int8) into costs (uint8), both of shape (height, width); see `CostmapParams.table`."""
+    """Convert occupancy (int8) to costs (uint8), shape (height, width), by `CostmapParams.table`."""
     height, width = data.shape
     squared = squared_distances(data >= OCCUPIED_FROM, reach)
     limit = np.uint16(len(table) - 1)
@@ -87,8 +85,7 @@ def inflate(data, reach, table):
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
     """Inflate the obstacles of a grid.
 
-    Cells never observed stay unknown, unless a known obstacle is so near that the robot would touch it whatever they
-    hold.
+    Unobserved cells stay unknown beyond the footprint radius of known obstacles.
     """
     return Costmap(inflate(grid.data, params.reach(grid.resolution), params.table(grid.resolution)), grid, params)
 

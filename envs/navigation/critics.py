@@ -1,6 +1,6 @@
-"""The critics of DWB: kernels that roll twists out in the robot's frame and judge where they lead.
+"""Critics of DWB: kernels that roll out twists and score the trajectories.
 
-Everything lies on a square raster in the base frame, the robot in the middle of its middle cell, x along columns.
+Rasters are square, in the base frame, with the robot in the middle and x along columns.
 """
 
 import math
@@ -15,21 +15,19 @@ from lidarnaut.envs.geometry.rows import write_row
 from .costmap import COST_INSCRIBED
 
 ROTATE_TO_GOAL, OSCILLATION, BASE_OBSTACLE, GOAL_ALIGN, PATH_ALIGN, PATH_DIST, GOAL_DIST = range(7)
-"""Columns of the scores."""
 NUM_CRITICS = 7
-"""How many there are."""
 
 
-AHEAD = 0.1
-"""Distance of the point in front of the robot that alignment looks at [m]."""
+FRONT_DISTANCE = 0.1
+"""Distance of the alignment point ahead of the robot [m] (Nav2's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
-"""Speed up to which the robot counts as stopped at the goal, and may turn [m/s]."""
+"""Maximum speed that counts as stopped at the goal [m/s]."""
 SLOWING_FACTOR = 5.0
-"""Price of speed there."""
+"""Cost factor of squared speed while stopping at the goal."""
 
 
-class Motion(NamedTuple):
-    """How twists are rolled out: the velocity now, its greatest changes, for how long, and in which steps."""
+class RolloutParams(NamedTuple):
+    """Rollout parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
 
     v: float
     w: float
@@ -41,49 +39,47 @@ class Motion(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """The local costmap, and what is computed from it."""
+    """Local costmap and derived rasters."""
 
     costs: np.ndarray
-    """Shape (side, side), uint8."""
+    """Costs, shape (side, side), uint8."""
     squared: np.ndarray
-    """Same shape, uint16: squared distance to the nearest obstacle [cells2], up to the inflation's reach."""
+    """Squared obstacle distances, shape (side, side), uint16 [cells2], limited by the inflation radius."""
     steps: np.ndarray
-    """Shape (3, side, side), int32: to the path, to the end of it in reach, and to a point a little farther on; see
+    """Steps to the path, to its reachable end and to a point beyond that end, shape (3, side, side), int32; see
     `spread`."""
     resolution: float
     """Side of a cell [m]."""
 
 
 class Ending(NamedTuple):
-    """What the goal and alignment critics look at; see `RotateToGoal` and `PathAlign` of DWB."""
+    """Inputs of DWB's critics `RotateToGoal` and `PathAlign`."""
 
     is_near: bool
-    """Whether the robot is within the tolerance of a goal with a heading."""
+    """True within tolerance of a goal with a heading."""
     heading: float
-    """That heading in the base frame [rad]."""
+    """Goal heading, base frame [rad]."""
     aligns: bool
-    """Whether the robot is far enough from the goal to align with the path."""
+    """True if the robot is far enough from the goal to align with the path."""
 
 
 @njit(cache=True, error_model="numpy")
-def roll_out(v, w, motion, poses):
-    """Follow a commanded twist from the origin, with the speeds ramped from what they are now.
+def roll_out(v, w, rollout, poses):
+    """Simulate a twist from the origin with acceleration limits; return the number of poses.
 
-    Writes (x, y, heading) after each step, base frame [m, m, rad], to `poses`, shape (n, 3), float64, and returns how
-    many there are.
+    Writes `poses`, shape (n, 3): x, y, heading after each step, base frame [m, m, rad].
     """
-    turns = max(abs(w), abs(motion.w)) * motion.sim_time / motion.angular_granularity
-    metres = max(abs(v), abs(motion.v)) * motion.sim_time / motion.linear_granularity
+    turns = max(abs(w), abs(rollout.w)) * rollout.sim_time / rollout.angular_granularity
+    metres = max(abs(v), abs(rollout.v)) * rollout.sim_time / rollout.linear_granularity
     num_steps = min(max(1, math.ceil(max(turns, metres))), poses.shape[0])
-    dt = motion.sim_time / num_steps
+    dt = rollout.sim_time / num_steps
     x = y = theta = 0.0
-    speed, rate, turn = motion.v, motion.w, math.nan
+    speed, rate, turn = rollout.v, rollout.w, math.nan
     c = s = step_c = step_s = 0.0
     for k in range(num_steps):
-        speed += min(max(v - speed, -motion.max_acc_v * dt), motion.max_acc_v * dt)
-        rate += min(max(w - rate, -motion.max_acc_w * dt), motion.max_acc_w * dt)
+        speed += min(max(v - speed, -rollout.max_acc_v * dt), rollout.max_acc_v * dt)
+        rate += min(max(w - rate, -rollout.max_acc_w * dt), rollout.max_acc_w * dt)
         if rate * dt == turn:
-            # Once the yaw rate is reached, the direction turns on evenly.
             c, s = c * step_c - s * step_s, s * step_c + c * step_s
         else:
             turn = rate * dt
@@ -98,10 +94,10 @@ def roll_out(v, w, motion, poses):
 
 @njit(cache=True, error_model="numpy")
 def spread(costs, distances, seeds):
-    """Count the steps to the four nearest cells that lead to any seed around what the robot would touch.
+    """Compute the number of 4-connected steps from each cell to the nearest seed, around obstacles.
 
-    `distances`, shape (n, n), int32, is written: steps; n * n where the robot would touch something; n * n + 1 where
-    nothing leads. `seeds` are indices of cells, none of them twice.
+    Writes `distances`, shape (n, n), int32; n * n in collision, n * n + 1 if unreachable. `seeds`: distinct flat cell
+    indices.
     """
     side = costs.shape[0]
     size = side * side
@@ -131,29 +127,27 @@ def spread(costs, distances, seeds):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def cell_of(x, y, side, resolution):
-    """Return the index of the cell of (x, y), base frame [m], on the flat raster; -1 outside."""
+    """Return the flat cell index of (x, y), base frame [m]; -1 outside the raster."""
     half = 0.5 * side
     col, row = math.floor(x / resolution + half), math.floor(y / resolution + half)
     return row * side + col if 0 <= row < side and 0 <= col < side else -1
 
 
 @njit(cache=True, error_model="numpy")
-def _rotate_to_goal(v, poses, num_steps, motion, ending):
-    """Return what a trajectory costs near the goal: first stop, then turn; NaN if it does neither."""
+def _rotate_to_goal(v, poses, num_steps, rollout, ending):
     if not ending.is_near:
         return 0.0
     error = abs(wrap_angle(poses[num_steps - 1, 2] - ending.heading))
-    if abs(motion.v) > STOPPED_SPEED:
-        return v * v * SLOWING_FACTOR + error if abs(v) < abs(motion.v) else np.nan
+    if abs(rollout.v) > STOPPED_SPEED:
+        return v * v * SLOWING_FACTOR + error if abs(v) < abs(rollout.v) else np.nan
     return error if v == 0.0 else np.nan
 
 
 @njit(cache=True, error_model="numpy")
 def meets_people(poses, num_steps, people, sim_time, radius):
-    """Tell whether a footprint of a radius [m] would touch people who walk on as they do.
+    """Return True if the footprint would touch people who keep their velocity.
 
-    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`; `sim_time`: time that the trajectory takes
-    [s].
+    `people`: see `PeopleTracker.people`. `sim_time`: trajectory duration [s]. `radius`: footprint radius [m].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]
@@ -168,10 +162,7 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 @njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
-    """Return the cost of a trajectory's last cell; NaN if it touches something, or leads off the raster.
-
-    A robot that touches something already, by noise, may still do what does not bring it nearer.
-    """
+    """Return the cost of the last cell; NaN for a collision, unless the robot leaves one."""
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2
@@ -189,7 +180,6 @@ def _clearance_cost(poses, num_steps, rasters):
 
 @njit(cache=True, error_model="numpy")
 def _steps_at(distances, x, y, resolution, must_lead):
-    """Look up a raster of steps; NaN, where `must_lead`, for cells that do not lead to its seeds."""
     side = distances.shape[0]
     size = side * side
     cell = cell_of(x, y, side, resolution)
@@ -198,12 +188,11 @@ def _steps_at(distances, x, y, resolution, must_lead):
 
 
 @njit(cache=True, error_model="numpy")
-def judge(twists, banned, motion, ending, rasters, people, radius, scores):
-    """Score twists, shape (n, 2) [m/s, rad/s], by every critic; lower is better, NaN is out of the question.
+def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
+    """Score twists by every critic; lower is better, NaN rejects a twist.
 
-    `people` are those of `meets_people`, `radius` is that of the footprint [m].
-    `banned` tells which of v < 0, v > 0, w < 0, w > 0 would be to swing back and forth. `scores`, shape (n, 7), is
-    written; see `ROTATE_TO_GOAL` and its neighbours.
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: whether v < 0, v > 0, w < 0, w > 0 would oscillate. `people`,
+    `radius`: see `meets_people`. Writes `scores`, shape (n, 7), columns from `ROTATE_TO_GOAL` on.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]
@@ -213,13 +202,13 @@ def judge(twists, banned, motion, ending, rasters, people, radius, scores):
         scores[i] = np.nan
         if (v < 0 and banned[0]) or (v > 0 and banned[1]) or (w < 0 and banned[2]) or (w > 0 and banned[3]):
             continue
-        num_steps = roll_out(v, w, motion, poses)
+        num_steps = roll_out(v, w, rollout, poses)
         cost = _clearance_cost(poses, num_steps, rasters)
-        if math.isnan(cost) or meets_people(poses, num_steps, people, motion.sim_time, radius):
+        if math.isnan(cost) or meets_people(poses, num_steps, people, rollout.sim_time, radius):
             continue
         x, y, theta = poses[num_steps - 1]
-        front_x, front_y = x + AHEAD * math.cos(theta), y + AHEAD * math.sin(theta)
-        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, motion, ending)
+        front_x, front_y = x + FRONT_DISTANCE * math.cos(theta), y + FRONT_DISTANCE * math.sin(theta)
+        scores[i, ROTATE_TO_GOAL] = _rotate_to_goal(v, poses, num_steps, rollout, ending)
         scores[i, OSCILLATION] = 0.0
         scores[i, BASE_OBSTACLE] = cost
         scores[i, GOAL_ALIGN] = _steps_at(to_goal_ahead, front_x, front_y, resolution, False)

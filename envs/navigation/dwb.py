@@ -1,9 +1,7 @@
-"""A local planner in the manner of Nav2's DWB: try twists, judge where they lead, take the best.
+"""Local planner after Nav2's DWB, with the critics of Nav2's bring-up file.
 
-The trajectories are those of `dwb_plugins::StandardTrajectoryGenerator`, the critics those of Nav2's bring-up file. The
-local costmap is a square that moves and turns with the robot, made of the obstacles around it. One thing differs: Nav2
-makes for the point where the path leaves the local costmap, which draws robots off a path that comes back; here they
-make for the point of the path that a trajectory reaches.
+Goal critics aim at the path point that a trajectory can reach. In Nav2, they aim at the edge of the local costmap,
+which draws robots off a path that turns back.
 """
 
 import math
@@ -17,51 +15,50 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 from .costmap import CostmapParams, inflate
-from .critics import AHEAD, NUM_CRITICS, Ending, Motion, Rasters, cell_of, judge, spread
+from .critics import FRONT_DISTANCE, NUM_CRITICS, Ending, Rasters, RolloutParams, cell_of, judge, spread
 from .obstacles import without_people
-from .pursuit import NEAREST_WINDOW, nearest_index
+from .regulated_pursuit import NEAREST_WINDOW, nearest_index
 
-# Nav2's bring-up file; speeds and accelerations are the robot's.
+# Values of Nav2's bring-up file.
 MAX_W = 1.0
-"""Greatest yaw rate, where the robot has it [rad/s]."""
+"""Maximum yaw rate [rad/s], limited by the robot."""
 NUM_V, NUM_W = 20, 20
-"""Forward speeds and yaw rates that are tried."""
+"""Numbers of sampled forward speeds and yaw rates."""
 SIM_TIME = 1.7
-"""How far ahead trajectories are rolled out [s]."""
+"""Duration of a trajectory [s]."""
 LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
-"""Longest step of a trajectory [m], and greatest turn in it [rad]."""
+"""Maximum step [m] and turn [rad] between poses of a trajectory."""
 GOAL_TOLERANCE = 0.25
-"""Distance from the goal at which the robot stops to turn [m]."""
+"""Distance to the goal that starts the final turn [m]."""
 RESET_DISTANCE, RESET_ANGLE = 0.05, 0.2
-"""How far the robot must have got before it may turn back to where it came from [m, rad]."""
+"""Distance [m] or angle [rad] from the last reversal after which the robot may reverse again."""
 ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE = 32.0, 1.0, 0.02
 GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE = 24.0, 32.0, 32.0, 24.0
 RESOLUTION = 0.05
-"""Side of a cell of the local costmap [m]."""
+"""Cell side of the local costmap [m]."""
 SIZE = 3.0
-"""Least side of the local costmap [m]; it is made large enough for a trajectory at full speed."""
+"""Minimum side of the local costmap [m]."""
 INFLATION = 0.48
-"""How far beyond the robot nearness to obstacles costs [m] (0.7 m from the centre of a TurtleBot3)."""
+"""Inflation beyond the robot's radius [m]."""
 
 
 class DwbPlanner:
-    """Drives along one path at a time; a `LocalPlanner`."""
+    """Local planner that samples twists and scores their trajectories; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
-        """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
         self._robot = robot
         self._max_w = min(MAX_W, robot.max_w)
-        self._horizon = robot.max_v * SIM_TIME + AHEAD
+        self._horizon = robot.max_v * SIM_TIME + FRONT_DISTANCE
         half = math.ceil(max(0.5 * SIZE, self._horizon + robot.radius) / RESOLUTION)
         self._side = 2 * half + 1
-        # Obstacles lie anywhere in their cells.
+        # Obstacles may lie anywhere in their cells.
         costmap = CostmapParams(robot.radius + 0.5 * RESOLUTION, robot.radius + INFLATION)
         self._reach, self._table = costmap.reach(RESOLUTION), costmap.table(RESOLUTION)
-        # Scores of rasters count cells; half a cell's side per step, as Nav2 has it.
+        # As in Nav2, a step costs half a cell's side.
         steps = np.array([GOAL_ALIGN_SCALE, PATH_ALIGN_SCALE, PATH_DIST_SCALE, GOAL_DIST_SCALE]) * 0.5 * RESOLUTION
         self._scales = np.array([ROTATE_TO_GOAL_SCALE, OSCILLATION_SCALE, BASE_OBSTACLE_SCALE, *steps])
         self._rasters = np.empty((3, self._side, self._side), dtype=np.int32)
-        # Signs of the last forward speed and yaw rate that were not 0, and those that are banned, 0 for none.
+        # Signs of the last nonzero speeds, and banned signs, 0 for none.
         self._signs, self._banned = np.zeros(2), np.zeros(2)
         self._turned_at: Pose2D | None = None
         self._path = np.empty((0, 2))
@@ -69,37 +66,35 @@ class DwbPlanner:
         self._heading: float | None = None
         self._has_no_path = False
         self.tracks = np.empty((0, 5))
-        """People around, see `PeopleTracker.people`; to be set before each `command`. Nav2's DWB knows none."""
+        """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
-        """Whether the last command did not drive on because of obstacles."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Follow another path from now on, and turn to a heading [rad] at its end, if given; see `LocalPlanner`."""
+        """Set the path; `heading`: goal heading [rad], None for any."""
         self._path = path
         self._index = 0
         self._heading = heading
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the twist to command for the next period; see `LocalPlanner`."""
+        """Return the next twist; see `LocalPlanner.command`."""
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         costs, squared = self._look(without_people(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
         self._allow_turning_back(pose)
         limits = self._robot.max_acc_v, self._robot.max_acc_w
-        motion = Motion(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
+        rollout = RolloutParams(*twist, *limits, SIM_TIME, LINEAR_GRANULARITY, ANGULAR_GRANULARITY)
         is_near = self._heading is not None and to_goal <= GOAL_TOLERANCE
         heading = wrap_angle(self._heading - pose.theta) if self._heading is not None else 0.0
-        ending = Ending(is_near, heading, to_goal > AHEAD)
+        ending = Ending(is_near, heading, to_goal > FRONT_DISTANCE)
         twists = self._samples(twist)
         scores = np.empty((len(twists), NUM_CRITICS))
         bans = tuple(banned == sign for banned in self._banned.tolist() for sign in (-1.0, 1.0))
         rasters = Rasters(costs, squared, self._rasters, RESOLUTION)
-        judge(twists, bans, motion, ending, rasters, self.tracks, self._robot.radius, scores)
+        judge(twists, bans, rollout, ending, rasters, self.tracks, self._robot.radius, scores)
         totals = scores @ self._scales
         self.blocked = bool(np.isnan(totals).all())
         if self.blocked:
@@ -110,7 +105,6 @@ class DwbPlanner:
         return Twist(v, w)
 
     def _samples(self, twist: Twist) -> np.ndarray:
-        """Return the twists that the robot can get to: shape (n, 2), float64 [m/s, rad/s]."""
         robot = self._robot
         reach_v, reach_w = robot.max_acc_v * SIM_TIME, robot.max_acc_w * SIM_TIME
         lows = max(0.0, min(twist.v - reach_v, robot.max_v)), max(-self._max_w, twist.w - reach_w)
@@ -120,7 +114,6 @@ class DwbPlanner:
         return np.stack(np.meshgrid(speeds, rates, indexing="ij"), axis=-1).reshape(-1, 2)
 
     def _look(self, obstacles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return costs (uint8) and squared distances to the nearest obstacle (uint16 [cells2]) around the robot."""
         data = np.zeros((self._side, self._side), dtype=np.int8)
         cells = np.floor(obstacles / RESOLUTION + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]
@@ -128,7 +121,6 @@ class DwbPlanner:
         return inflate(data, self._reach, self._table), squared_distances(data > 0, self._reach)
 
     def _measure(self, pose: Pose2D, costs: np.ndarray) -> float:
-        """Fill the rasters of steps to the path, its end in reach, and beyond; return the distance to the goal [m]."""
         side = self._side
         points = pose.inverse().transform(self.remaining)
         cells = np.floor(points / RESOLUTION + 0.5 * side).astype(np.int64)
@@ -141,20 +133,18 @@ class DwbPlanner:
         spread(costs, to_path, np.unique(flat))
         spread(costs, to_goal, np.array([side * side // 2]))
         ends = np.flatnonzero(to_goal.ravel()[flat] < side * side)
-        # What lies beyond a trajectory's reach would draw the robot off the path, to where the path comes back. Only
-        # where an obstacle blocks the path, the robot makes for what lies behind it.
+        # Aim beyond reach only if an obstacle covers the path: the robot would leave a path that turns back.
         beyond = ends[along[ends] >= self._horizon][:1]
         end = int(beyond[0]) if len(beyond) else int(ends[-1]) if len(ends) else 0
         self._has_no_path = end < len(points) - 1 and along[end] < GOAL_TOLERANCE
         spread(costs, to_goal, flat[end : end + 1] if len(ends) else flat[:0])
         x, y = points[end]
         bearing = math.atan2(y, x)
-        cell = cell_of(x + AHEAD * math.cos(bearing), y + AHEAD * math.sin(bearing), side, RESOLUTION)
+        cell = cell_of(x + FRONT_DISTANCE * math.cos(bearing), y + FRONT_DISTANCE * math.sin(bearing), side, RESOLUTION)
         spread(costs, to_goal_ahead, np.array([cell])[: cell >= 0])
         return float(np.hypot(*points[-1]))
 
     def _allow_turning_back(self, pose: Pose2D) -> None:
-        """Lift the bans once the robot has got away from where it last turned back."""
         if self._turned_at is None:
             return
         away = self._turned_at.between(pose)
@@ -163,7 +153,7 @@ class DwbPlanner:
             self._signs, self._banned = np.zeros(2), np.zeros(2)
 
     def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        """Ban the opposite of a command that turns back; turns while driving are no oscillation."""
+        """Ban the opposite of a reversing command; turns while driving are no oscillation."""
         signs = np.sign([v, w if abs(v) <= RESET_DISTANCE else 0.0])
         turned = signs * self._signs < 0.0
         self._banned = np.where(turned, -signs, self._banned)

@@ -1,9 +1,4 @@
-"""Finds the frontiers that a robot could go to, drives to the chosen one, and tells when the next choice is due.
-
-Both levels build on it: explorers, which are asked for a twist each control period, and `ExploreFrontiers-v0`, whose
-steps are whole drives. Each control period: `update` with the reading and the belief, then `command`. When `update`
-returns an outcome, a choice is due: `choose` one of `candidates`; if there are none, exploration is over.
-"""
+"""Navigation between frontiers, for explorers and for `ExploreFrontiers-v0`."""
 
 import math
 
@@ -16,28 +11,31 @@ from lidarnaut.envs.navigation.astar import UNREACHED
 from lidarnaut.envs.navigation.candidates import CANDIDATE, Candidates, describe, fill_features, find_candidates
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, Costmap
 from lidarnaut.envs.navigation.frontiers import frontier_groups, frontier_in_sight, frontier_near, split_groups
-from lidarnaut.envs.navigation.navigator import NOTHING, Navigator
+from lidarnaut.envs.navigation.navigator import NO_POSITION, Navigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, FAILED, REACHED, REPLAN, SPUN, TIME_UP, WELL_IN_VIEW
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import NavigatorParams, PlanningParams
 from lidarnaut.envs.navigation.paths import exits, nearest_cell, search_goal, travel_field, write_path
 from lidarnaut.envs.navigation.planning_map import CostLayer, PlanningMap
+from lidarnaut.envs.navigation.planning_params import NavigatorParams, PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
-WALKING = 0.2
-"""Speed from which people are taken to walk on [m/s]."""
+WALKING_SPEED = 0.2
+"""Minimum speed of a walking person [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
-"""Longest drive out of an obstacle of the map [m], and greatest number of tries in succession."""
+"""Maximum length of a drive out of a mapped obstacle [m], and maximum successive attempts."""
 MET_CELL = 0.3
-"""Side of the cells of which each keeps one place where people were [m]."""
+"""Cell side for storing positions of people, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
-"""How a drive ends, by its progress; `FRONTIER_GONE` beside them."""
 
 
 class FrontierNavigator:
-    """Frontier exploration but for the choice. Sees readings and beliefs, never ground truth."""
+    """Finds candidates, drives to the chosen candidate, and reports when a choice is due.
+
+    Each control period, call `update`, then `command`. After an outcome of `update`, call `choose` with one of
+    `candidates`. Without candidates, exploration is over. Never uses ground truth.
+    """
 
     def __init__(
         self,
@@ -49,10 +47,10 @@ class FrontierNavigator:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Prepare for a robot; `control_period` is the time between two calls of `update` [s].
+        """Create a navigator.
 
-        At most `max_candidates` frontiers are offered, the cheapest to get to; None for all. Drives take at most
-        `max_time` [s], but for a recovery, which is finished.
+        `control_period`: time between calls of `update` [s]. `max_candidates`: maximum number of candidates, cheapest
+        first; None for all. `max_time`: maximum drive time [s].
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.params = params
@@ -62,24 +60,23 @@ class FrontierNavigator:
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
-        """Shape (n, 2), float64, base frame [m]: what plans lead around and no map shows, such as other robots."""
+        """Unmapped obstacle points, such as other robots, shape (n, 2), float64, base frame [m]."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
-        """Begin an episode: process the first reading and find the first candidates."""
+        """Begin an episode and find the first candidates."""
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
-        """Planning cells."""
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
         self._level = 0
         self._seen = np.empty((0, 3))
         self._failures = NO_POINTS
         self.target: tuple[float, float] | None = None
-        """The frontier that was chosen last (x, y), map frame [m]."""
+        """Frontier chosen last (x, y), map frame [m]."""
         self._last_failed = False
-        # Whether the map may have changed since the last look for the frontier of the drive.
+        # Whether to check again that the chosen frontier exists.
         self._has_changed = True
         self._has_start = True
-        self._is_looking = False  # around at a viewpoint
+        self._is_looking = False  # turns at a viewpoint
         self._still = (math.inf, math.inf, 0.0)
         self._now = 0.0
         self._given_up, self._walking = NO_POINTS, np.empty((0, 5))
@@ -91,24 +88,22 @@ class FrontierNavigator:
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        """Remaining path, shape (n, 2), map frame [m]; None without a path."""
         return self.navigator.plan
 
     @property
     def end_reason(self) -> str:
-        """Why there are no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
+        """Reason for no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
     def _is_enclosed(self) -> bool:
-        """Return True if no cell beyond `stuck_distance` can be reached."""
         field = travel_field(self.candidates.costmap, self._still[:2])
         reached = np.argwhere(np.isfinite(field.costs)) if field is not None else np.empty((0, 2))
         gaps = self.map.grid.centers(reached) - self._still[:2]
         return bool((np.hypot(*gaps.T) <= self.params.stuck_distance).all())
 
     def write_features(self, pose: Pose2D, features: np.ndarray, sectors: np.ndarray, gaps: np.ndarray) -> None:
-        """Write what policies see of the candidates; see `fill_features`."""
         candidates, max_failures = self.candidates, self.params.max_failures
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
@@ -120,29 +115,27 @@ class FrontierNavigator:
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
 
     def path_to(self, index: int) -> np.ndarray:
-        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; to be asked when a choice is due."""
+        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; only valid when a choice is due."""
         row, col = self.candidates["goal"][index].tolist()
         return self._path(self.candidates.costmap.costs, (row, col))
 
     def look_around(self) -> None:
-        """Turn once around on the spot, in place of a drive."""
+        """Spin once on the spot instead of driving."""
         self._outcome, self._is_looking = None, False
         self.navigator.spin()
 
     def command(self, belief: Belief) -> Twist:
-        """Return the twist for the next control period."""
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
-        """Take in what the last control period has brought; `others` are those of `Navigator.sense`.
+        """Process a control period; return the outcome if the drive has ended, otherwise None.
 
-        Returns how the drive has ended, if it has: the candidates are new, and a choice is due. None otherwise. A robot
-        that has no candidates left looks around first.
+        An outcome means that a choice among new candidates is due. `others`: see `Navigator.sense`.
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Return as `update`, after a control period whose reading, map and progress are processed."""
+        """Return as `update`, from the progress that `drive` returned."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -161,22 +154,20 @@ class FrontierNavigator:
         return outcome
 
     def _note_people(self, belief: Belief) -> None:
-        """Take note of people who walk: they do not stay there."""
         people = belief.people
-        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING]
+        self._walking = people[np.hypot(people[:, 2], people[:, 3]) > WALKING_SPEED]
         for x, y in belief.pose.transform(people[:, :2]).tolist():
             self._met[round(x / MET_CELL), round(y / MET_CELL)] = x, y
 
     @property
     def _obstacles(self) -> np.ndarray:
-        """What plans lead around: the obstacles in sight, but for people who walk."""
         obstacles = self.navigator.obstacles
         for x, y, _, _, radius in self._walking.tolist():
             obstacles = obstacles[np.hypot(obstacles[:, 0] - x, obstacles[:, 1] - y) > radius + 0.1]
         return obstacles
 
     def _drive_out(self, pose: Pose2D) -> bool:
-        """Drive out of an obstacle of the map that the scan does not show; False if the robot is in none."""
+        """Begin a drive out of a mapped obstacle that the scan does not show."""
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
@@ -188,10 +179,7 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        """Wait for people, if any may be in the way: drive to where the robot gets nearest to them, and look around.
-
-        Frontiers that were given up are looked for again. A drive there that `goes_on` does not count.
-        """
+        """Drive near people that may block a passage, and look around."""
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
         if self._num_looks == self.params.max_looks or not self._met or not is_left:
@@ -199,14 +187,14 @@ class FrontierNavigator:
         self._num_looks += not goes_on
         planning.look_again_at(self._given_up)
         self._given_up, self._failures = NO_POINTS, NO_POINTS
-        height, width = planning.joined.shape
+        height, width = planning.occupancy.shape
         if not self._has_start:
             self.navigator.spin()
             return True
         reached = np.argwhere(planning.expansion.travel.reshape(height + 2, width + 2)[1:-1, 1:-1] < UNREACHED)
         met = np.array(list(self._met.values()))
         gaps, nearest = cKDTree(planning.grid.centers(reached)).query(met)
-        gaps[gaps < planning.side] = math.inf  # nobody who was there keeps the robot from anything
+        gaps[gaps < planning.side] = math.inf  # reachable, so not a blocked passage
         k = int(gaps.argmin())
         if math.isfinite(gaps[k]):
             row, col = reached[nearest[k]].tolist()
@@ -219,34 +207,34 @@ class FrontierNavigator:
         return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
-        """Take in a reading, and find the candidates whatever has become of the drive."""
+        """Process a reading and find the candidates, regardless of the drive."""
         self.integrate(belief)
         self.navigator.sense(reading)
         self.find_candidates(reading, belief)
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates once the reading is processed."""
+        """Find the candidates, after the reading is processed."""
         self._now = reading.time
         self._find(belief.pose)
 
     @property
     def check_from(self) -> float:
-        """Control period of the drive from which on each is to be followed by `conclude`, whatever the progress."""
+        """First drive step that requires `conclude`; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading without looking for candidates; returns what `Navigator.update` does."""
+        """Process a reading; return the progress, see `Navigator.update`."""
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 
     def fail(self) -> None:
-        """Drop the goal as one that cannot be reached."""
+        """Abandon the goal as unreachable."""
         self._fail()
         self._last_failed = True
         self.navigator.stop()
 
     def free_costmap(self, pose: Pose2D) -> Costmap:
-        """Return the costs now for the largest footprint that touches nothing where the robot is; its array is live."""
+        """Return the costs for the largest footprint that is collision-free at a pose; a live view."""
         for level in range(self.map.max_level + 1):
             costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
@@ -254,24 +242,23 @@ class FrontierNavigator:
         return costmap
 
     def integrate(self, belief: Belief) -> None:
-        """Take note of what the last scan has changed in the map; also that of another robot with the same map."""
+        """Process map changes of the last scan."""
         update = belief.update
         if update.redrawn:
             if (correction := update.correction) is not None:
-                # What is remembered of the map moves with it; obstacles lie in the base frame.
-                self._failures = correction.carry(self._failures)
-                self._seen[:, :2] = correction.carry(self._seen[:, :2])
-                self.map.ignored_points = correction.carry(self.map.ignored_points)
+                # Stored positions move with the map.
+                self._failures = correction.apply(self._failures)
+                self._seen[:, :2] = correction.apply(self._seen[:, :2])
+                self.map.ignored_points = correction.apply(self.map.ignored_points)
                 if self.target is not None:
-                    x, y = correction.carry(np.array([self.target]))[0].tolist()
+                    x, y = correction.apply(np.array([self.target]))[0].tolist()
                     self.target = (x, y)
-                self.navigator.carry(correction)
+                self.navigator.apply_correction(correction)
             self.navigator.plan_anew()
         self.map.update(belief.grid, update.window, redrawn=update.redrawn)
         self._has_changed |= update.window is not None or update.redrawn
 
     def _judge(self, progress: int, pose: Pose2D) -> str | None:
-        """Return how the drive has ended, and draw the conclusions; None while it goes on."""
         navigator = self.navigator
         is_due = self._has_changed and navigator.record["steps"] >= self._min_steps
         if is_due and navigator.has_goal and not navigator.is_recovering and not self._is_approaching:
@@ -301,18 +288,15 @@ class FrontierNavigator:
         return OUTCOMES[progress]
 
     def _is_frontier_left(self) -> bool:
-        """Tell whether there is a frontier near to the one that was chosen."""
         assert self.target is not None
         return self.map.is_frontier_near(self.target, self.params.frontier_radius)
 
     def _start_cell(self, layer: CostLayer, pose: Pose2D) -> tuple[int, int]:
-        """Return the robot's cell, or the nearest traversable one; (-1, -1) for none."""
         tables, cell = layer.tables, self.map.cell(pose.x, pose.y)
         row, col = nearest_cell(layer.costs, tables.weights, *cell, tables.radius, COST_INSCRIBED)
         return row, col
 
     def _find(self, pose: Pose2D) -> None:
-        """Find the candidates; smaller footprints, and shorter frontiers, only count where there is nothing else."""
         if math.dist(pose[:2], self._still[:2]) >= self.params.still_distance:
             self._still = (pose.x, pose.y, self._now)
         planning = self.map
@@ -325,33 +309,29 @@ class FrontierNavigator:
             table = np.empty(0, dtype=CANDIDATE)
             if start[0] >= 0:
                 self._has_start = True
-                workspace = planning.expansion, planning.entries
+                workspace = planning.expansion, planning.queue
                 costs, frontier = (layer.costs, layer.open_weights), (cells, parts)
                 limits = self._lengths, self._max_candidates
-                found, planning.entries = find_candidates(
-                    planning.joined, costs, *workspace, start, frontier, *limits, layer.tables
+                found, planning.queue = find_candidates(
+                    planning.occupancy, costs, *workspace, start, frontier, *limits, layer.tables
                 )
-                # What is found in a later round may cost less than what was before, since a view from afar waits for a
-                # nearer one. Not in the kernel: those are slow to compile sorts, and to copy records as large as these.
+                # Later rounds may find cheaper candidates. Sorting in the kernel would compile slowly.
                 table = found[np.argsort(found["travel"], kind="stable")[: self._max_candidates]]
             if len(table):
                 break
         self._level = level
-        height, width = planning.joined.shape
-        raster = planning.joined, planning.expansion.predecessor.reshape(height + 2, width + 2)
-        past = self._seen, self._failures, self.target or NOTHING, self.params.retry_radius
+        height, width = planning.occupancy.shape
+        raster = planning.occupancy, planning.expansion.predecessor.reshape(height + 2, width + 2)
+        past = self._seen, self._failures, self.target or NO_POSITION, self.params.retry_radius
         frame = *planning.origin, planning.side
         self._seen, chosen = describe(raster, table, layer.tables, frame, pose.theta, self._now, past)
         self.candidates = Candidates(table, int(chosen), self._last_failed, cells, planning.costmap_of(layer))
-        """What there is to choose from."""
 
     def _frontiers(self, layer: CostLayer) -> tuple[np.ndarray, np.ndarray]:
-        """Return the frontier cells that may become candidates, shape (n, 2), and their parts; see `split_groups`."""
         cells, starts = frontier_groups(self.map.frontier, self.map.tile_counts)
         return cells, split_groups(cells, starts, layer.tables.max_extent, min(self._lengths))
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Plan the path to the goal anew; False if there is none any more."""
         planning = self.map
         layer = planning.layer(self._level, pose, self._obstacles, self.bodies)
         start = self._start_cell(layer, pose)
@@ -359,21 +339,19 @@ class FrontierNavigator:
             return False
         slack = math.floor(self.navigator.numbers["goal_tolerance"] / planning.side + 1e-9)
         goal, arrays = planning.cell(*self.navigator.goal), (layer.costs, layer.open_weights)
-        workspace = planning.expansion, planning.entries
-        end, planning.entries = search_goal(arrays, layer.tables.weights, *workspace, start, goal, slack)
+        workspace = planning.expansion, planning.queue
+        end, planning.queue = search_goal(arrays, layer.tables.weights, *workspace, start, goal, slack)
         if end[0] < 0:
             return False
         self.navigator.follow(self._path(layer.costs, end))
         return True
 
     def _path(self, costs: np.ndarray, cell: tuple[int, int]) -> np.ndarray:
-        """Return the path of the last search to a cell, shape (n, 2), float64, map frame [m]."""
         planning, weights = self.map, self.map.tables[self._level].weights
         path: np.ndarray = write_path(costs, weights, planning.expansion, cell, planning.side, planning.origin)
         return path
 
     def _fail(self) -> None:
-        """Take note that the robot did not get to where it should look at a frontier."""
         assert self.target is not None
         self._failures = np.vstack([self._failures, self.target])
         near = np.hypot(*(self._failures - self.target).T) <= self.params.retry_radius
@@ -386,10 +364,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Ignore frontier cells that were not observed from the viewpoint chosen for them.
-
-        Return False, and ignore nothing, if some of it is not well in view: the robot has to look around first.
-        """
+        """Ignore frontier cells that the visit did not clear; return False if the robot must look around first."""
         if not self._is_frontier_left():
             return True
         assert self.target is not None
@@ -400,12 +375,12 @@ class FrontierNavigator:
         middle, half_fov = pose.theta + float(numbers["mount"][2]), float(numbers["half_fov"])
         has_looked = self._is_looking or bool(numbers["sees_around"])
         view = middle, math.pi if has_looked else half_fov
-        in_sight = frontier_in_sight(planning.joined, planning.frontier, at, view, reach)
-        # What the visit was for goes in any case, or the robot would come back for ever.
+        in_sight = frontier_in_sight(planning.occupancy, planning.frontier, at, view, reach)
+        # Always ignore the visited frontier, or the robot would return forever.
         row, col = planning.cell(*self.target)
         reach = math.ceil(self.params.frontier_radius / planning.side - 1e-9)
         all_around = (row + 0.5, col + 0.5), (0.0, math.pi)
-        beside = frontier_in_sight(planning.joined, planning.frontier, *all_around, reach)
+        beside = frontier_in_sight(planning.occupancy, planning.frontier, *all_around, reach)
         cells = np.vstack([in_sight, [(row, col)], beside])
         away = np.cos(np.arctan2(cells[:, 0] + 0.5 - at[0], cells[:, 1] + 0.5 - at[1]) - middle)
         if not has_looked and (away < math.cos(WELL_IN_VIEW * half_fov)).any():
@@ -414,5 +389,4 @@ class FrontierNavigator:
         return True
 
     def _ignore(self, cells: np.ndarray) -> None:
-        """Leave frontier cells, shape (k, 2), (row, column), out from now on."""
         self.map.ignore(self.map.grid.centers(cells))

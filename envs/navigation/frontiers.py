@@ -1,8 +1,7 @@
-"""Frontiers: where what is known to be free borders on what is unknown (Yamauchi, 1997), and what is seen of them.
+"""Frontiers: free cells that border on unknown cells (Yamauchi, 1997), and their visibility.
 
-Kernels share four arrays: `joined`, shape (height, width), int8, occupancy; `ignored` and `frontier`, same shape, bool;
-and `tile_counts`, shape (tile rows, tile columns), int32, the number of frontier cells in each tile, kept up to date.
-Cells are (row, column), distances count cells.
+Shared arrays: `occupancy`, shape (height, width), int8; `ignored` and `frontier`, same shape, bool; `tile_counts`,
+int32, number of frontier cells per tile. Cells are (row, column), distances are in cells.
 """
 
 import math
@@ -16,22 +15,21 @@ from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
-"""Side of the tiles in which frontier cells are counted [cells]."""
+"""Side of a tile that counts frontier cells [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
-def update_frontier(joined, ignored, frontier, tile_counts, window):
-    """Mark free cells with an unknown cell among their eight neighbours, in a `Window`, but for ignored ones."""
+def update_frontier(occupancy, ignored, frontier, tile_counts, window):
+    """Update the frontier in a `Window`: free cells with an unknown 8-neighbour, except ignored cells."""
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
-    height, width = joined.shape
+    height, width = occupancy.shape
     first, last = max(left - 1, 0), min(right + 1, width)
-    # The least value in the three rows around a cell, then the least of three columns, is negative exactly where one of
-    # the nine cells is unknown. Whole rows, so that the compiler vectorises it.
+    # A neighbourhood's minimum is negative if a cell is unknown. Whole rows allow vectorisation.
     lowest = np.zeros(last - first + 2, dtype=np.int8)
     for row in range(top, bottom):
-        above = joined[max(row - 1, 0), first:last]
-        middle = joined[row, first:last]
-        below = joined[min(row + 1, height - 1), first:last]
+        above = occupancy[max(row - 1, 0), first:last]
+        middle = occupancy[row, first:last]
+        below = occupancy[min(row + 1, height - 1), first:last]
         for k in range(last - first):
             lowest[k + 1] = min(above[k], middle[k], below[k])
         for col in range(left, right):
@@ -44,7 +42,7 @@ def update_frontier(joined, ignored, frontier, tile_counts, window):
 
 
 def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
-    """Return which cells of a map are free with an unknown one among their eight neighbours: its shape, bool."""
+    """Return which map cells are free with an unknown 8-neighbour, shape (height, width), bool."""
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
@@ -54,7 +52,7 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def ignore_around(ignored, frontier, tile_counts, cells):
-    """Ignore cells and their eight neighbours as frontier from now on; cells: shape (n, 2), int64, (row, column)."""
+    """Exclude cells, shape (n, 2), int64, and their 8-neighbours from the frontier."""
     height, width = ignored.shape
     for k in range(cells.shape[0]):
         for row in range(max(cells[k, 0] - 1, 0), min(cells[k, 0] + 2, height)):
@@ -67,7 +65,6 @@ def ignore_around(ignored, frontier, tile_counts, cells):
 
 @njit(cache=True, error_model="numpy")
 def _flood(frontier, left, row, col, cells, count):
-    """Move the frontier cells that are connected to one to `cells`, from row `count` on; return the next row."""
     height, width = frontier.shape
     frontier[row, col] = False
     left[row // TILE, col // TILE] -= 1
@@ -88,12 +85,12 @@ def _flood(frontier, left, row, col, cells, count):
 
 @njit(cache=True, error_model="numpy")
 def frontier_groups(frontier, tile_counts):
-    """Group frontier cells that touch, also diagonally, in time that grows with their number.
+    """Group frontier cells into 8-connected components.
 
-    Returns cells, shape (n, 2), int64, group after group; and where each group begins, followed by n.
+    Returns cells, shape (n, 2), int64, sorted by group, and the start index of each group, followed by n.
     """
     height, width = frontier.shape
-    # Frontier cells of each tile that are in no group yet: where none are left, the rest of the tile need not be read.
+    # Ungrouped frontier cells per tile, to skip tiles.
     left = tile_counts.copy()
     cells = np.empty((left.sum(), 2), dtype=np.int64)
     starts = [0]
@@ -114,11 +111,7 @@ def frontier_groups(frontier, tile_counts):
 
 @njit(cache=True, error_model="numpy")
 def _split(cells, first, last, extent, parts, count):
-    """Split the cells from `first` to `last` - 1 in place, until no part's bounding box is longer than `extent`.
-
-    Writes the first cell of each part, and the cell after its last, from row `count` of `parts` on, and returns how
-    many there are now.
-    """
+    """Split cells `first` to `last` - 1 until no bounding box exceeds `extent`; write the bounds to `parts`."""
     stack = [(first, last)]
     while len(stack) > 0:
         a, b = stack.pop()
@@ -147,10 +140,9 @@ def _split(cells, first, last, extent, parts, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups of frontier cells, from `frontier_groups`, into parts that are no longer than `extent` [cells].
+    """Split groups from `frontier_groups` into parts of at most `extent` cells, without groups below `least` cells.
 
-    Reorders cells within the groups; groups of less than `least` cells are left out. Returns shape (m, 4), int64: first
-    cell of each part, cell after its last, size of its group [cells], and which group.
+    Returns shape (m, 4), int64: start and end index in the reordered `cells`, group size [cells], group index.
     """
     parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0
@@ -164,10 +156,6 @@ def split_groups(cells, starts, extent, least):
 
 @njit(cache=True, error_model="numpy")
 def _count_unknown(data, cells, others, radius):
-    """Count the unknown cells within `radius` cells of both cells of a pair; outside of `data` all are unknown.
-
-    `cells` and `others` have the shape (n, 2), int64, (row, column); what is returned has the shape (n,), int64.
-    """
     height, width = data.shape
     counts = np.zeros(len(cells), dtype=np.int64)
     reach = int(radius)
@@ -185,10 +173,10 @@ def _count_unknown(data, cells, others, radius):
 def information_gain(
     grid: OccupancyGrid, points: np.ndarray, radius: float, shared_with: np.ndarray | None = None
 ) -> np.ndarray:
-    """Return the unknown area within `radius` [m] of points, shape (n, 2), map frame [m]: shape (n,), float64 [m2].
+    """Return the unknown area within `radius` [m] of each point, shape (n,), float64 [m2].
 
-    What lies outside the map is unknown. With `shared_with`, shape (2,), map frame [m], only what lies within the
-    radius of that point as well counts.
+    `points`: shape (n, 2), map frame [m]. Outside the map is unknown. `shared_with`: count only area that is also
+    within the radius of this point, shape (2,), map frame [m].
     """
     cells = grid.cells(points)
     others = cells if shared_with is None else np.broadcast_to(grid.cells(shared_with), cells.shape)
@@ -198,7 +186,7 @@ def information_gain(
 
 @njit(cache=True, error_model="numpy")
 def is_visible(data, row0, col0, row1, col1):
-    """Tell whether no occupied cell of `data` (shape (height, width), int8, occupancy) lies between two cells."""
+    """Return True if no occupied cell of `data` (int8) lies between two cells."""
     steps = max(abs(row1 - row0), abs(col1 - col0), 1)
     d_row, d_col = (row1 - row0) / steps, (col1 - col0) / steps
     for k in range(1, steps):
@@ -210,9 +198,9 @@ def is_visible(data, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def is_frontier_near(data, block, ignored, row, col, reach):
-    """Tell whether there is a frontier cell within `reach` of a planning cell, on the map as it is now.
+    """Return True if the map has a frontier cell within `reach` of a planning cell.
 
-    `data`, shape (rows, cols), int8, is the map itself, with `block` x `block` of its cells in a planning cell.
+    `data`: occupancy of the map, int8. `block`: side of a planning cell [map cells].
     """
     height, width = ignored.shape
     top, left = max(row - reach - 1, 0), max(col - reach - 1, 0)
@@ -221,16 +209,16 @@ def is_frontier_near(data, block, ignored, row, col, reach):
         return False
     shape = bottom - top, right - left
     window = Window(0, 0, shape[0], shape[1])
-    around, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
-    join_cells(data[top * block :, left * block :], block, around, window)
+    occupancy, frontier = np.empty(shape, dtype=np.int8), np.zeros(shape, dtype=np.bool_)
+    join_cells(data[top * block :, left * block :], block, occupancy, window)
     tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
-    update_frontier(around, ignored[top:bottom, left:right], frontier, tile_counts, window)
+    update_frontier(occupancy, ignored[top:bottom, left:right], frontier, tile_counts, window)
     return len(frontier_near(frontier, row - top, col - left, reach)) > 0
 
 
 @njit(cache=True, error_model="numpy")
 def frontier_near(frontier, row, col, reach):
-    """Return the frontier cells within `reach` of (row, col): shape (k, 2), int64."""
+    """Return the frontier cells within `reach` of (row, col), shape (k, 2), int64."""
     height, width = frontier.shape
     cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
     count = 0
@@ -243,10 +231,10 @@ def frontier_near(frontier, row, col, reach):
 
 
 @njit(cache=True, error_model="numpy")
-def frontier_in_sight(joined, frontier, at, view, reach):
-    """Return the frontier cells within `reach` that are in view with no obstacle between: shape (k, 2), int64.
+def frontier_in_sight(occupancy, frontier, at, view, reach):
+    """Return the frontier cells within `reach`, in field of view and line of sight, shape (k, 2), int64.
 
-    `at` is the viewpoint (row, column), with fractions; `view` its middle and half of the angle in view [rad].
+    `at`: viewpoint (row, column), fractional. `view`: centre and half width of the field of view [rad].
     """
     row, col = math.floor(at[0]), math.floor(at[1])
     cells = frontier_near(frontier, row, col, reach)
@@ -254,7 +242,7 @@ def frontier_in_sight(joined, frontier, at, view, reach):
     for k in range(len(cells)):
         bearing = math.atan2(cells[k, 0] + 0.5 - at[0], cells[k, 1] + 0.5 - at[1])
         is_ahead = abs(wrap_angle(bearing - view[0])) <= view[1]
-        if is_ahead and is_visible(joined, row, col, cells[k, 0], cells[k, 1]):
+        if is_ahead and is_visible(occupancy, row, col, cells[k, 0], cells[k, 1]):
             cells[count, 0], cells[count, 1] = cells[k, 0], cells[k, 1]
             count += 1
     return cells[:count]

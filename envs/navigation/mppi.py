@@ -1,8 +1,7 @@
-"""Model predictive path integral control: sample sequences of twists, and take their mean, weighted by their costs.
+"""Model predictive path integral control (MPPI): average sampled twist sequences, weighted by cost.
 
 After Williams et al., "Information theoretic MPC for model-based reinforcement learning" (ICRA 2017), algorithm 2, with
-the critics of Nav2's MPPI controller in seconds and metres. As there, noise is drawn once. Obstacles are those of the
-scan; people that are tracked are predicted with constant velocity, and their points in the scan left out.
+critics of Nav2's MPPI controller. Noise is drawn once, as in Nav2. Tracked people move with constant velocity.
 """
 
 import math
@@ -18,84 +17,83 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.navigation.obstacles import stoppable_share, without_people
-from lidarnaut.envs.navigation.pursuit import NEAREST_WINDOW, nearest_index
+from lidarnaut.envs.navigation.regulated_pursuit import NEAREST_WINDOW, nearest_index
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
-TOUCHED = 1e5
-"""Cost of a sequence that touches something, more the sooner; see `rate`."""
-TURNING = 10
-"""Of so many sequences, one turns on the spot, which chance hardly ever does."""
-AHEAD = 10
-"""The point of the path that a sequence should head for in the end, counted from the nearest."""
-NO_ANGLE = 0.2
-"""Up to this distance from there, any angle will do [m]."""
+COLLISION_COST = 1e5
+"""Cost of a collision at the end of a sequence; twice as much at its start."""
+SPIN_STRIDE = 10
+"""Stride between sequences that turn on the spot, which noise rarely samples."""
+HEADING_OFFSET = 10
+"""Index offset, from the nearest path point, of the point to head for."""
+HEADING_RADIUS = 0.2
+"""Distance to the point to head for, below which heading costs nothing [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class MppiParams:
-    """How many sequences are sampled, and what they cost. Defaults are those of drives in the family `hall`."""
+    """Sampling and cost parameters, tuned for the world family `hall`."""
 
     num_samples: int = 800
-    """Number of sequences (Nav2: 2,000)."""
+    """Number of sampled sequences (Nav2: 2,000)."""
     num_steps: int = 20
-    """Control periods that each lasts (Nav2: 56 of 0.05 s)."""
+    """Length of a sequence [control periods] (Nav2: 56 of 0.05 s)."""
     v_std: float = 0.5
-    """Standard deviation of forward speeds, as a share of the robot's greatest (Nav2: 0.4)."""
+    """Standard deviation of forward speeds, as a fraction of the maximum speed (Nav2: 0.4)."""
     w_std: float = 0.4
-    """Standard deviation of yaw rates, as a share of `max_rotation` (Nav2: 0.2)."""
+    """Standard deviation of yaw rates, as a fraction of the maximum yaw rate (Nav2: 0.2)."""
     correlation: float = 0.7
-    """Correlation of the noise from one period to the next; Nav2's is white."""
+    """Correlation of noise between successive control periods (Nav2: white noise)."""
     temperature: float = 0.3
-    """Difference in cost that divides a weight by e (lambda of Williams et al.)."""
+    """Cost difference that divides a weight by e (lambda of Williams et al.)."""
     gamma: float = 0.015
-    """Weight of the cost of deviations from the last mean."""
+    """Weight of the control cost for deviations from the previous mean."""
     max_rotation: float = 4.0
-    """Greatest yaw rate, where the robot has it [rad/s]."""
+    """Maximum yaw rate [rad/s], limited by the robot."""
     backwards: float = 0.0
-    """Greatest speed backwards, as a share of the greatest speed (Nav2: 0.7)."""
+    """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
     follow: float = 10.0
-    """Cost of each second that the rest of the path would take at full speed, on average over the sequence."""
+    """Cost per second of remaining path at full speed, averaged over the sequence."""
     align: float = 2.0
-    """Cost of a mean distance from the path of 1 m."""
+    """Cost per metre of mean distance from the path."""
     angle: float = 1.0
-    """Cost of an angle of 1 rad between the last pose and the path ahead of it."""
+    """Cost per radian between the final heading and the direction to the path ahead."""
     nearness: float = 2.0
-    """Cost of each second at an obstacle; falls with the square of the distance."""
+    """Cost per second at an obstacle; decreases quadratically with distance."""
     margin: float = 0.25
-    """Distance from obstacles from which on that costs nothing [m]."""
+    """Gap to obstacles above which `nearness` costs nothing [m]."""
     people: float = 20.0
-    """The same for people."""
+    """Cost per second at a person; decreases quadratically with distance."""
     people_margin: float = 0.8
-    """Distance from people from which on that costs nothing [m]."""
+    """Gap to people above which `people` costs nothing [m]."""
     people_touched: float = 400.0
-    """Cost of touching a person where it will be; falls with the time until then."""
+    """Cost of each control period in contact with a predicted person; decays with prediction time."""
     people_gap: float = 0.05
-    """Gap to a person up to which it counts as touched [m]..."""
+    """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """...and how much more for each m/s of the robot [s]: people swerve."""
+    """Increase of `people_gap` per robot speed [s], because people swerve."""
     doubt_time: float = 3.0
-    """Time in which that cost falls to 1 / e [s]: people turn."""
+    """Decay time constant of `people_touched` [s], because people turn."""
     twirl: float = 0.1
-    """Cost of a mean yaw rate of 1 rad/s."""
+    """Cost per rad/s of mean yaw rate."""
     braking: float = 0.3
-    """Share of the robot's greatest deceleration that the last check of a command counts on."""
+    """Fraction of maximum deceleration assumed in the final collision check."""
     reverse: float = 2.0
-    """Cost of each second of driving backwards."""
+    """Cost per second of driving backwards at full speed."""
     resolution: float = 0.03
-    """Side of a cell of the raster of distances from obstacles [m]."""
+    """Cell side of the obstacle distance raster [m]."""
     max_range: float = 4.0
-    """How far that reaches [m]."""
+    """Maximum range of the obstacle distance raster [m]."""
 
 
 _OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
 _OWN = tuple(field.name for field in fields(MppiParams))
 MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[misc]
-"""Robot and `MppiParams` as kernels take them, all of it float."""
 
 
 def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
-    """Return the numbers of a robot that is commanded every `period` seconds."""
+    """Return the kernel constants of a robot; `period`: control period [s]."""
     limits = robot.max_v, -params.backwards * robot.max_v, min(params.max_rotation, robot.max_w)
     of_robot = period, robot.radius, *limits, robot.max_acc_v, robot.max_acc_w
     return MppiNumbers(*map(float, (*of_robot, *attrgetter(*_OWN)(params))))
@@ -103,12 +101,11 @@ def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
 
 @njit(cache=True, error_model="numpy")
 def rate(controls, mean, now, path, along, squared, tracks, p, costs):
-    """Write what sequences of twists cost: `costs`, shape (n,), float64.
+    """Compute the costs of twist sequences in the base frame.
 
-    `controls`: shape (n, num_steps, 2) [m/s, rad/s], `mean`: shape (num_steps, 2), around which they were drawn; `now`:
-    forward speed and yaw rate; `path`: shape (k, 2), k > 0, `along`: its length up to each point [m]; `squared`:
-    squared distances from obstacles [cells2], the robot in the middle; `tracks`: see `PeopleTracker.people`. Everything
-    in the base frame.
+    `controls`: sequences, shape (n, num_steps, 2) [m/s, rad/s]. `mean`: their mean. `now`: current twist. `path`: shape
+    (k, 2), k > 0 [m]. `along`: path length up to each point [m]. `squared`: squared obstacle distances [cells2], robot
+    in the centre. `tracks`: see `PeopleTracker.people`. Writes `costs`, shape (n,).
     """
     side, last = squared.shape[0], path.shape[0] - 1
     half, dt = 0.5 * side, p.period
@@ -131,7 +128,7 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
             if 0 <= row < side and 0 <= col < side:
                 distance = math.sqrt(squared[row, col]) * p.resolution
                 if distance < p.radius + 0.5 * p.resolution and distance <= here:
-                    cost += TOUCHED * (2.0 - t / controls.shape[1])
+                    cost += COLLISION_COST * (2.0 - t / controls.shape[1])
                     break
                 cost += p.nearness * dt * max(0.0, 1.0 - max(distance - p.radius, 0.0) / p.margin) ** 2
             cost += _cost_of_people(x, y, abs(v), (t + 1) * dt, tracks, p)
@@ -145,16 +142,15 @@ def rate(controls, mean, now, path, along, squared, tracks, p, costs):
             left += along[last] - along[nearest] + best
         cost += p.follow * left / p.max_v / controls.shape[1]
         cost += (p.align * away + p.twirl * turned) / controls.shape[1]
-        ahead = min(nearest + AHEAD, last)
+        ahead = min(nearest + HEADING_OFFSET, last)
         dx, dy = path[ahead, 0] - x, path[ahead, 1] - y
-        if math.hypot(dx, dy) > NO_ANGLE:
+        if math.hypot(dx, dy) > HEADING_RADIUS:
             cost += p.angle * abs(wrap_angle(math.atan2(dy, dx) - theta))
         costs[i] = cost
 
 
 @njit(cache=True, error_model="numpy")
 def _cost_of_people(x, y, v, time, tracks, p):
-    """Return what it costs to drive at v [m/s] at (x, y) after a time [s], among people who walk on as they do."""
     cost = 0.0
     for k in range(tracks.shape[0]):
         away = math.hypot(tracks[k, 0] + time * tracks[k, 2] - x, tracks[k, 1] + time * tracks[k, 3] - y)
@@ -167,19 +163,19 @@ def _cost_of_people(x, y, v, time, tracks, p):
 
 
 class MppiPlanner:
-    """Drives along one path at a time; a `LocalPlanner`."""
+    """Local planner by model predictive path integral control; a `LocalPlanner`."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
     ) -> None:
-        """Prepare for a robot; `control_period` is the time between two calls of `command` [s], `rng` draws noise."""
+        """Create a planner; `rng`: source of the noise."""
         self._numbers = mppi_numbers(robot, control_period, params)
         self._params, self._horizon = params, params.num_steps * control_period
         noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
         for t in range(1, params.num_steps):
             noise[t] = params.correlation * noise[t - 1] + math.sqrt(1.0 - params.correlation**2) * noise[t]
         noise *= params.v_std * robot.max_v, params.w_std * self._numbers.max_w
-        noise[:, 0] = 0.0  # the last mean itself
+        noise[:, 0] = 0.0  # previous mean without noise
         self._noise = np.ascontiguousarray(noise.transpose(1, 0, 2))
         self._mean = np.zeros((params.num_steps, 2))
         reach = min(robot.max_v * self._horizon + robot.radius, params.max_range)
@@ -188,21 +184,18 @@ class MppiPlanner:
         self._path = np.empty((0, 2))
         self._index = 0
         self.tracks = np.empty((0, 5))
-        """People around, see `PeopleTracker.people`; to be set before each `command`."""
+        """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
-        """Whether the last command did not drive on because of obstacles."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray) -> None:
-        """Follow another path from now on; see `LocalPlanner`."""
         self._path, self._index = path, 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the twist to command for the next period; see `LocalPlanner`."""
+        """Return the next twist; see `LocalPlanner.command`."""
         p = self._numbers
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         path = pose.inverse().transform(self.remaining)
@@ -211,19 +204,19 @@ class MppiPlanner:
         scene = path[:count], along[:count], self._look(obstacles), self.tracks, p
         self._mean = np.vstack([self._mean[1:], self._mean[-1:]])
         controls = self._mean + self._noise
-        controls[1] = 0.0  # braking
-        controls[2::TURNING, :, 0] = 0.0
+        controls[1] = 0.0
+        controls[2::SPIN_STRIDE, :, 0] = 0.0
         np.clip(controls, (p.min_v, -p.max_w), (p.max_v, p.max_w), out=controls)
         costs = np.empty(len(controls))
         rate(controls, self._mean, tuple(twist), *scene, costs)
         weights = np.exp((costs.min() - costs) / p.temperature)
         mean = np.tensordot(weights / weights.sum(), controls, axes=1)
         best = controls[int(costs.argmin())]
-        # The mean of two ways around something may lead into it.
+        # The mean of two paths around an obstacle may collide.
         pair = np.stack([mean, best])
         rate(pair, self._mean, tuple(twist), *scene, costs)
         self._mean = mean if costs[0] < costs[1] + p.temperature else best
-        if costs[:2].min() >= TOUCHED:
+        if costs[:2].min() >= COLLISION_COST:
             self._mean = np.zeros_like(mean)
         v, w = self._mean[0].tolist()
         v, w = self._slow_down(v, w, obstacles)
@@ -231,16 +224,12 @@ class MppiPlanner:
         return Twist(v, w)
 
     def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
-        """Return a twist on the same arc from which the robot can stop short of all that the scan shows, people or not.
-
-        Predictions are wrong at times, and what counts as a person may be a wall.
-        """
+        """Return a twist on the same arc that can stop before all scanned points, people included."""
         p = self._numbers
         share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w
 
     def _look(self, obstacles: np.ndarray) -> np.ndarray:
-        """Return the squared distances from obstacles around the robot, shape (side, side), uint16 [cells2]."""
         points = without_people(obstacles, self.tracks)
         cells = np.floor(points / self._params.resolution + 0.5 * self._side).astype(np.int64)
         cells = cells[((cells >= 0) & (cells < self._side)).all(axis=1)]

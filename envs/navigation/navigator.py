@@ -1,9 +1,6 @@
-"""The one navigator: drives a robot along paths, recovers when there is no progress, and reports the progress.
+"""Navigator: drives a robot along paths, triggers recovery behaviors, and reports progress.
 
-Each control period: `update` with the new reading and pose, then `command`. A drive begins with `drive_to`; `spin`
-turns once around on the spot; `update` returns `DRIVING`, or how the drive has ended.
-
-    navigator = Navigator(robot, control_period)
+navigator = Navigator(robot, control_period)
     navigator.reset(reading)
     navigator.drive_to(path)                       # shape (n, 2), map frame [m]
     while navigator.update(reading, belief.pose) in (DRIVING, REPLAN):
@@ -26,20 +23,20 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     recover,
     update_obstacles,
 )
-from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, CAPACITY, NO_POINTS
-from lidarnaut.envs.navigation.params import NavigatorParams
-from lidarnaut.envs.navigation.pursuit import as_record
+from lidarnaut.envs.navigation.obstacles import BUMP_POINTS, MAX_REMEMBERED, NO_POINTS
+from lidarnaut.envs.navigation.planning_params import NavigatorParams
+from lidarnaut.envs.navigation.regulated_pursuit import as_record
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
-"""Points of other robots that are taken at most."""
-NOTHING = (math.nan, math.nan)
-"""No view is asked for at the goal."""
+"""Maximum number of points on other robots."""
+NO_POSITION = (math.nan, math.nan)
+"""Position without values (NaN)."""
 
 
 class NavigatorArrays(NamedTuple):
-    """What kernels need to drive; see `lidarnaut.envs.navigation.navigator_kernels`."""
+    """Arrays of a navigator for kernels; see `navigator_kernels`."""
 
     records: np.ndarray
     path: np.ndarray
@@ -49,7 +46,7 @@ class NavigatorArrays(NamedTuple):
 
 
 class Navigator:
-    """Drives a robot to one goal at a time. Velocities come from the wheel encoders."""
+    """Drives a robot to one goal at a time."""
 
     def __init__(
         self,
@@ -59,15 +56,15 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Prepare for a robot; drives take at most `max_time` [s], but for a recovery, which is finished."""
+        """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        """Robot and params as scalars, see `navigator_numbers`."""
+        """Kernel constants; see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
         self._records = np.zeros(1, dtype=NAVIGATOR)
-        self._obstacles = np.empty((CAPACITY + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
+        self._obstacles = np.empty((MAX_REMEMBERED + BUMP_POINTS + robot.lidar.num_beams + MAX_OTHERS, 2))
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
@@ -76,7 +73,6 @@ class Navigator:
         """Motion by odometry since the last reading."""
 
     def reset(self, reading: Reading) -> None:
-        """Begin an episode with its first reading."""
         records = self._records
         records[:] = 0
         records["side"] = 1.0
@@ -87,41 +83,41 @@ class Navigator:
 
     @property
     def record(self) -> Any:
-        """The state, of type `NAVIGATOR`; a view also after unpickling."""
+        """State, `NAVIGATOR`; a live view."""
         return self._records[0]
 
     @property
     def arrays(self) -> NavigatorArrays:
-        """The same, path, obstacles and constants, for kernels that drive."""
+        """State, path, obstacles and constants for kernels."""
         return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the path, shape (n, 2), map frame [m]; None without one."""
+        """Remaining path, shape (n, 2), map frame [m]; None without a path."""
         return self._path[self.record["index"] :] if self.has_goal else None
 
     @property
     def has_goal(self) -> bool:
-        """Whether the robot is driving to a goal."""
+        """True while the robot drives to a goal."""
         return bool(self.record["has_goal"])
 
     @property
     def goal(self) -> tuple[float, float]:
-        """Where the robot is going (x, y), map frame [m]."""
+        """Goal (x, y), map frame [m]."""
         return float(self.record["goal_x"]), float(self.record["goal_y"])
 
     @property
     def is_recovering(self) -> bool:
-        """Whether the robot backs up or spins, and no goal can change that."""
+        """True while the robot backs up or spins."""
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
     def note_command(self, twist: Twist) -> None:
-        """Take note of a twist that is commanded in place of what `command` returns."""
+        """Record a commanded twist that replaces `command`."""
         self.record["forward"] = int(twist.v >= 0.0)
 
     @property
     def obstacles(self) -> np.ndarray:
-        """Shape (n, 2), float64, base frame [m]: what the lidar sees and has seen around the robot; live."""
+        """Visible and remembered obstacle points, shape (n, 2), float64, base frame [m]; a live view."""
         return self._obstacles[: self.record["num_seen"]]
 
     def drive_to(
@@ -129,14 +125,13 @@ class Navigator:
         path: np.ndarray,
         goal: tuple[float, float] | None = None,
         *,
-        view: tuple[float, float] = NOTHING,
+        view: tuple[float, float] = NO_POSITION,
         keep_clocks: bool = False,
     ) -> None:
-        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end, or to a goal (x, y) beside it.
+        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or a nearby `goal` (x, y).
 
-        `view` (x, y) is to be in the lidar's view in the end. With `keep_clocks` this is the same drive with another
-        plan: the time for which the robot has got nowhere goes on, or goals that change faster than that is noticed
-        would keep it there for ever.
+        `view`: position (x, y) to see from the goal. `keep_clocks`: continue the time limits of the last drive, so that
+        new goals do not hide a stuck robot.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         record = self.record
@@ -150,30 +145,30 @@ class Navigator:
         record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray) -> None:
-        """Take another path to the same goal: shape (n, 2), n > 0, map frame [m]."""
+        """Replace the path to the goal: shape (n, 2), n > 0, map frame [m]."""
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
-    def carry(self, correction: Correction) -> None:
-        """Move path, goal and view with a correction of the map."""
+    def apply_correction(self, correction: Correction) -> None:
+        """Move path, goal and view position with a map correction."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
-        self._path = np.concatenate([self._path[:first], correction.carry(self._path[first:])])
+        self._path = np.concatenate([self._path[:first], correction.apply(self._path[first:])])
         for x, y in (("goal_x", "goal_y"), ("view_x", "view_y")):
             if math.isfinite(record[x]):
-                record[x], record[y] = correction.carry(np.array([(record[x], record[y])]))[0]
+                record[x], record[y] = correction.apply(np.array([(record[x], record[y])]))[0]
 
     def plan_anew(self) -> None:
-        """Let the next check of progress ask for another plan, since the map has changed as a whole."""
+        """Request a new plan, because the whole map has changed."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def restart_progress(self) -> None:
-        """Measure progress anew from here."""
+        """Restart the stall timer."""
         self.record["stall_steps"] = -1
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
-        """Turn on the spot by an angle [rad], counter-clockwise, in place of a drive."""
+        """Turn on the spot by an angle [rad], counter-clockwise, instead of driving."""
         rate = float(self.numbers["spin_rate"])
         for name in ("has_goal", "steps", "recoveries", "back_steps"):
             self.record[name] = 0
@@ -181,19 +176,19 @@ class Navigator:
         self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self) -> None:
-        """Back away from where the last command led (or drive on, where there is more room) and spin a little."""
+        """Move opposite to the last command, or onward if there is more room, and spin."""
         record = self.record
         recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 
     def stop(self) -> None:
-        """Cancel the goal and any recovery behavior, and stop."""
+        """Cancel the goal and any recovery behavior."""
         for name in ("has_goal", "back_steps", "turn_steps"):
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Take in the obstacles of a reading outside of drives; `update` does so itself.
+        """Update odometry and obstacles outside of drives; `update` includes this.
 
-        Further ones, such as other robots, are `others`: shape (m, 2), float64, base frame [m].
+        `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
         self.motion = motion = self._odometry.update(reading)
         self.velocity = Twist(motion.x / self._period, motion.theta / self._period)
@@ -201,15 +196,15 @@ class Navigator:
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading (see `sense`) at an estimated pose, map frame; return the progress, as `DRIVING`."""
+        """Process a reading at a pose estimate, map frame; return the progress, such as `DRIVING`."""
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Check the progress of a drive whose last reading kernels have processed; returns as `update`."""
+        """Return as `update`, after kernels have processed the reading."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period, from the pose estimate."""
+        """Return the twist for the next control period."""
         state = self._records, self._path, self._obstacles
         return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

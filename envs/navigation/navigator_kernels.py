@@ -1,15 +1,9 @@
-"""Driving along a path, recovering, and judging progress. Kernels over one record.
+"""Kernels of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
 
-The parts are those of Nav2: a controller (regulated pure pursuit), a progress checker, a goal checker, and the recovery
-behaviors BackUp and Spin. Arguments are arrays, which cost least to pass:
-
-- `navigators`: shape (1,), `NAVIGATOR`, written; `constants`: shape (1,), the fields of `navigator_numbers`.
-- `obstacles`: shape (n, 2), float64, base frame [m], the first `num_obstacles` count; `others`: shape (m, 2), float64,
-  base frame [m], further ones, which are not remembered.
-- `sensors`: ranges (shape (num_beams,), float32 [m], as in `Reading`), directions of the beams in the base frame (shape
-  (2, num_beams), float64: cosine and sine), and whether the bumper is pressed.
-- `motion`: pose of the base now, seen from the base at the last call; `pose`: estimate, map frame: x, y [m], theta
-  [rad].
+- `navigators`: state, shape (1,), `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
+- `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points not remembered.
+- `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
+- `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
 """
 
 import math
@@ -21,55 +15,54 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import record_type
 from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.obstacles import add_bump, forget_inside, free_distance, remember, scan_points
-from lidarnaut.envs.navigation.params import NavigatorParams
-from lidarnaut.envs.navigation.pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
+from lidarnaut.envs.navigation.planning_params import NavigatorParams
+from lidarnaut.envs.navigation.regulated_pursuit import FOLLOWER_FIELDS, follow, follower_numbers, turn_rate
 from lidarnaut.envs.robots import RobotParams
 
 DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
-"""Progress of a drive: it goes on; it goes on once the path is planned anew; the robot is at its goal; the robot does
-not get there; the time for the drive is over; a turn on the spot is complete."""
+"""Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Greatest bearing that is well in view, over half the field of view."""
+"""Maximum bearing of a point well in view, over half the field of view."""
 CONTACT_MARGIN = 0.05
-"""A stall after a contact clears remembered points up to this distance from the footprint [m]."""
+"""Margin around the footprint for clearing remembered contacts [m]."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
         ("goal_x", np.float64),
         ("goal_y", np.float64),
-        ("view_x", np.float64),  # what to have in view at the goal; NaN for nothing
+        ("view_x", np.float64),  # to see from the goal; NaN for none
         ("view_y", np.float64),
         ("has_goal", np.int64),
-        ("steps", np.int64),  # of this drive
-        ("planned", np.int64),  # step at which the path was planned last
-        ("stall_x", np.float64),  # where the robot last was when it had moved or turned
+        ("steps", np.int64),
+        ("planned", np.int64),
+        ("stall_x", np.float64),  # pose at the last motion
         ("stall_y", np.float64),
         ("stall_theta", np.float64),
         ("stall_steps", np.int64),
-        ("stuck_x", np.float64),  # where it last was when it had come some distance
+        ("stuck_x", np.float64),  # position at the last large displacement
         ("stuck_y", np.float64),
         ("stuck_steps", np.int64),
         ("recoveries", np.int64),
-        ("back_v", np.float64),  # BackUp for some steps, then Spin for some
+        ("back_v", np.float64),  # BackUp, then Spin
         ("back_steps", np.int64),
         ("turn_w", np.float64),
         ("turn_steps", np.int64),
-        ("forward", np.int64),  # whether the last command was not backwards
-        ("pressed", np.int64),  # whether the bumper was pressed at the last reading
-        ("marked", np.int64),  # whether contacts may be remembered
+        ("forward", np.int64),
+        ("pressed", np.int64),  # bumper state of the last reading
+        ("marked", np.int64),  # contacts may be remembered
         ("num_remembered", np.int64),  # obstacles, see `remember`
-        ("num_seen", np.int64),  # those, and what the last scan shows
-        ("num_obstacles", np.int64),  # those, and other robots
+        ("num_seen", np.int64),  # and visible obstacles
+        ("num_obstacles", np.int64),  # and other robots
     ]
 )
-"""What a navigator keeps from step to step, in the map frame, m and rad."""
+"""State of a navigator, map frame [m, rad]."""
 
 
 def navigator_numbers(
     robot: RobotParams, period: float, max_time: float, params: NavigatorParams
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the numbers for drives of at most `max_time` seconds with a command every `period` seconds; m, s, rad."""
+    """Return the kernel constants of a robot; `period`: control period, `max_time`: maximum drive time [s]."""
     lidar = robot.lidar
     times = {"max": max_time, "replan": params.replan_time, "stall": params.stall_time, "stuck": params.stuck_time}
     return {
@@ -77,24 +70,24 @@ def navigator_numbers(
         **asdict(params),
         **{f"{name}_steps": max(1, round(min(seconds, 1e6) / period)) for name, seconds in times.items()},
         "mount": (lidar.mount.x, lidar.mount.y, lidar.mount.yaw),
-        # A full turn has no directions beside its view; a beam's width keeps rounding from making one.
+        # A beam's width avoids gaps in full turns.
         "half_fov": 0.5 * lidar.fov + lidar.angle_increment,
         "sees_around": lidar.fov > 2.0 * math.pi - 0.1,
         "range_min": lidar.range_min,
-        "range_far": 2.0 * robot.radius + 0.3,  # up to which obstacles beside the lidar's view are remembered
+        "range_far": 2.0 * robot.radius + 0.3,  # range of remembered points
         "goal_tolerance": min(params.goal_tolerance * robot.radius, 0.2),
         "stall_distance": 0.25 * robot.radius + 0.02,
         "spin_rate": min(robot.max_w, params.spin_rate),
-        "back_reach": 0.5 * robot.radius + 0.1,  # how far the robot backs up
+        "back_reach": 0.5 * robot.radius + 0.1,
         "back_speed": min(0.4 * robot.max_v, 0.4),
     }
 
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan: points outside the view are remembered, and move along by odometry.
+    """Process a scan; points outside the field of view are remembered and moved by odometry.
 
-    A contact takes the place of the one before, or a robot that turns in contact would be enclosed by its marks.
+    Each contact replaces the last contact, or contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
@@ -114,7 +107,6 @@ def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
 
 @njit(cache=True, error_model="numpy")
 def _turn_to_view(record, pose, numbers):
-    """Return by how much to turn at the goal to get what is to be seen well into view [rad]; 0 if it is."""
     dx, dy = record.view_x - pose[0], record.view_y - pose[1]
     if numbers.sees_around or not math.hypot(dx, dy) > 0.05:
         return 0.0
@@ -129,18 +121,18 @@ def _is_at_goal(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
-    """Choose the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
+    """Return the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
 
-    `path` has shape (n, 2), float64, map frame [m]; `v_now` is the forward speed by odometry [m/s].
+    `path`: shape (n, 2), map frame [m]. `v_now`: forward speed by odometry [m/s].
     """
     record, numbers = navigators[0], constants[0]
-    around = obstacles[: record.num_obstacles]
+    points = obstacles[: record.num_obstacles]
     v, w = 0.0, 0.0
     if record.back_steps > 0:
         record.back_steps -= 1
-        # What braking takes, from the end of the period on.
+        # Braking distance.
         look = record.back_v * numbers.period + 0.5 * record.back_v * abs(record.back_v) / numbers.braking_v
-        if free_distance(around, 0.0, numbers.radius, look) < abs(look):
+        if free_distance(points, 0.0, numbers.radius, look) < abs(look):
             record.back_steps = 0
         else:
             v = record.back_v
@@ -151,25 +143,24 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
         if _is_at_goal(record, pose, numbers):
             w = turn_rate(_turn_to_view(record, pose, numbers), numbers)
         else:
-            v, w, _ = follow(record, path, pose[0], pose[1], pose[2], v_now, around, numbers)
+            v, w, _ = follow(record, path, pose[0], pose[1], pose[2], v_now, points, numbers)
     record.forward = 1 if v >= 0.0 else 0
     v, w = min(max(v, -numbers.max_v), numbers.max_v), min(max(w, -numbers.max_w), numbers.max_w)
     return v, w
 
 
 @njit(cache=True, error_model="numpy")
-def recover(navigators, around, backwards, constants):
-    """Back up, or drive on where there is more room, and spin a little, left and right in turn."""
+def recover(navigators, points, backwards, constants):
+    """Begin a recovery: BackUp, or forward if there is more room, then Spin, left and right in turn."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach
     sign = -1.0 if backwards else 1.0
-    room = free_distance(around, 0.0, radius, sign * reach)
-    if room < 0.5 * reach and free_distance(around, 0.0, radius, -sign * reach) > room:
+    room = free_distance(points, 0.0, radius, sign * reach)
+    if room < 0.5 * reach and free_distance(points, 0.0, radius, -sign * reach) > room:
         sign = -sign
     record.back_v = sign * numbers.back_speed
     record.back_steps = max(1, round(reach / numbers.back_speed / numbers.period))
-    # 0.6, 0.8, 1.0 rad: another direction each time.
     angle = 0.4 + 0.2 * min(record.recoveries, 5)
     record.turn_w = numbers.spin_rate * record.side * (1.0 if record.recoveries % 2 else -1.0)
     record.turn_steps = max(1, round(angle / numbers.spin_rate / numbers.period))
@@ -178,7 +169,6 @@ def recover(navigators, around, backwards, constants):
 
 @njit(cache=True, error_model="numpy")
 def _count_still(record, pose, numbers):
-    """Count the steps for which the robot has not moved or turned, and for which it has not come far."""
     x, y, theta = pose
     moved = math.hypot(x - record.stall_x, y - record.stall_y) >= numbers.stall_distance
     moved |= abs(wrap_angle(theta - record.stall_theta)) >= numbers.stall_angle
@@ -196,7 +186,6 @@ def _count_still(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _forget(record, obstacles, radius):
-    """Drop remembered points within a radius."""
     dropped = forget_inside(obstacles, record.num_remembered, record.num_obstacles, radius)
     record.num_remembered -= dropped
     record.num_seen -= dropped
@@ -205,22 +194,19 @@ def _forget(record, obstacles, radius):
 
 @njit(cache=True, error_model="numpy")
 def _fail(record, obstacles, numbers):
-    """Return `FAILED`, after dropping remembered points inside the footprint, which would block every later drive."""
+    """Return `FAILED`; drop remembered points inside the footprint, which would block later drives."""
     _forget(record, obstacles, numbers.radius)
     return FAILED
 
 
 @njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
-    """Check the progress of the drive, once a step is made and `update_obstacles` has processed its scan.
-
-    Returns `DRIVING` or one of what follows there.
-    """
+    """Return the progress of the drive, such as `DRIVING`, after `update_obstacles`."""
     record, numbers = navigators[0], constants[0]
-    around = obstacles[: record.num_obstacles]
+    points = obstacles[: record.num_obstacles]
     record.steps += 1
     if bumper and record.back_steps == 0 and record.turn_steps == 0:
-        recover(navigators, around, record.forward == 1, constants)
+        recover(navigators, points, record.forward == 1, constants)
     if record.recoveries > numbers.max_recoveries:
         return _fail(record, obstacles, numbers) if record.has_goal else SPUN
     if record.back_steps > 0 or record.turn_steps > 0:
@@ -230,13 +216,13 @@ def check_progress(navigators, obstacles, pose, bumper, constants):
     if _is_at_goal(record, pose, numbers) and _turn_to_view(record, pose, numbers) == 0.0:
         return REACHED
     _count_still(record, pose, numbers)
-    # The robot may have been stuck before it set out: what is chosen anew gets a decision's time all the same.
+    # A robot that was stuck before gets full time for a new goal.
     if record.stuck_steps > numbers.stuck_steps and record.steps >= min(numbers.stuck_steps, numbers.max_steps):
         record.stuck_steps = -1
         return _fail(record, obstacles, numbers)
     if record.stall_steps > numbers.stall_steps:
-        recover(navigators, around, True, constants)
-        if record.marked == 1:  # marks of contacts may enclose the robot, which has moved a little since
+        recover(navigators, points, True, constants)
+        if record.marked == 1:  # contacts may enclose the robot
             record.marked = 0
             _forget(record, obstacles, numbers.radius + CONTACT_MARGIN)
         return DRIVING

@@ -1,4 +1,4 @@
-"""Current obstacles as points in the robot's frame, independent of any map."""
+"""Obstacle points in the base frame, without a map."""
 
 import math
 
@@ -6,24 +6,21 @@ import numpy as np
 from numba import njit
 
 NO_POINTS = np.empty((0, 2))
-"""No obstacles."""
 SIGHT_STEP = 0.02
-"""Spacing of the poses along an arc at which the footprint is tested [m]."""
-SAME_POINT = 0.02
-"""Distance up to which two remembered points count as one [m]."""
-SLOWEST = 1e-9
-"""Forward speed below which a twist counts as one of this speed [m/s]."""
-CAPACITY = 1000
-"""Points of scans that are remembered at most."""
+"""Spacing of collision tests along an arc [m]."""
+DUPLICATE_DISTANCE = 0.02
+"""Distance below which points are duplicates [m]."""
+MIN_SPEED = 1e-9
+"""Minimum forward speed in divisions [m/s]."""
+MAX_REMEMBERED = 1000
 BUMP_POINTS = 5
-"""Number of points by which a contact of the bumper is recorded."""
 
 
 @njit(cache=True, error_model="numpy")
 def scan_points(ranges, directions, mount, points):
-    """Write the ends of the beams that hit something to `points`, base frame [m], and return how many there are.
+    """Write the end points of beams with a return, base frame [m]; return their number.
 
-    Ranges and directions are those of `update_obstacles`, `mount` is the lidar's in the base frame (x, y, yaw).
+    `ranges`, `directions`: see `update_obstacles`. `mount`: lidar pose in the base frame (x, y, yaw).
     """
     count = 0
     for beam in range(ranges.shape[0]):
@@ -36,10 +33,10 @@ def scan_points(ranges, directions, mount, points):
 
 @njit(cache=True, error_model="numpy")
 def remember(points, num_remembered, num_points, motion, numbers):
-    """Carry points along with the robot's motion and keep those that the lidar no longer sees.
+    """Move points with the robot's motion; keep points that the lidar no longer sees.
 
-    The first `num_remembered` of `num_points` had been remembered before; the others come from the last scan. `points`
-    are rewritten in the base frame after the motion. Returns how many are kept at their start; at most `CAPACITY`.
+    The first `num_remembered` of `num_points` are older, the rest are from the last scan. Returns the number of kept
+    points, at most `MAX_REMEMBERED`.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount
@@ -53,12 +50,12 @@ def remember(points, num_remembered, num_points, motion, numbers):
         if not is_hidden and distance < numbers.range_far:
             bearing = math.atan2(y - mount[1], x - mount[0]) - mount[2]
             is_hidden = abs((bearing + math.pi) % (2.0 * math.pi) - math.pi) > numbers.half_fov
-        if not is_hidden or kept == CAPACITY:
+        if not is_hidden or kept == MAX_REMEMBERED:
             continue
         is_new = True
         if k >= num_remembered:
             for other in range(kept):
-                if abs(points[other, 0] - x) < SAME_POINT and abs(points[other, 1] - y) < SAME_POINT:
+                if abs(points[other, 0] - x) < DUPLICATE_DISTANCE and abs(points[other, 1] - y) < DUPLICATE_DISTANCE:
                     is_new = False
                     break
         if is_new:
@@ -69,7 +66,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Add points of a footprint where it touched something ahead, or behind; returns how many there are now."""
+    """Append contact points at the front or rear of the footprint; return the number of points."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)
@@ -79,7 +76,7 @@ def add_bump(points, count, radius, forward):
 
 @njit(cache=True, error_model="numpy")
 def forget_inside(points, num_remembered, num_points, radius):
-    """Drop remembered points within the footprint, where there is nothing since the robot is; returns how many."""
+    """Drop remembered points within the robot's `radius` [m]; return their number."""
     kept = 0
     for k in range(num_points):
         if k >= num_remembered or math.hypot(points[k, 0], points[k, 1]) > radius:
@@ -90,7 +87,7 @@ def forget_inside(points, num_remembered, num_points, radius):
 
 @njit(cache=True, error_model="numpy")
 def points_within(points, distance):
-    """Return the points at most `distance` [m] from the origin; shape (n, 2) to shape (k, 2), float64 [m]."""
+    """Return the points within `distance` [m] of the origin, shape (n, 2) to (k, 2) [m]."""
     near = np.empty_like(points)
     count = 0
     for k in range(points.shape[0]):
@@ -101,17 +98,17 @@ def points_within(points, distance):
 
 @njit(cache=True, error_model="numpy")
 def free_distance(points, curvature, radius, distance):
-    """Return how far the robot gets along an arc before its footprint touches a point [m], at most `abs(distance)`.
+    """Return the distance along an arc before the footprint touches a point [m], at most `abs(distance)`.
 
-    A point that lies within the footprint already (noise, a corner that sticks out of the circle) stops only what
-    brings it nearer. `points`: shape (n, 2), float64, obstacles in the base frame [m]; `curvature`: positive to the
-    left [1/m]; `radius`: of the footprint [m]; `distance`: how far to look, negative backwards [m].
+    A point inside the footprint, by noise, only blocks motion towards it. `points`: obstacles, shape (n, 2), float64,
+    base frame [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m]. `distance`: negative for
+    backwards [m].
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf
     for k in range(points.shape[0]):
         nearest = min(nearest, points[k, 0] ** 2 + points[k, 1] ** 2)
-    # The arc is no shorter than the straight line: up to here the footprint cannot reach the nearest point.
+    # Below this length, the footprint cannot reach the nearest point.
     clear = math.sqrt(nearest) - radius
     for step in range(1, num_steps + 1):
         along = abs(distance) * step / num_steps
@@ -132,23 +129,20 @@ def free_distance(points, curvature, radius, distance):
 
 @njit(cache=True, error_model="numpy")
 def stoppable_share(points, v, w, radius, braking, period):
-    """Return the share of a twist, at most 1, at which the robot can stop on its arc before it touches a point.
+    """Return the largest fraction of a twist, at most 1, that allows a stop before a collision.
 
-    It drives on for one more control period `period` [s] before it brakes at `braking` [m/s2]. Others: see
+    The robot drives on for one control period `period` [s], then brakes at `braking` [m/s2]. `points`, `radius`: see
     `free_distance`.
     """
     if v == 0.0:
         return 1.0
     delay = braking * period
     free = free_distance(points, w / v, radius, v * period + 0.5 * v * abs(v) / braking)
-    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), SLOWEST))
+    return min(1.0, (math.sqrt(delay**2 + 2.0 * braking * free) - delay) / max(abs(v), MIN_SPEED))
 
 
 def without_people(points, people, margin=0.15):
-    """Return the points farther than `margin` [m] from all people; shape (n, 2) to shape (k, 2), base frame [m].
-
-    `people`: see `lidarnaut.envs.estimation.tracking.PeopleTracker.people`.
-    """
+    """Return the points farther than `margin` [m] from people, shape (n, 2) to (k, 2), base frame [m]."""
     if not len(people):
         return points
     gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]

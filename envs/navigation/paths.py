@@ -1,4 +1,4 @@
-"""Paths over a costmap: from the searches of `astar` to points that are straight, and round where they bend."""
+"""Paths on a costmap: extraction, shortcuts, smoothing and validity checks."""
 
 import math
 from dataclasses import dataclass
@@ -26,24 +26,22 @@ from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_
 from lidarnaut.envs.navigation.obstacles import free_distance
 
 SHORTCUT = 4.0
-"""Longest stretch of a path that one straight line replaces [m]."""
+"""Maximum length of a straight shortcut [m]."""
 MAX_POINTS = 1024
-"""Points of a path of `write_path`; the rest of a longer one is left to the next plan."""
 DATA_WEIGHT = 0.2
-"""Pull of each point to where it was before (Nav2's `w_data`)."""
+"""Weight of each point's original position (Nav2's `w_data`)."""
 SMOOTH_WEIGHT = 0.3
-"""Pull of each point to the middle between its neighbours (Nav2's `w_smooth`)."""
+"""Weight of the midpoint of a point's neighbours (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
-"""Most sweeps over the path."""
 NUM_EXITS = 32
-"""Number of directions that are tried for a way out of an obstacle of the map."""
-SETTLED = 1e-4
-"""A sweep that moves no point by more than this ends the smoothing [m]."""
+"""Number of directions tried for an exit."""
+SMOOTH_TOLERANCE = 1e-4
+"""Maximum displacement in the last smoothing sweep [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def walk_back(predecessor, row, col):
-    """Return the cells from the start to (row, col), shape (n, 2), int64, in the frame of the unpadded raster."""
+    """Return the path cells from the start to (row, col), shape (n, 2), int64."""
     length = 1
     r, c = row + 1, col + 1
     while predecessor[r, c] != NO_STEP:
@@ -62,10 +60,10 @@ def walk_back(predecessor, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(costs, weights, row0, col0, row1, col1):
-    """Integrate the weights along the line between two cells' centres, in the units of `search`; -1 if blocked."""
+    """Return the cost of a straight line between two cells, in units of `search`; -1 if blocked."""
     d_row, d_col = row1 - row0, col1 - col0
     length = math.hypot(d_row, d_col)
-    # Four samples per cell do not step over more than the tip of a corner.
+    # Four samples per cell skip at most a corner's tip.
     num_samples = max(1, math.ceil(4.0 * length))
     total = 0.0
     for k in range(num_samples):
@@ -79,10 +77,10 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def shorten(costs, weights, travel, cells, reach):
-    """Replace stretches of a path, of up to `reach` cells, by straight lines where those cost no more.
+    """Replace stretches of a path, up to `reach` cells long, by straight lines that cost no more.
 
-    `travel`, shape (height + 2, width + 2), int32, is from the search that found the path, `cells` its cells, shape
-    (n, 2), int64. Returns the corners of the shorter path, with both of its ends: shape (m, 2), int64.
+    `travel`: travel costs with a border of one cell. `cells`: path, shape (n, 2), int64. Returns the corners and both
+    ends, shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
     write_row(kept[0], cells[0])
@@ -104,9 +102,9 @@ def shorten(costs, weights, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def nearest_cell(costs, weights, row, col, reach, max_cost):
-    """Return the cell nearest to (row, col), within `reach` cells, that costs at most `max_cost`; (-1, -1) for none.
+    """Return the nearest cell within `reach` cells that costs at most `max_cost`; (-1, -1) for none.
 
-    Unknown ones count where `weights` lets them.
+    Unknown cells count if `weights` allows them.
     """
     height, width = costs.shape
     best_row, best_col, best = -1, -1, reach * reach + 1
@@ -121,10 +119,9 @@ def nearest_cell(costs, weights, row, col, reach, max_cost):
 
 @njit(cache=True, error_model="numpy")
 def write_path(costs, weights, expansion, cell, side, origin):
-    """Return the path to a cell that a search has reached as points at most half a planning cell apart.
+    """Return the path to a cell reached by a search, points at most half a cell apart, shape (n, 2), map frame [m].
 
-    `expansion` is that of the search, `side` the side of a cell [m], and `origin` where the first column and the first
-    row begin, map frame [m]. Shape (n, 2), float64, map frame [m]; what is longer than `MAX_POINTS` is cut off.
+    `side`: cell side [m]. `origin`: raster origin, map frame [m]. Paths are cut off after `MAX_POINTS`.
     """
     left, low = origin
     shape = (costs.shape[0] + 2, costs.shape[1] + 2)
@@ -147,46 +144,43 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 
 @njit(cache=True, error_model="numpy")
-def search_goal(layer, weights, expansion, entries, start, goal, slack):
-    """Search for the cheapest path to a goal; what the search costs grows with what lies between, and not with the map.
+def search_goal(layer, weights, expansion, queue, start, goal, slack):
+    """Search for the cheapest path to within `slack` cells of a goal; return its last cell, (-1, -1) for none.
 
-    `layer` holds costs and the `open_weights` of `_expand`; `expansion` and `entries` are workspace, see
-    `_expand`. The path may end up to `slack` cells beside the goal. Returns the cell where it ends, (-1, -1) without
-    one; and `entries`.
+    `layer`: costs and the `open_weights` of `_expand`. Also returns `queue`.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
     if row < 0:
-        return (-1, -1), entries
-    begin(expansion, entries, costs, start, (row, col))
-    entries = expand(expansion, entries, open_weights, costs, weights, (row, col), np.int64(UNREACHED))
+        return (-1, -1), queue
+    begin(expansion, queue, costs, start, (row, col))
+    queue = expand(expansion, queue, open_weights, costs, weights, (row, col), np.int64(UNREACHED))
     if expansion.travel[(row + 1) * (costs.shape[1] + 2) + col + 1] == UNREACHED:
-        return (-1, -1), entries
-    return (row, col), entries
+        return (-1, -1), queue
+    return (row, col), queue
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TravelField:
-    """Cost-to-come of every cell from a start, and the predecessors that lead there."""
+    """Cost-to-come of every cell from a start."""
 
     costmap: Costmap
-    """Where it was computed."""
     weights: np.ndarray
-    """Shape (256,), uint8, see `step_weights`."""
+    """Weight of each cell cost, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
-    """Shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` where there is no path."""
+    """Cost-to-come, shape (height + 2, width + 2), int32, with a border; `UNREACHED` without a path."""
     predecessor: np.ndarray
-    """Same shape, uint8: index into `STEPS` of the last step."""
+    """Index into `STEPS` of the step into each cell, uint8, shape of `travel`."""
 
     @property
     def costs(self) -> np.ndarray:
-        """What `cost` returns of all cells, shape of the raster, float32 [m]."""
+        """Cost-to-come, shape (height, width), float32 [m]; inf without a path."""
         return self._metres(self.travel[1:-1, 1:-1]).astype(np.float32)
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
-        """Return the lengths of the paths to cells inside the raster, each step weighted by its costs [m].
+        """Return the cost-to-come of cells, shape (...) [m]; inf without a path.
 
-        `cells` have the shape (..., 2), int, (row, column); what is returned shape (...), inf where no path leads.
+        `cells`: (row, column), shape (..., 2), int, inside the raster.
         """
         return self._metres(self.travel[cells[..., 0] + 1, cells[..., 1] + 1])
 
@@ -194,10 +188,7 @@ class TravelField:
         return np.where(travel == UNREACHED, np.inf, travel * (self.costmap.grid.resolution / (STRAIGHT * SCALE)))
 
     def path(self, row: int, col: int) -> np.ndarray | None:
-        """Return the path to a cell as points a cell apart, from start to goal: shape (n, 2), float64 [m].
-
-        Straight lines replace staircases where they cost no more. None without a path.
-        """
+        """Return the path to a cell, points a cell apart, shape (n, 2), float64 [m]; None without a path."""
         if self.travel[row + 1, col + 1] == UNREACHED:
             return None
         cells = walk_back(self.predecessor, row, col)
@@ -210,7 +201,6 @@ class TravelField:
 def _traversable_cell(
     costmap: Costmap, weights: np.ndarray, point: tuple[float, float], tolerance: float, max_cost: int
 ) -> tuple[int, int] | None:
-    """Return the traversable cell at or nearest to a point."""
     row, col = (int(k) for k in costmap.grid.cells(np.array(point)))
     reach = math.floor(tolerance / costmap.grid.resolution + 1e-9)
     row, col = nearest_cell(costmap.costs, weights, row, col, reach, max_cost)
@@ -225,10 +215,10 @@ def travel_field(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> TravelField | None:
-    """Search from a start (x, y), map frame [m]: everywhere (Dijkstra), or until a goal (row, column) is reached (A*).
+    """Search from a start (x, y), map frame [m], to all cells (Dijkstra) or to a goal (row, column) (A*).
 
-    Where the map says that the robot cannot be at the start, the nearest cell within its radius is taken; None if there
-    is none. With a goal only the path to it is final. Unknown cells, if allowed, have the highest cost of free ones.
+    A start in collision moves to the nearest traversable cell within the robot's radius; returns None without one. With
+    a goal, only the path is final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -245,10 +235,10 @@ def plan_path(
     tolerance: float = 0.0,
     allow_unknown: bool = False,
 ) -> np.ndarray | None:
-    """Return the cheapest path from a start to a goal (x, y), map frame [m], by A*; None if there is none.
+    """Return the cheapest path between positions (x, y), map frame [m], by A*; None without a path.
 
-    It may end up to `tolerance` [m] beside a goal that is not traversable. Unknown cells, if allowed, have the highest
-    cost of free ones. Shape (n, 2), float64, points a cell apart [m].
+    The path may end up to `tolerance` [m] from a goal in collision. Unknown cells, if allowed, cost as much as
+    `COST_MAX_FREE`. Returns points a cell apart, shape (n, 2), float64 [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
     if cell is None:
@@ -258,11 +248,10 @@ def plan_path(
 
 
 def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, least: float = 0.0) -> list[np.ndarray]:
-    """Return straight paths out of obstacles of the map that the scan does not show, the shortest first.
+    """Return straight paths out of mapped obstacles that the scan does not show, shortest first.
 
-    Furniture was moved, or the map is a little off. `obstacles`: shape (k, 2), in sight, base frame [m]; `reach` and
-    `least`: greatest and least length [m]. Paths have the shape (n, 2), float64, points at most a cell apart, map frame
-    [m]. None are returned if the footprint touches nothing on the map.
+    `obstacles`: visible points, shape (k, 2), base frame [m]. `reach`, `least`: maximum and minimum length [m]. Paths:
+    shape (n, 2), points at most a cell apart, map frame [m]; none if the footprint is free.
     """
     grid, found = costmap.grid, []
     here = grid.cells(np.array(pose[:2]))
@@ -283,11 +272,7 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
 @njit(cache=True, error_model="numpy")
 def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
-    """Return a copy of a path with points pulled between their neighbours and back to where they were.
-
-    A point never moves into a cell that is not traversable; its two ends stay. After the simple smoother of Nav2,
-    with the points updated in place (Gauss-Seidel).
-    """
+    """Return a path smoothed in place, after Nav2's simple smoother."""
     height, width = costs.shape
     smooth = points.copy()
     for _ in range(NUM_SWEEPS):
@@ -304,15 +289,16 @@ def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
                 continue
             smooth[k, 0], smooth[k, 1] = new_x, new_y
             largest = max(largest, abs(new_x - x), abs(new_y - y))
-        if largest < SETTLED:
+        if largest < SMOOTH_TOLERANCE:
             break
     return smooth
 
 
 def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
-    """Round off the corners of a path, shape (n, 2), n > 0, points about a cell apart [m], without touching anything.
+    """Smooth a path without collisions; its ends stay.
 
-    Returns shape (m, 2), float64, points at most a cell apart, with the same ends [m].
+    `path`: points about a cell apart, shape (n, 2), n > 0 [m]. Returns points at most a cell apart, shape (m, 2),
+    float64 [m].
     """
     grid = costmap.grid
     path = np.ascontiguousarray(path, dtype=np.float64)
@@ -321,9 +307,9 @@ def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = Fal
 
 
 def is_path_valid(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> bool:
-    """Tell whether a path, shape (n, 2), points about a cell apart [m], stays inside the map and touches nothing known.
+    """Return True if a path stays inside the map and touches no known obstacle.
 
-    Points at the start where the robot touches something in its belief already do not count, if it gets out of there.
+    `path`: points about a cell apart, shape (n, 2) [m]; may lead out of an initial collision.
     """
     grid = costmap.grid
     cells = grid.cells(path)

@@ -1,7 +1,7 @@
-"""Planning cells, marks and costs, recomputed in a `Window`. Kernels of `lidarnaut.envs.navigation.planning_map`.
+"""Kernels of `planning_map`: update planning cells, marks and costs in a `Window`.
 
-`joined` and `marks`, shape (height, width), int8, are the occupancy of planning cells by map and scans. Cells are shape
-(n, 2), int64, (row, column), also outside of them.
+`occupancy`, `marks`: occupancy of planning cells by map and by scans, shape (height, width), int8. Cells are (row,
+column), shape (n, 2), int64, possibly outside the raster.
 """
 
 import math
@@ -16,11 +16,8 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 
 @njit(cache=True, error_model="numpy")
-def join_cells(data, block, joined, window):
-    """Join `block` x `block` cells of a map, `data`, to one of `joined`, written in the window.
-
-    The greatest occupancy counts, unknown (-1) where none is known.
-    """
+def join_cells(data, block, occupancy, window):
+    """Write the maximum occupancy of each `block` x `block` map cells in a window; unknown is -1."""
     top, left, height, width = window
     rows, cols = data.shape
     lines = np.empty(width * block, dtype=np.int8)
@@ -30,7 +27,7 @@ def join_cells(data, block, joined, window):
             line = data[r, left * block : min((left + width) * block, cols)]
             for k in range(line.shape[0]):
                 lines[k] = max(lines[k], line[k])
-        out = joined[row, left : left + width]
+        out = occupancy[row, left : left + width]
         if block == 2:
             for k in range(width):
                 out[k] = max(lines[2 * k], lines[2 * k + 1])
@@ -43,7 +40,7 @@ def join_cells(data, block, joined, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells of points, shape (k, 2), float64 [m]; `left` and `low`: where the first column and row begin."""
+    """Return the cells of points, shape (k, 2) [m]; `left`, `low`: raster origin [m]."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -53,9 +50,9 @@ def cells_of(points, left, low, side):
 
 @njit(cache=True, error_model="numpy")
 def obstacle_cells(points, marking_range, pose, origin, side):
-    """Return the cells of points, shape (n, 2), float64, base frame [m], within `marking_range` [m] of the robot.
+    """Return the cells of points, shape (n, 2), base frame [m], within `marking_range` [m] of the robot.
 
-    `origin` is where the first column and row begin, map frame [m], `side` that of a cell [m].
+    `origin`: raster origin, map frame [m]. `side`: cell side [m].
     """
     near = points_within(points, marking_range)
     x, y, theta = pose
@@ -68,7 +65,7 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 @njit(cache=True, error_model="numpy")
 def clear_beams(marks, x, y, angles, lengths):
-    """Set the cells on beams free: from (x, y) along angles [rad] for lengths, all in cells."""
+    """Set the cells along beams free; start (x, y) and lengths in cells, angles in rad."""
     height, width = marks.shape
     for k in range(len(angles)):
         walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))
@@ -80,9 +77,9 @@ def clear_beams(marks, x, y, angles, lengths):
 
 
 @njit(cache=True, error_model="numpy")
-def mark(marks, joined, cells, reach):
-    """Mark the cells of obstacles that no occupied one of `joined` within `reach` accounts for; -1 marks all."""
-    height, width = joined.shape
+def mark(marks, occupancy, cells, reach):
+    """Mark obstacle cells without an occupied map cell within `reach`; all cells if `reach` is -1."""
+    height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
         if row < 0 or col < 0 or row >= height or col >= width:
@@ -90,25 +87,25 @@ def mark(marks, joined, cells, reach):
         is_known = False
         for r in range(max(row - reach, 0), min(row + reach + 1, height)):
             for c in range(max(col - reach, 0), min(col + reach + 1, width)):
-                is_known |= joined[r, c] >= OCCUPIED_FROM
+                is_known |= occupancy[r, c] >= OCCUPIED_FROM
         if not is_known:
             marks[row, col] = OCCUPIED
 
 
 @njit(cache=True, error_model="numpy")
-def update_costs(joined, marks, obstacles, bodies, tables, costs, open_weights, window):
-    """Inflate, in a window, the obstacles of the map, those that scans have marked, and those in sight.
+def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weights, window):
+    """Update costs in a window by inflation of mapped, marked and visible obstacles.
 
-    Of the cells in sight, `obstacles` count where no occupied cell accounts for them, `bodies` in any case. Writes
-    `costs`, shape (height, width), uint8, and `open_weights`, see `_expand`.
+    `obstacles` count unless an occupied map cell is near; `bodies` always count. Writes `costs`, shape (height, width),
+    uint8, and `open_weights`, see `_expand`.
     """
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
-    height, width = joined.shape
-    # Obstacles beside the window cost in it, and cells that account for an obstacle may lie beside those.
+    height, width = occupancy.shape
+    # Obstacles outside the window inflate into it; map cells farther outside may explain them.
     reach = tables.inflation + tables.same_obstacle
     first_row, first_col = max(top - reach, 0), max(left - reach, 0)
     last_row, last_col = min(bottom + reach, height), min(right + reach, width)
-    part, corner = joined[first_row:last_row, first_col:last_col], np.array([first_row, first_col])
+    part, corner = occupancy[first_row:last_row, first_col:last_col], np.array([first_row, first_col])
     combined = np.maximum(part, marks[first_row:last_row, first_col:last_col])
     mark(combined, part, obstacles - corner, tables.same_obstacle)
     mark(combined, part, bodies - corner, -1)

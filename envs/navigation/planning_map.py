@@ -1,8 +1,4 @@
-"""The costmap: a map, what scans have marked on it since, and inflation over both, kept up to date where they change.
-
-What an update costs grows with the window that scans have touched since the last one, and not with the map. Only a map
-that has grown, or changed as a whole, is looked at anew from end to end.
-"""
+"""Planning map, updated incrementally in windows of changed cells."""
 
 import math
 from collections.abc import Sequence
@@ -15,7 +11,6 @@ from lidarnaut.envs.navigation.astar import COST_WEIGHT, SCALE, STRAIGHT, new_ex
 from lidarnaut.envs.navigation.costmap import COST_UNKNOWN, Costmap, CostmapParams, known_window
 from lidarnaut.envs.navigation.frontiers import TILE, ignore_around, is_frontier_near, update_frontier
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import PlanningParams
 from lidarnaut.envs.navigation.planning_kernels import (
     cells_of,
     clear_beams,
@@ -24,14 +19,15 @@ from lidarnaut.envs.navigation.planning_kernels import (
     obstacle_cells,
     update_costs,
 )
+from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0
-"""Travel cost up to which the search for candidates expands at first [m]; doubled until enough are known."""
+"""Initial travel cost limit of the candidate search [m], doubled as needed."""
 
 
 class PlanningTables(NamedTuple):
-    """Robot and `PlanningParams` in planning cells and units of `search`, for one footprint padding level."""
+    """Parameters in cells and units of `search`, for one footprint padding level."""
 
     costs: np.ndarray
     weights: np.ndarray
@@ -53,7 +49,7 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         costs=costmap.table(side),
         weights=step_weights(COST_WEIGHT, False),
         inflation=costmap.reach(side),
-        radius=max(1, math.floor(radius / side + 1e-9)),  # how far from the robot's cell a search may start
+        radius=max(1, math.floor(radius / side + 1e-9)),
         same_obstacle=round(params.same_obstacle / side),
         max_extent=max(2, round(params.max_extent / side)),
         views=tuple(int(distance / side + 1e-9) for distance in params.view_distances),
@@ -61,34 +57,34 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
         first_limit=round(FIRST_LIMIT / side * STRAIGHT * SCALE),
         view_reach=max(1, round(min(params.view_range, robot.lidar.range_max) / side)),
         heading_steps=max(1, round(params.heading_distance / side)),
-        robot_radius=radius,  # of the footprint that is planned for [m]
+        robot_radius=radius,  # footprint radius [m]
     )
 
 
 class CostLayer:
-    """Costs for the footprint of one padding level."""
+    """Costs for one footprint padding level."""
 
     def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
-        """Shape (height, width), uint8, as in `Costmap`."""
+        """Costs, shape (height, width), uint8; see `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Shape ((height + 2) * (width + 2),), uint8; see `expand`."""
+        """Cell weights, uint8; see `_expand`."""
         self.pending = NO_WINDOW
-        """Where map or marks have changed since the last update, and what that reaches."""
+        """Window to recompute, with inflation."""
         self.in_sight = NO_WINDOW
-        """What the obstacles in sight reached at the last update."""
+        """Window of the obstacles in view at the last update, with inflation."""
 
 
 class PlanningMap:
-    """Planning cells of one robot's map, in layers as in Nav2: the map, marks of scans, and inflation.
+    """Planning cells of a robot's map, in layers as in Nav2: map, marked obstacles, inflation.
 
-    Scans mark (`integrate`) what lies farther than `same_obstacle` from any obstacle of the map, which is seen from a
-    pose that is a little wrong; Nav2 marks that too, and narrow doors close. Beams clear marks, and never the map.
+    Unlike in Nav2, scans mark only obstacles farther than `same_obstacle` from occupied map cells, so pose errors do
+    not close doors. Beams clear marks, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
-        """Prepare for maps with cells of a side of `resolution` [m]."""
+        """Create a planning map; `resolution`: side of a map cell [m]."""
         self.params = params
         self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
         """Side of a planning cell [map cells]."""
@@ -96,20 +92,20 @@ class PlanningMap:
         """Side of a planning cell [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
-        """One per footprint padding level: the padded robot first, then smaller ones."""
+        """Constants per footprint padding level: the padded robot, then smaller footprints."""
         self._data: np.ndarray | None = None
         self._pending = self._known = NO_WINDOW
         self._beyond, self._points = 0.0, np.zeros((1, 2))
-        self.joined = self.marks = np.empty((0, 0), dtype=np.int8)
+        self.occupancy = self.marks = np.empty((0, 0), dtype=np.int8)
         self.ignored_points = NO_POINTS
-        """Shape (m, 2), float64: frontier cells that are ignored, with their neighbours, map frame [m]."""
+        """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]."""
         self.origin = (0.0, 0.0)
-        """Where the first column and the first row begin, map frame [m]."""
+        """Corner of the first row and column (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: Window | None, *, redrawn: bool = False) -> None:
-        """Take note of what the last scan has changed in the map; to be called after each.
+        """Record the map changes of each scan.
 
-        `window`: map cells that may have changed; None for none. If the map was `redrawn`, marks are deleted.
+        `window`: changed map cells; None for none. `redrawn`: the map was rebuilt; discard marks.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
@@ -118,33 +114,33 @@ class PlanningMap:
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Let planning cells, from the next `update` on, reach `margin` [m] beyond map and points (x, y), map frame."""
+        """Extend the planning map to `margin` [m] beyond map and points (x, y), map frame, at the next `update`."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
-        """Bring joined cells and frontier up to date."""
+        """Update occupancy and frontier."""
         window, self._pending = self._pending, NO_WINDOW
         if window.is_empty:
             return
         assert self._data is not None
         top, left = self._corner
-        join_cells(self._data, self.block, self.joined[top:, left:], window.shifted(-top, -left))
-        update_frontier(self.joined, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
+        join_cells(self._data, self.block, self.occupancy[top:, left:], window.shifted(-top, -left))
+        update_frontier(self.occupancy, self.ignored, self.frontier, self.tile_counts, self._dilated(window, 1))
         self._known = window.union(self._known)
-        self._spoil(window)
+        self._invalidate(window)
 
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs of a footprint padding level, from 0 to `max_level`, with what is around the robot's pose.
+        """Return the costs of a footprint padding level, 0 to `max_level`, with obstacles near a pose.
 
-        `obstacles` are what the map may miss, `bodies` what no occupied cell can account for: shape (n, 2), float64,
-        base frame [m].
+        `obstacles`: points that the map may explain. `bodies`: points that the map cannot explain. Shape (n, 2),
+        float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
         if level not in self._layers:
-            self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.joined.shape)
+            self._layers[level] = CostLayer(tables, self.params.costmap(tables.robot_radius), self.occupancy.shape)
             self._layers[level].pending = self._dilated(self._known, tables.inflation)
         layer = self._layers[level]
         frame = self.params.marking_range, tuple(pose), self.origin, self.side
@@ -158,37 +154,36 @@ class PlanningMap:
         layer.pending, layer.in_sight = NO_WINDOW, in_sight
         if not window.is_empty:
             arrays = layer.costs, layer.open_weights
-            update_costs(self.joined, self.marks, missed, unmapped, tables, *arrays, window)
+            update_costs(self.occupancy, self.marks, missed, unmapped, tables, *arrays, window)
         return layer
 
     @property
     def max_level(self) -> int:
-        """The greatest footprint padding level."""
+        """Highest footprint padding level."""
         return len(self.tables) - 1
 
     @property
     def grid(self) -> OccupancyGrid:
-        """The planning cells as a map."""
-        return OccupancyGrid(self.joined, self.side, self.origin)
+        """Planning cells as an occupancy grid."""
+        return OccupancyGrid(self.occupancy, self.side, self.origin)
 
     def costmap(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
-        """Return `layer` as a costmap; its array is live."""
+        """Return `layer` as a costmap; a live view."""
         return self.costmap_of(self.layer(level, pose, obstacles, bodies))
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
-        """Return the costs of a layer as they are; the array is live."""
+        """Return the costs of a layer; a live view."""
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
-        """Mark what a scan shows and the map misses, and clear the marks that its beams pass.
+        """Mark scanned obstacles that the map lacks; clear marks along beams.
 
-        `pose` is that of the robot's base, map frame; `ranges` have the shape (num_beams,) [m]: inf for no return, NaN
-        for beams to ignore.
+        `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for ignored beams.
 
         Raises:
-            ValueError: if the pose is not finite, or the scan has another number of beams.
+            ValueError: if the pose is not finite, or the number of ranges is wrong.
         """
         if not all(map(math.isfinite, pose)):
             raise ValueError(f"pose must be finite, got {tuple(pose)}")
@@ -198,7 +193,7 @@ class PlanningMap:
         x, y, theta = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
         is_valid = ranges >= 0.0
         angles, ranges = theta + lidar.angles[is_valid], ranges[is_valid].astype(np.float64)
-        # A map cell's width before the hit, so that the noise of a wall's ranges does not clear the wall.
+        # A map cell of margin, so that range noise does not clear walls.
         lengths = np.minimum(ranges - self.side / self.block, self.params.clearing_range) / self.side
         col, row = (x - self.origin[0]) / self.side, (y - self.origin[1]) / self.side
         clear_beams(self.marks, col, row, angles[lengths > 0.0], lengths[lengths > 0.0])
@@ -206,44 +201,43 @@ class PlanningMap:
         angles, ranges = angles[is_hit], ranges[is_hit]
         points = np.column_stack([x + ranges * np.cos(angles), y + ranges * np.sin(angles)])
         self.mark(points)
-        self._spoil(self._around(x, y, self.params.clearing_range))
+        self._invalidate(self._window_around(x, y, self.params.clearing_range))
 
     def mark(self, points: np.ndarray) -> None:
-        """Mark obstacles that no scan shows, as what the bumper touched: shape (n, 2), map frame [m]."""
+        """Mark obstacle points that no scan shows, such as contacts, shape (n, 2), map frame [m]."""
         self.refresh()
-        mark(self.marks, self.joined, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
+        mark(self.marks, self.occupancy, cells_of(points, *self.origin, self.side), self.tables[0].same_obstacle)
         if len(points):
             x, y = (0.5 * (points.min(axis=0) + points.max(axis=0))).tolist()
-            self._spoil(self._around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
+            self._invalidate(self._window_around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
-    def clear_marks(self, around: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
-        """Forget the marks within a square around (x, y), map frame, of half the side `radius` [m]; by default all."""
-        window = self._around(*around, radius)
+    def clear_marks(self, center: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
+        """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all."""
+        window = self._window_around(*center, radius)
         self.marks[window.slices] = UNKNOWN
-        self._spoil(window)
+        self._invalidate(window)
 
     def ignore(self, points: np.ndarray) -> None:
-        """Ignore frontier cells (shape (n, 2), float64, map frame [m]) and their neighbours from now on."""
+        """Ignore frontier cells at points, shape (n, 2), float64, map frame [m], and their neighbours."""
         self.ignored_points = np.concatenate([self.ignored_points, points])
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
     def look_again_at(self, points: np.ndarray) -> None:
-        """Ignore points, shape (n, 2), no more, from the next `update` on, of those that `ignore` was told exactly."""
+        """Undo `ignore` for points, shape (n, 2), from the next `update` on."""
         is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
         if is_given.any():
             self.ignored_points, self._data = self.ignored_points[~is_given], None
 
     def is_frontier_near(self, point: tuple[float, float], radius: float) -> bool:
-        """Tell whether there is a frontier cell within `radius` [m] of a point (x, y), map frame [m]."""
+        """Return True if a frontier cell is within `radius` [m] of a point (x, y), map frame [m]."""
         reach = math.ceil(radius / self.side - 1e-9)
         return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the planning cell (row, column) of a position, map frame [m]; may lie outside."""
+        """Return the planning cell (row, column) of a position, map frame [m]; possibly outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
-        """Look at a map anew, from end to end; marks stay where they are in the map frame, unless it was redrawn."""
         marked = NO_POINTS if redrawn else self.grid.centers(np.argwhere(self.marks == OCCUPIED))
         self._data, (rows, cols) = grid.data, grid.data.shape
         self._size = -(-rows // self.block), -(-cols // self.block)
@@ -254,41 +248,36 @@ class PlanningMap:
             top, left, above, right = np.rint((gaps + self._beyond) / self.side).astype(int).tolist()
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
-        self.joined = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Shape (height, width), int8, occupancy; unknown where no map cell is known."""
+        self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
+        """Occupancy of planning cells, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Shape (height, width), int8: 100 where scans have marked an obstacle, 0 where they have seen none."""
-        mark(self.marks, self.joined, cells_of(marked, *self.origin, self.side), -1)
+        """Obstacles marked by scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
+        mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
-        """Shape (height, width), bool: frontier cells."""
+        """Frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
-        """Shape (height, width), bool: cells that count as no frontier."""
+        """Ignored frontier cells, shape (height, width), bool."""
         ignored = cells_of(self.ignored_points, *self.origin, self.side)
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}
         self.expansion = new_expansion(*shape)
-        """Workspace of searches."""
-        self.entries = np.empty((1024, 2), dtype=np.int32)
-        """Queue of searches."""
+        self.queue = np.empty((1024, 2), dtype=np.int32)
         self._pending = Window(*map(int, known_window(grid.data))).blocks(self.block).shifted(top, left)
         self._known = NO_WINDOW
         if len(marked):
             first, last = (self.cell(*corner.tolist()) for corner in (marked.min(axis=0), marked.max(axis=0)))
             self._known = Window.spanning(first, last)
 
-    def _spoil(self, window: Window) -> None:
-        """Take note that map or marks have changed in a window."""
+    def _invalidate(self, window: Window) -> None:
         for layer in self._layers.values():
             layer.pending = self._dilated(window, layer.tables.inflation).union(layer.pending)
 
-    def _around(self, x: float, y: float, radius: float) -> Window:
-        """Return the window of the cells within `radius` of (x, y) and of those beside them, map frame [m]."""
+    def _window_around(self, x: float, y: float, radius: float) -> Window:
         if math.isinf(radius):
-            return Window(0, 0, *self.joined.shape)
+            return Window(0, 0, *self.occupancy.shape)
         window = Window.spanning(self.cell(x - radius, y - radius), self.cell(x + radius, y + radius))
         return self._dilated(window, 1)
 
     def _dilated(self, window: Window, reach: int) -> Window:
-        """Return a window and `reach` cells around it, as far as they lie in the raster."""
-        return window.dilated(reach, self.joined.shape)
+        return window.dilated(reach, self.occupancy.shape)

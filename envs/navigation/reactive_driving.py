@@ -1,4 +1,4 @@
-"""Reactive driving by the scan alone: safe whatever the pose estimate says."""
+"""Reactive driving by scan alone."""
 
 import math
 
@@ -9,38 +9,37 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
-"""Curvatures that are tried [1/m]."""
-REACH = 1.2
-"""Length of the arcs that are checked [m], beyond the robot's radius."""
-MARGIN = 0.04
-"""Distance that is kept between footprint and obstacles [m]."""
+"""Curvatures of tested arcs [1/m]."""
+ARC_LENGTH = 1.2
+"""Length of tested arcs beyond the robot's radius [m]."""
+CLEARANCE_MARGIN = 0.04
+"""Distance kept from obstacles [m]."""
 SPEED = 0.7
-"""Share of the maximum speed."""
+"""Forward speed as a fraction of the maximum speed."""
 TURN_RATE = 0.8
-"""Yaw rate of turns on the spot, where the robot can turn that fast [rad/s]."""
+"""Maximum yaw rate [rad/s], limited by the robot."""
 BIAS_TIME = (6.0, 15.0)
-"""Shortest and longest time for which a heading bias stays the same [s]."""
+"""Minimum and maximum duration of a heading bias [s]."""
 MAX_BIAS = 0.3
-"""Largest heading bias to either side [1/m]."""
+"""Maximum heading bias, as a curvature [1/m]."""
 
 
 class ReactiveDriver:
-    """Drives along the arc with most clearance; a random heading bias keeps it from driving in circles."""
+    """Drives along the arc with most clearance. A random heading bias prevents circling."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Prepare for a robot that is commanded every `control_period` seconds; `rng` draws the heading bias."""
         self._robot, self._period, self._rng = robot, control_period, rng
         self._bias = self._turning = 0.0
         self._bias_steps = 0
 
     def command(self, obstacles: np.ndarray) -> Twist:
-        """Return the twist for the next period; `obstacles` has the shape (n, 2), base frame [m]."""
+        """Return the twist for the next period; `obstacles`: shape (n, 2), base frame [m]."""
         robot = self._robot
         self._bias_steps -= 1
         if self._bias_steps <= 0:
             self._bias = self._rng.uniform(-MAX_BIAS, MAX_BIAS)
             self._bias_steps = round(self._rng.uniform(*BIAS_TIME) / self._period)
-        radius, reach = robot.radius + MARGIN, robot.radius + REACH
+        radius, reach = robot.radius + CLEARANCE_MARGIN, robot.radius + ARC_LENGTH
         clearance = np.array([free_distance(obstacles, curvature, radius, reach) for curvature in CURVATURES])
         if self._turning != 0.0 and clearance[0] < 0.5 * reach:
             return self._turn()
@@ -59,6 +58,5 @@ class ReactiveDriver:
         return Twist(0.0, math.copysign(min(TURN_RATE, self._robot.max_w), self._turning))
 
     def _clearance_beside(self, obstacles: np.ndarray, side: float) -> float:
-        """Return the distance to the nearest obstacle on a side (1 left, -1 right), at most `REACH` [m]."""
         beside = obstacles[side * obstacles[:, 1] > 0.0]
-        return min(REACH, float(np.hypot(*beside.T).min())) if len(beside) else REACH
+        return min(ARC_LENGTH, float(np.hypot(*beside.T).min())) if len(beside) else ARC_LENGTH

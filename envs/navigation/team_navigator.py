@@ -1,12 +1,7 @@
-"""Drives the robots of a team that share a map, and settles who yields to whom.
+"""Team navigation on a shared map, with rights of way.
 
-Plans lead around peers of lower index, and through the others; `docs/team.md` says who has the right of way. Where a
-peer that is to yield has nowhere to go, the robot yields to it; if neither can, the goal has failed. Peers are removed
-from scans before these are remembered; their footprints replace them, which move with them and are known also where the
-lidar is blind.
-
-Each control period: `update` with the readings and beliefs, `choose` for the robots that it returns, and then `command`
-of each robot.
+Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Moving
+footprints replace peers in scans.
 """
 
 from collections.abc import Sequence
@@ -23,39 +18,40 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 
 UNASSIGNED = -1
-"""In place of a candidate, for a robot that gets none."""
+"""Choice for a robot without a candidate."""
 OVERLAP = 2.0
-"""Distance between frontiers from which on robots do not see the same there [m]."""
+"""Distance between frontiers without overlapping views [m]."""
 BLOCKING_REACH = 1.5
-"""How far ahead on its path a robot is blocked by a peer [m]."""
+"""Length of the path ahead on which a peer blocks a robot [m]."""
 PEER_CLEARANCE = 0.05
-"""Distance that is kept to a peer besides that to other obstacles, since it moves [m]."""
+"""Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""A peer is an obstacle also where it will be after this time [s]."""
+"""Prediction time of peers' footprints as obstacles [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
-    """Take what another robot will see off the unknown area in view, in place.
+    """Reduce the visible unknown area of candidates near another robot's frontier, in place.
 
-    Up to `overlap` [m] from the `frontier` (x, y) that it goes to, area counts in proportion to the distance (after
-    Burgard, Moors, Stachniss, Schneider, "Coordinated multi-robot exploration", 2005).
+    Up to `overlap` [m] from `frontier` (x, y), map frame, area is scaled by distance (after Burgard, Moors, Stachniss,
+    Schneider, "Coordinated multi-robot exploration", 2005).
     """
     gaps = np.hypot(*(candidates["frontier"] - frontier).T)
     candidates["visible"][:] *= np.minimum(gaps / overlap, 1.0)
 
 
 class TeamNavigator:
-    """One or several robots, in the order of their indices."""
+    """Navigator of one or several robots, ordered by index.
+
+    Each control period, call `update`, `choose` for the returned robots, then `command` of each robot.
+    """
 
     def __init__(self, robot: RobotParams, team: Sequence[TeamRobot]) -> None:
-        """Take robots of one kind."""
         self.team = team
-        """The robots."""
         self._robot, self._peer_filter = robot, PeerFilter(robot)
 
     @property
     def end_reason(self) -> str | None:
-        """Why the team has stopped exploring; None while any of its robots has not."""
+        """Reason why the team stopped exploring; None while exploring."""
         reasons = [robot.ended for robot in self.team]
         if None in reasons:
             return None
@@ -63,20 +59,20 @@ class TeamNavigator:
 
     @property
     def plans(self) -> list[np.ndarray | None]:
-        """The planned path of each robot for drawing, shape (n, 2), map frame [m]; None without one."""
+        """Remaining path of each robot, shape (n, 2), map frame [m]; None without a path."""
         return [robot.plan for robot in self.team]
 
     @property
     def targets(self) -> list[tuple[float, float] | None]:
-        """The frontier that each robot drives to (x, y), map frame [m]; None for a robot without one."""
+        """Frontier that each robot drives to (x, y), map frame [m]; None without a frontier."""
         return [robot.driving_to for robot in self.team]
 
     def update(
         self, readings: Sequence[Reading], beliefs: Sequence[Belief], *, is_asked: bool = False
     ) -> list[TeamRobot]:
-        """Let all robots process their readings, and return those that are to be assigned a frontier.
+        """Process readings; return the robots that need a frontier.
 
-        Robots without one come last: they are asked as soon as any other robot is to be assigned one, or if `is_asked`.
+        Idle robots are included if another robot needs a frontier, or if `is_asked`.
         """
         self._poses, due = [belief.pose for belief in beliefs], list[TeamRobot]()
         for robot in self.team:
@@ -91,7 +87,7 @@ class TeamNavigator:
         return due
 
     def choose(self, due: Sequence[TeamRobot], choices: Sequence[int]) -> None:
-        """Let robots drive to candidates of theirs; those that are `UNASSIGNED` wait for the others, or end."""
+        """Begin drives to chosen candidates; `UNASSIGNED` robots wait, look around or end."""
         for robot, index in zip(due, choices, strict=True):
             if index != UNASSIGNED:
                 robot.choose(index)
@@ -104,7 +100,6 @@ class TeamNavigator:
         return [peer for peer in self.team if peer is not robot]
 
     def _observe_peers(self, robot: TeamRobot, reading: Reading) -> Reading:
-        """Give a robot its peers as obstacles, and return its reading without them."""
         peers, pose, radius = self._peers_of(robot), self._poses[robot.index], self._robot.radius + PEER_CLEARANCE
         if not peers:
             return reading
@@ -122,7 +117,6 @@ class TeamNavigator:
         return reading._replace(ranges=ranges)
 
     def _resolve_conflict(self, robot: TeamRobot) -> None:
-        """Find the peer that blocks a robot, and let one of them yield."""
         gap = 2.0 * self._robot.radius + 0.1
         for peer in self._peers_of(robot):
             path = robot.plan

@@ -1,5 +1,3 @@
-"""One robot of a team that explores: its navigator, the right of way, and how it drives, yields and waits."""
-
 import math
 
 import numpy as np
@@ -11,29 +9,27 @@ from lidarnaut.envs.geometry.lines import lengths_along
 from lidarnaut.envs.navigation.frontier_navigator import FrontierNavigator
 from lidarnaut.envs.navigation.navigator_kernels import DRIVING, REPLAN
 from lidarnaut.envs.navigation.obstacles import NO_POINTS
-from lidarnaut.envs.navigation.params import PlanningParams
 from lidarnaut.envs.navigation.paths import TravelField, travel_field
+from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 
 PASSING_CLEARANCE = 0.15
-"""Gap between the footprints of a robot that passes and of one that waits [m]."""
+"""Gap between the footprints of a passing and a waiting robot [m]."""
 OUTLINE_POINTS = 16
-"""Points on the outline of a peer."""
 PAUSE_TIME = 1.0
-"""Time between two searches for a point, while a robot has none and others have [s]."""
+"""Time between searches for a frontier while other robots have all frontiers [s]."""
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot is blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Gap between the footprint of a waiting robot and the path of the other one from which that one has passed [m]."""
+"""Gap between a waiting robot and the other robot's path, both with footprints, that ends the wait [m]."""
 MAX_WAIT = 15.0
-"""Longest time to wait [s]."""
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
-    """Return the outline of a peer, of a radius [m], as obstacles: shape (16, 2), float64, the robot's base frame [m].
+    """Return the circular outline of a peer as obstacle points, shape (16, 2), base frame [m].
 
-    The poses of the robot and of the peer are those in the map frame.
+    `pose`, `peer`: poses of robot and peer, map frame. `radius`: radius of the outline [m].
     """
     away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
@@ -41,7 +37,7 @@ def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
 
 
 def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach: float = math.inf) -> bool:
-    """Tell whether a position lies within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
+    """Return True if a position is within `gap` [m] of the first `reach` metres of a path, shape (n, 2)."""
     if len(path) == 0:
         return False
     near = path[lengths_along(path) <= reach]
@@ -49,10 +45,10 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Return where a robot waits for another one to pass: the cell off that one's path that is cheapest to get to.
+    """Return the cheapest cell to reach that lets another robot pass; None for none.
 
-    `field` is the travel of the waiting robot, with the other one as an obstacle; `path`, shape (n, 2), n > 0, map
-    frame [m], begins at the other one; both footprints have a radius [m]. None if there is no such cell.
+    `field`: travel field of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
+    `radius`: footprint radius of both [m].
     """
     grid = field.costmap.grid
     cells = grid.cells(path)
@@ -69,7 +65,7 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
 
 
 class TeamRobot(FrontierNavigator):
-    """Offers the frontiers that it can get to, and decides how to get to the one that it is assigned."""
+    """Frontier navigator in a team, with right of way, yielding and waiting."""
 
     def __init__(
         self,
@@ -82,56 +78,55 @@ class TeamRobot(FrontierNavigator):
         max_time: float = math.inf,
         planning: PlanningParams = PlanningParams(),
     ) -> None:
-        """Prepare for an episode of a robot with an index in its team, updated every `control_period` seconds.
+        """Create a robot; see `FrontierNavigator`.
 
-        Exploration ends after `patience` control periods in which there was no frontier that it could get to; the rest
-        is that of `FrontierNavigator`.
+        `patience`: number of control periods without a reachable frontier before exploration ends.
         """
         super().__init__(robot, control_period, max_candidates=max_candidates, max_time=max_time, planning=planning)
         self.index = index
         self.ended: str | None = None
-        """Why it has stopped exploring; None while it has not."""
+        """Reason why the robot stopped exploring; None while exploring."""
         self.yielding_to: TeamRobot | None = None
-        """The robot that it lets pass."""
+        """Robot that this robot lets pass, if any."""
         self.passing = NO_POINTS
-        """Outlines of the peers that plans lead through, and not around, as those in `bodies`; base frame [m]."""
+        """Outline points of peers that plans may cross, shape (n, 2), base frame [m]."""
         self.outcome: str | None = None
-        """How its last drive has ended, by the words of `FrontierNavigator`; None while it goes on."""
+        """Outcome of the last drive; None while driving."""
         self._patience, self._radius, self._period = patience, robot.radius, control_period
         self._has_begun = self._has_looked_around = self._keeps_clocks = False
         self._idle_steps = self._pause_steps = self._wait_steps = 0
 
     @property
     def driving_to(self) -> tuple[float, float] | None:
-        """The frontier that it drives to (x, y), map frame [m]; None without one."""
+        """Frontier that the robot drives to (x, y), map frame [m]; None without a frontier."""
         return self.target if self.navigator.has_goal and self.yielding_to is None else None
 
     @property
     def precedence(self) -> tuple[bool, int]:
-        """The robot with the lower one has the right of way."""
+        """Precedence: the robot with the lower value has the right of way."""
         return self.driving_to is None, self.index
 
     @property
     def is_blocked(self) -> bool:
-        """Whether it drives to a goal and makes no progress."""
+        """True if the robot drives to a goal without progress."""
         drive = self.navigator
         return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
 
     @property
     def is_idle(self) -> bool:
-        """Whether it has begun, and has nothing to do."""
+        """True without a drive, recovery or wait."""
         is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
         return self._has_begun and not is_busy
 
     @property
     def may_turn_away(self) -> bool:
-        """Whether it drives to a frontier that it may leave for another one now."""
+        """True if the robot may switch to another frontier."""
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
-        """Process a reading, without peers, and tell whether the robot is to be assigned a frontier.
+        """Process a reading without peers; return True if the robot needs a frontier.
 
-        A robot that `is_asked` looks for one even in a pause.
+        With `is_asked`, a paused robot searches, too.
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -155,28 +150,27 @@ class TeamRobot(FrontierNavigator):
         return self.outcome is not None
 
     def learn(self, belief: Belief) -> None:
-        """Take note of what another robot's scan has changed in the map."""
+        """Process map changes of another robot's scan."""
         if self._has_begun:
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates in the midst of a drive, whose clocks the next one takes over."""
+        """Find the candidates during a drive; the next drive continues its time limits."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
-        """Drive to a candidate."""
         self._has_looked_around, self.ended = False, None
         super().choose(index, keep_clocks=keep_clocks or self._keeps_clocks)
 
     def wait(self) -> None:
-        """Stop for a while, since others have all the points."""
+        """Pause while other robots have all frontiers."""
         self._has_looked_around, self.ended = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
 
     def look_around_or_end(self) -> None:
-        """Turn once around where no point is left; then end, if there has been none for `patience` steps."""
+        """Look around if no frontier is left; end exploration after `patience` idle steps."""
         if not self._has_looked_around:
             self._has_looked_around = True
             self.look_around()
@@ -185,7 +179,7 @@ class TeamRobot(FrontierNavigator):
             self.navigator.stop()
 
     def yield_to(self, other: "TeamRobot", pose: Pose2D) -> bool:
-        """Drop the own goal and drive off the path of another robot; False if there is nowhere to go."""
+        """Leave another robot's path; return False if there is no free cell."""
         path = other.plan
         field = None if path is None else travel_field(self.free_costmap(pose), pose[:2])
         cell = None if path is None or field is None else find_waiting_cell(field, path, self._radius)
@@ -207,7 +201,7 @@ class TeamRobot(FrontierNavigator):
         return is_off or self._wait_steps * self._period > MAX_WAIT
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Plan the path anew; through peers where none leads around them: they move on, or are made to yield."""
+        """Replan; cross peers if no path leads around them."""
         if super()._replan(pose):
             return True
         bodies, self.bodies = self.bodies, NO_POINTS

@@ -1,7 +1,7 @@
-"""What a lidar may see from a viewpoint: rays over the planning cells, for rules and policies. Kernels.
+"""Visibility from viewpoints: kernels that cast rays over planning cells.
 
-Unknown cells are taken to be free, as most of them are: a ray ends at an occupied cell or at the end of its range
-(González-Baños and Latombe, "Navigation strategies for exploring indoor environments", 2002).
+Rays pass unknown cells and end at occupied cells (González-Baños and Latombe, "Navigation strategies for exploring
+indoor environments", 2002).
 """
 
 import math
@@ -13,28 +13,25 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM
 from lidarnaut.envs.navigation.frontiers import is_visible
 
 NUM_RAYS = 48
-"""Rays from a viewpoint."""
 NUM_SECTORS = 24
-"""Sectors in which they are joined."""
 PER_SECTOR = NUM_RAYS // NUM_SECTORS
 RAYS = np.array(
     [(math.sin(angle), math.cos(angle)) for angle in (2.0 * math.pi * k / NUM_RAYS for k in range(NUM_RAYS))]
 )
-"""Shape (NUM_RAYS, 2): rows and columns per cell of length."""
+"""Unit ray directions (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of the discs around a frontier whose unknown share is told [m]."""
+"""Radii of the discs around a frontier whose unknown share is computed [m]."""
 SHARE_STEPS = 10
-"""Sampled cells per radius of such a disc."""
 
 
 @njit(cache=True, error_model="numpy")
-def cast_view(joined, row, col, reach, free, unknown):
-    """Cast rays of a length, `reach` [cells], from the centre of a cell of `joined`; what lies outside is unknown.
+def cast_view(occupancy, row, col, reach, free, unknown):
+    """Cast rays of length `reach` [cells] from a cell's centre; cells outside the raster are unknown.
 
-    `free` and `unknown`, shape (NUM_RAYS,), float64, are written: length of each ray up to an occupied cell, and the
-    unknown area that it sweeps before that [cells]. Returns the first ray of the sector with most unknown area.
+    Writes for each ray: `free`, length up to an occupied cell [cells], and `unknown`, unknown area in view [cells2].
+    Returns the ray in the mean direction of unknown area.
     """
-    height, width = joined.shape
+    height, width = occupancy.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
     up, right = 0.0, 0.0
     for k in range(NUM_RAYS):
@@ -45,14 +42,13 @@ def cast_view(joined, row, col, reach, free, unknown):
             x += d_col
             r, c = math.floor(y), math.floor(x)
             if r < 0 or r >= height or c < 0 or c >= width:
-                # Nothing is known from here on.
                 area += 0.5 * (reach * (reach + 1) - step * (step - 1))
                 break
-            occupancy = joined[r, c]
-            if occupancy >= OCCUPIED_FROM:
+            value = occupancy[r, c]
+            if value >= OCCUPIED_FROM:
                 length = step - 1
                 break
-            if occupancy < 0:
+            if value < 0:
                 area += step
         free[k], unknown[k] = length, area * per_cell
         up += d_row * area
@@ -62,10 +58,9 @@ def cast_view(joined, row, col, reach, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view` for the arguments.
+    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view`.
 
-    `sectors`, shape (2 * NUM_SECTORS,), float32, has the shortest ray of each over `reach`; then the unknown area that
-    the rays of each sweep, over what they could.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray over `reach`, then unknown share, of each sector.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
@@ -78,9 +73,9 @@ def fill_sectors(free, unknown, first, reach, sectors):
 
 
 @njit(cache=True, error_model="numpy")
-def unknown_share(joined, row, col, radius):
-    """Return the share of the disc of `radius` [cells] around a cell that is unknown, by samples on a lattice."""
-    height, width = joined.shape
+def unknown_share(occupancy, row, col, radius):
+    """Return the unknown share of a disc of `radius` [cells] around a cell, by samples."""
+    height, width = occupancy.shape
     step = max(radius / SHARE_STEPS, 1.0)
     num = int(radius / step)
     unknown = count = 0
@@ -90,16 +85,15 @@ def unknown_share(joined, row, col, radius):
                 continue
             r, c = round(row + i * step), round(col + j * step)
             count += 1
-            unknown += r < 0 or r >= height or c < 0 or c >= width or joined[r, c] < 0
+            unknown += r < 0 or r >= height or c < 0 or c >= width or occupancy[r, c] < 0
     return unknown / count
 
 
 @njit(cache=True, error_model="numpy")
 def cheapest_view(data, travel, cells, reach):
-    """Find the cell with the least travel cost within `reach` of any of `cells`, shape (k, 2), and in sight of it.
+    """Find the cell with the lowest travel cost within `reach` and in line of sight of any of `cells`.
 
-    `travel` has a border of one cell. Returns row and column of the viewpoint, and the index of the cell in view; -1,
-    -1, -1 if there is none.
+    `travel`: with a border of one cell. Returns row, column and index of the visible cell; -1 for none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1

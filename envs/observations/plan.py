@@ -99,7 +99,7 @@ class _Detection:
         for peer in robot.peers:
             navigator.integrate(peer.belief)
         if belief.update.redrawn and belief.update.correction is not None:
-            self._paths = [belief.update.correction.carry(path) for path in self._paths]
+            self._paths = [belief.update.correction.apply(path) for path in self._paths]
         if navigator.update(robot.reading, belief) is not None:
             self._choose(belief)
 

@@ -17,7 +17,7 @@ from lidarnaut.envs.estimation.tracking import (
     tracker_numbers,
     write_bodies,
 )
-from lidarnaut.envs.navigation.goal_navigator import EAGER
+from lidarnaut.envs.navigation.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robot import Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import records as at
@@ -199,8 +199,13 @@ class Trajectories(RowPart):
         params, lidar, memory = robot.params, robot.params.lidar, robot._rows.remember
         sees_behind = bool(lidar.directions[0].min() < -math.cos(REAR_ANGLE))
         limits = params.max_v, params.max_w, params.max_acc_v, params.max_acc_w, params.radius, sees_behind
-        self._fixed = (lidar.mount.x, lidar.mount.y, lidar.directions), limits, tracker_numbers(lidar, EAGER), TWISTS
-        num_scans = num_kept_scans(EAGER)
+        self._fixed = (
+            (lidar.mount.x, lidar.mount.y, lidar.directions),
+            limits,
+            tracker_numbers(lidar, SENSITIVE_TRACKER),
+            TWISTS,
+        )
+        num_scans = num_kept_scans(SENSITIVE_TRACKER)
         self._memory = [("trajectories", name) for name in ("state", "tracks", "scans", "poses")]
         sizes = STATE, MAX_TRACKS * TRACK_SIZE, num_scans * lidar.num_beams, num_scans * 4
         for key, size in zip(self._memory, sizes, strict=True):

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.simulation import Twist
-from lidarnaut.envs.simulation.crowd.records import KIND
+from lidarnaut.envs.simulation.crowd.person_row import KIND
 
 from .recording import BODY_KINDS, CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 

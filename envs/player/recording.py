@@ -20,7 +20,7 @@ RANGE_STEPS = 254
 NO_RETURN, NO_MEASUREMENT = 255, 0
 """Scan values for beams without return, and for lost beams."""
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
-"""Names of the kinds of people in `lidarnaut.envs.simulation.crowd.records`, in their order."""
+"""Names of the kinds of people in `lidarnaut.envs.simulation.crowd.person_row`, in their order."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""

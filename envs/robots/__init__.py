@@ -4,7 +4,7 @@ from pathlib import Path
 
 from lidarnaut.envs.files import read_record, resolve
 
-from .params import (
+from .robot_params import (
     BodyParams,
     Caster,
     DriveParams,

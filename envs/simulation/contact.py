@@ -11,7 +11,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance, segment_offset
 from lidarnaut.envs.worlds import World
 
-from .crowd import records as crowd_at
+from .crowd import person_row as crowd_at
 from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12

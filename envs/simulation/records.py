@@ -82,15 +82,17 @@ PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, 
 
 Present and least gap to people [m], least time to collision [s], time in personal space [s], cause of the present
 contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
-SETUP, ROBOT = 63, 70
-"""First columns of the `Setup` of `envs.robot` and of `RobotRecord`, kept at a reset."""
+MOTION_SETTINGS, ROBOT = 63, 70
+"""First columns of the `MotionSettings` of `envs.robot` and of `RobotRecord`, kept at a reset."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """Column of the control period [s]."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
 """Mask of columns that a robot can measure, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
-SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, SETUP), *range(ROBOT, PERIOD), PERIOD + 1]] = np.nan
+SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
+    np.nan
+)
 
 
 @lru_cache(maxsize=64)

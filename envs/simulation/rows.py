@@ -89,7 +89,7 @@ class Rows:
             self.draws = np.zeros((len(self.draws), BLOCK, OTHER_NORMALS + 2 * self._num_uniforms))
 
     def reset(self) -> None:
-        self.numbers[:, : at.SETUP] = 0.0
+        self.numbers[:, : at.MOTION_SETTINGS] = 0.0
         self.numbers[:, at.DRAW] = BLOCK - 1
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:

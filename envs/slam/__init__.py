@@ -14,7 +14,8 @@ from .gmapping.gmapping import GMapping
 from .graph.graph_slam import GraphSlam
 from .hector import Hector
 from .matcher import MatcherObserver
-from .params import (
+from .posegraph import PoseGraphView
+from .slam_params import (
     PRESETS,
     GMappingParams,
     GraphSlamParams,
@@ -24,17 +25,15 @@ from .params import (
     TinySlamParams,
     load_params,
 )
-from .posegraph import PoseGraphView
 from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
-    """How a SLAM is built."""
+    """Builder of a SLAM and loader of its parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
-    """Returns the SLAM for a lidar and its params."""
     load: Callable[..., Any]
-    """Returns params by the name of a preset or what else stands for them, with changes; see `load_params`."""
+    """Function that returns parameters of a preset; see `load_params`."""
 
 
 SLAMS: dict[str, Kind] = {
@@ -45,10 +44,10 @@ SLAMS: dict[str, Kind] = {
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
-"""By name. "odometry" and "truth" map at the poses that follow from odometry and from ground truth."""
+"""SLAM algorithms by name. "odometry" and "truth" build a map at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""What environments use: fast, deterministic, and robots of a team share its map; see docs/notes/slam_comparison.md."""
+"""Default SLAM of the environments: fast, deterministic, shareable by teams."""
 
 
 def make_slam(
@@ -61,16 +60,15 @@ def make_slam(
     """Build a SLAM.
 
     Args:
-        name: one of `SLAM_NAMES`; `module:attribute`, or a callable, of the user's own that is called with the lidar
-            (`LidarParams`) and the resolution [m] and returns an `Estimator`; or an `Estimator`, which is copied.
+        name: one of `SLAM_NAMES`; an `Estimator`, which is copied; or `module:attribute` or a callable that takes lidar
+            (`LidarParams`) and resolution [m] and returns an `Estimator`.
         lidar: geometry of the scans.
-        resolution: side of a map cell [m].
-        preset: name or YAML file of the parameters, or the parameters; `resolution` replaces theirs. Each SLAM has
-            presets of its own.
-        odometry_noise: how far the robot's odometry may be off, in place of what the preset says; None keeps that.
+        resolution: side of a map cell [m]; overrides the preset.
+        preset: preset name, YAML file, or parameters.
+        odometry_noise: overrides the preset; None keeps it.
 
     Raises:
-        ValueError: if the name, the preset or the resolution is not allowed.
+        ValueError: if the name, the preset or the resolution is invalid.
     """
     if isinstance(name, str) and name in SLAMS:
         kind: Kind = SLAMS[name]

@@ -1,8 +1,7 @@
-"""The map of TinySLAM, and of mapping with known poses: each cell holds the mean of what beams said of it.
+"""Occupancy grid of TinySLAM and known-pose mapping: cells are means of observations.
 
-A cell is one 32-bit word: a signed fixed-point occupancy in the upper 20 bits (18 of them fractional) and the number of
-observations in the lower 12. One load tells the matcher the occupancy, one load and one store update it, and sums of
-occupancies are exact integers whatever the order of adding.
+A 32-bit cell word has a signed fixed-point occupancy in the upper 20 bits (18 fractional) and the number of
+observations in the lower 12. Sums of occupancies are exact.
 """
 
 import math
@@ -16,44 +15,42 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
-from .params import TinySlamParams
 from .scans import SIDE_START, beam_ends, walk
+from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
-"""Bits of a word that count observations."""
+"""Bits of a cell word that count observations."""
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Count at which a cell stops counting; from there on each observation weighs 1 / (MAX_COUNT + 1)."""
-ONE = 1 << 18
-"""Occupancy 1 as fixed-point number."""
+"""Maximum observation count; later observations keep the weight 1 / (MAX_COUNT + 1)."""
+FULL_OCCUPANCY = 1 << 18
+"""Occupancy 1 in fixed-point representation."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
-"""Weight of the observation that follows n others in a mean, shape (MAX_COUNT + 1,), fixed-point."""
 
 
 class InverseSensorModel(NamedTuple):
-    """What beams say of the cells that they cross; see `TinySlamParams`."""
+    """Occupancies that a beam assigns to cells."""
 
     occupied_prob: float
     empty_prob: float
     hole: float
-    """Length of the ramp in front of a hit [cells]; 0 for none."""
+    """Length of the occupancy ramp in front of a hit [cells]; 0 for no ramp."""
     add_blur: bool
-    """Whether the ramp adds to the occupancy of a passed cell, or replaces it."""
 
 
 def unvisited_word(value: float) -> int:
-    """Return the word of a cell never observed, which the matcher shall take for `value` (in [-1, 1])."""
-    return round(value * ONE) << COUNT_BITS
+    """Return the word of an unobserved cell; the matcher reads occupancy `value`, in [-1, 1]."""
+    return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
 def probabilities(words: np.ndarray) -> np.ndarray:
-    """Return the occupancy that words stand for, same shape, float64."""
-    return (words >> COUNT_BITS) / ONE
+    """Return the occupancy of cell words, same shape, float64."""
+    return (words >> COUNT_BITS) / FULL_OCCUPANCY
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return the word of a cell after one more observation, fixed-point."""
+    """Return the cell word after an observation, `target`, fixed-point."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
@@ -61,20 +58,16 @@ def observe(word, target):
 
 @njit(cache=True, error_model="numpy")
 def _weighted(prob, quality):
-    """Return an observed occupancy as fixed-point number, drawn towards one half by the weight of its scan."""
-    return round(ONE * (0.5 + (prob - 0.5) * quality))
+    return round(FULL_OCCUPANCY * (0.5 + (prob - 0.5) * quality))
 
 
 @njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Integrate a scan into a map that has room for it.
+    """Integrate a scan into `words` and `occupancy`; return the number of new known cells.
 
-    Each beam is walked from the lidar's cell to its end, one cell per column or row, whichever it crosses more of. A
-    hit occupies the last cell, and the ramp of the wall blur leads up to it, unless the beam is shorter than the ramp.
-
-    Writes `words`, shape (height, width), int32, `occupancy`, int8, the same in percent, and to `new_cells`, shape (n,
-    2), int32, row and column of cells that became known, whose number it returns. The scan is as in `beam_ends`;
-    `model` is the `InverseSensorModel`, `quality` the weight of the scan.
+    A hit occupies the last cell of a beam, after a ramp of rising occupancy unless the beam is shorter than the ramp.
+    `words` and `occupancy` have shape (height, width), int32 and int8 [percent]. `new_cells` receives row and column of
+    new known cells, shape (n, 2), int32. For scan arguments see `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]
@@ -88,7 +81,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
         row_1, col_1 = math.floor(ends[k, 1]), math.floor(ends[k, 0])
         length, slope, step, side_step = walk(row_1 - row_0, col_1 - col_0, width)
         hole = model.hole if model.hole * model.hole < (row_1 - row_0) ** 2 + (col_1 - col_0) ** 2 else 0.0
-        # Cells before this one are just passed.
+        # Earlier cells are free.
         first_special = max(length - math.ceil(hole), 0) if ends[k, 2] > 0.0 else length + 1
         base, side = row_0 * width + col_0, SIDE_START
         for step_number in range(length + 1):
@@ -107,7 +100,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
                 num_new += 1
             word = observe(word, target)
             flat[index] = word
-            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + ONE // 2) >> 18
+            flat_occupancy[index] = ((word >> COUNT_BITS) * 100 + FULL_OCCUPANCY // 2) >> 18
             base, side = base + step, side + slope
     for k in range(num_new):
         index = new_cells[k, 0]
@@ -116,19 +109,18 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
 
 
 class GridMap(GrowingMap):
-    """Cells that accumulate observations of beams, and the occupancy grid that follows from them."""
+    """Occupancy grid with mean observed occupancies."""
 
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
-        """Make an unknown map with the map frame's origin in its middle."""
         super().__init__(params, lidar)
         hole = params.hole_width / params.resolution
         self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
-        """Shape (height, width), int32: the cells."""
+        """Cell words, shape (height, width), int32."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base, with a weight from 0 to 1."""
+        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose, with weight `quality` from 0 to 1."""
         window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)

@@ -1,4 +1,4 @@
-"""What all maps of the SLAMs share: an occupancy grid that grows towards whatever leaves it."""
+"""Occupancy grid that grows when a scan leaves it."""
 
 import math
 
@@ -7,36 +7,35 @@ import numpy as np
 from lidarnaut.envs.geometry import UNKNOWN, OccupancyGrid, Window
 from lidarnaut.envs.robots import LidarParams
 
-from .params import SlamParams
 from .scans import ScanGeometry, scans_window
+from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27
-"""Size at which a map refuses to grow: a diverged estimate must not take all memory."""
+"""Maximum number of cells; limits memory if the estimate diverges."""
 
 
 class GrowingMap:
-    """An occupancy grid around the map frame's origin.
+    """Occupancy grid that starts around the map frame's origin and grows by powers of two.
 
-    The map grows by powers of two towards whatever leaves it. `grid` stays the same object; the array in it and its
-    origin are replaced when the map grows. Subclasses keep cells of their own beside it, and pad them in `_pad`.
+    Growth replaces array and origin of `grid`; subclasses pad their cells in `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Make an unknown map with the map frame's origin in its middle; ValueError for more than `MAX_CELLS`.
+        """Create an unknown map with sides and corner in multiples of `block` cells.
 
-        Numbers of columns and rows, and those before the origin, stay multiples of `block`.
+        Raises:
+            ValueError: if the map exceeds `MAX_CELLS`.
         """
         resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
-            raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m in cells of {resolution:g} m has too many of them")
+            raise ValueError(f"a map of {size[0]:g} x {size[1]:g} m has too many cells of {resolution:g} m")
         self.geometry = ScanGeometry.of(lidar, resolution, params.skip_exceeding)
         width, height = (block * math.ceil(length / resolution / block) for length in size)
         self.corner = (-(width // 2) // block * block, -(height // 2) // block * block)
-        """Column and row of the first cell, counted from the map frame's origin."""
+        """Column and row of the map's first cell, relative to the map frame's origin."""
         cells = np.full((height, width), UNKNOWN, dtype=np.int8)
         self.grid = OccupancyGrid(cells, resolution, self._origin(resolution))
-        """The map as an occupancy grid, always up to date."""
-        # Room for all cells that a scan may make known; only what is written takes memory.
+        # Untouched pages use no memory.
         most_cells = min(lidar.num_beams * (math.ceil(lidar.range_max / resolution) + 2), MAX_CELLS)
         self._new_cells = np.empty((most_cells, 2), dtype=np.int32)
         self._ends = np.empty((lidar.num_beams, 3))
@@ -45,11 +44,11 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Return a position in the map frame [m] as distances from the map's corner [cells]."""
+        """Convert a position in the map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Undo `to_cells`."""
+        """Convert a position in cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> Window:
@@ -78,15 +77,10 @@ class GrowingMap:
         return True
 
     def _pad(self, margins: tuple[tuple[int, int], tuple[int, int]]) -> None:
-        """Add unknown rows (before, after) and columns (before, after)."""
         self.grid.data = np.pad(self.grid.data, margins, constant_values=UNKNOWN)
 
 
 def _growth(size: int, first: int, last: int) -> tuple[int, int]:
-    """Return how many cells to add before and after `size` cells to hold the cells from `first` to `last`.
-
-    Each side in turn multiplies the size by the least sufficient power of two.
-    """
     before = after = 0
     while -first > before:
         before = 2 * before + size
@@ -97,7 +91,7 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
 
 
 def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of all known cells of a grid, shape (n, 2), int32, row by row."""
+    """Return row and column of known cells, shape (n, 2), int32."""
     known = np.flatnonzero(occupancy != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
     np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")

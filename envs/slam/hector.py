@@ -1,4 +1,4 @@
-"""Hector SLAM: match each scan to a log-odds map by Gauss-Newton steps, then integrate it."""
+"""Hector SLAM: Gauss-Newton scan matching on a log-odds map."""
 
 import numpy as np
 
@@ -10,40 +10,35 @@ from .key_scans import KeyScanSlam
 from .log_odds_map import LogOddsMap
 from .matching.covariance import position_std
 from .matching.scan_matcher import Match, MatcherParams, match_to_levels
-from .params import HectorParams
-from .relocalization import FOUND_STD, LossTracker
+from .relocalization import FOUND_STD, LocalizationMonitor
+from .slam_params import HectorParams
 
-PEOPLE_SCORE = 0.5
-"""What replaces `MatchingParams.min_known_score` among people: groups of them look like walls that no map shows."""
+MIN_SCORE_WITH_PEOPLE = 0.5
+"""Minimum matching score among people; a group of people looks like an unmapped wall."""
 
 
 class Hector(KeyScanSlam):
     """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original it takes odometry for a prior, weighted by its noise; `uses_odometry=False` goes without, as the
-    original does. There is no loop closure. Nothing is drawn at random.
-
-    `belief.covariance` is that of the last match, relative to the map: odometry's noise adds to it, and the curvature
-    of the fit takes from it. `belief.is_lost` says that scans in succession have not matched, or that the position has
-    become too uncertain; scans that do not match are not integrated, and a robot that is lost is searched on the whole
-    map (`relocalization`).
+    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. Loops are not closed.
+    `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. Mismatched scans are not
+    integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     params: HectorParams
     map: LogOddsMap
 
     def __init__(self, lidar: LidarParams, params: HectorParams) -> None:
-        """Build a SLAM for one lidar."""
         self._matcher = MatcherParams.of(params)
-        self._loss = LossTracker(lidar, params.lost_scans, params.uses_odometry)
+        self._monitor = LocalizationMonitor(lidar, params.lost_scans, params.uses_odometry)
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose with an unknown map or a shared one; see `KeyScanSlam`."""
-        self._loss.reset()
-        self._loss.meets_people = self.meets_people
-        if self.meets_people:  # who stand around the robot are no reason to look for it farther away
-            self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=PEOPLE_SCORE)
+        """Start at a known pose with a new or shared map."""
+        self._monitor.reset()
+        self._monitor.meets_people = self.meets_people
+        if self.meets_people:  # mismatches near people are expected
+            self._matcher = self._matcher._replace(retry_below=0.0, min_known_score=MIN_SCORE_WITH_PEOPLE)
         return super().reset(rng, pose, map)
 
     def _make_map(self) -> LogOddsMap:
@@ -57,24 +52,22 @@ class Hector(KeyScanSlam):
             return predicted, 1.0
         match = self._match_map(ranges, predicted)
         pose = Pose2D(match.x, match.y, match.theta)
-        instead = self._track_loss(ranges, predicted, pose, match.fits if match.is_judged else None)
-        return (pose, 1.0) if instead is None else (instead, None)
+        fallback_pose = self._update_lost(ranges, predicted, pose, match.fits if match.is_judged else None)
+        return (pose, 1.0) if fallback_pose is None else (fallback_pose, None)
 
     def _match_map(self, ranges: np.ndarray, predicted: Pose2D) -> Match:
-        """Match a scan to the map; `belief.covariance` becomes that of the match."""
         last, belief = self._last_matched_pose() or predicted, self.belief
-        # A fresh array: who holds the belief of before keeps its covariance.
+        # Earlier beliefs keep their covariance.
         belief.covariance = belief.covariance.copy()
         over = (self.map.geometry, self.map.levels, self.map.corner)
         poses = (tuple(last), tuple(predicted))
         match: Match = match_to_levels(ranges, *over, *poses, self._matcher, belief.covariance, self._points)
         return match
 
-    def _track_loss(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
-        """Set `belief.is_lost` by a key scan; arguments and result are those of `LossTracker.update`."""
+    def _update_lost(self, ranges: np.ndarray, predicted: Pose2D, pose: Pose2D, fits: bool | None) -> Pose2D | None:
         belief = self.belief
-        instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
-        if self._loss.is_found:
+        fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
+        if self._monitor.is_found:
             belief.covariance = np.diag(FOUND_STD) ** 2
-        belief.is_lost = self._loss.is_lost or position_std(belief.covariance) > self.params.max_position_std
-        return instead
+        belief.is_lost = self._monitor.is_lost or position_std(belief.covariance) > self.params.max_position_std
+        return fallback_pose

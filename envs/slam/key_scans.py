@@ -1,4 +1,4 @@
-"""What all SLAMs here share: which scans are matched and integrated, which are passed over, and which are kept."""
+"""Key scans: selection, storage, and base class of SLAMs."""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
@@ -12,38 +12,37 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.simulation import Reading
 
-from .log_odds_map import ONE, LogOddsMap
+from .log_odds_map import LOG_ODDS_UNIT, LogOddsMap
 from .posegraph import GrowingArray
 from .scans import ScanGeometry, check_scan, project_hits
 
 
 @njit(cache=True, error_model="numpy")
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
-    """Tell whether two poses are `min_distance` [m] or `min_angle` [rad] or more apart."""
+    """Return True if two poses differ by at least `min_distance` [m] or `min_angle` [rad]."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
-FADING = 3.5
-"""Largest log odds of a cell where people walk (Hornung et al., "OctoMap", 2013, section 3.4): nine scans that see
-nobody there are enough to clear it."""
+MAX_LOG_ODDS_WITH_PEOPLE = 3.5
+"""Maximum log-odds of cells among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a
+cell."""
 POINT_CELL = 0.1
-"""Side of the cells of which each gives one point when scans are searched in a map [m]."""
+"""Cell side for thinning points of joined scans: one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
-    """A pose by that of a key scan, with which corrections move it."""
+    """Robot pose relative to a key scan, which map corrections may move later."""
 
     key_scan: int
-    """Row of `Belief.path`."""
+    """Index of the key scan in `Belief.path`."""
     relative: Pose2D
-    """The pose as seen from the key scan."""
+    """Pose in the frame of the key scan."""
 
 
 class KeyScans:
-    """Scans that are kept, and where they were taken."""
+    """Stored scans and their poses."""
 
     def __init__(self, lidar: LidarParams) -> None:
-        """Make an empty store for scans of a lidar."""
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._ranges = GrowingArray((lidar.num_beams,), np.float32, 256)
         self._poses = GrowingArray((3,), np.float64, 256)
@@ -53,16 +52,16 @@ class KeyScans:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Shape (n, num_beams), float32: the scans [m]."""
+        """Stored scans, shape (n, num_beams), float32 [m]."""
         return self._ranges.rows
 
     @property
     def poses(self) -> np.ndarray:
-        """Shape (n, 3), float64: poses of the base by scan matching or odometry, never corrected [m, m, rad]."""
+        """Uncorrected base poses by scan matching or odometry, shape (n, 3), float64 [m, m, rad]."""
         return self._poses.rows
 
     def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
-        """Add a scan, shape (num_beams,), float32 [m], taken at a pose of the base; return its index."""
+        """Add a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
@@ -73,9 +72,9 @@ class KeyScans:
         return out[:, :count].T
 
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the hits of scans `first` to `last` as seen from the last one, one for each `POINT_CELL`.
+        """Return the joined hits of scans `first` to `last`, base frame of scan `last`, shape (n, 2), float32 [m].
 
-        Shape (n, 2), float32 [m]; n is at most `max_points`, evenly chosen, and none is farther than `max_range` [m].
+        Points within `max_range` [m] are thinned to one per `POINT_CELL`, and to `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
@@ -89,46 +88,47 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """Matches and integrates key scans; between them the pose follows odometry.
+    """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
 
-    A scan is a key scan if the pose predicted by odometry is `params.min_travel_distance` or `params.min_travel_angle`
-    away from that of the last key scan. With `params.match_every_scan`, every scan is matched, and those whose matched
-    poses lie that far apart are integrated. What `process_key_scan` does follows from its arguments and from what the
-    last key scan left: a simulation may compose the motions by itself, and call it at the key scans alone.
+    A scan is a key scan at `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
+    `params.match_every_scan`, all scans are matched, but only key scans are integrated. Simulations may call
+    `process_key_scan` directly with the composed motion.
     """
 
     meets_people = False
-    """Whether what the map shows may leave, so that evidence for it is bounded by `FADING`."""
+    """Whether people are near; limits cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Shape (num_beams,), bool: beams of the next scan that are integrated, and not matched; None for none."""
+    """Beams of the next scan to integrate but not match, shape (num_beams,), bool; None for no beams."""
     shares_maps = True
-    """Whether several robots may integrate their scans into one map."""
+    """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Build a SLAM for one lidar, with params that are `SlamParams` and tell whether to `match_every_scan`."""
+        """Build a SLAM; `params` are `SlamParams` with `match_every_scan`."""
         self.params = params
         self._lidar = lidar
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Start at a known pose, map frame, with an unknown map or one that other robots integrate into as well."""
+        """Start at a known pose, map frame, with a new or shared map."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
-            bound = min(self.map.model.bound, round(FADING * ONE))
+            bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Pose of the last key scan; None before the first."""
+        """Pose of the last key scan, map frame; None before the first key scan."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process the scan of a reading, in whose `ranges` +inf is no return, NaN a beam to ignore.
+        """Process a scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
 
-        `motion`: pose of the base now, as the motion source sees it from the base at the previous scan. ValueError if
-        the scan has another number of beams, or the motion is not finite.
+        `motion` is the base motion since the previous scan.
+
+        Raises:
+            ValueError: if the number of beams is wrong, or the motion is not finite.
         """
         ranges = check_scan(reading.ranges, motion, self._lidar)
         predicted = self._predict(motion)
@@ -138,16 +138,12 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Tell whether a pose is far enough from that of the last key scan for another one."""
+        """Return True if a pose is far enough from the last key pose."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, shape (num_beams,), float32 [m], and integrate it.
-
-        The predicted pose, map frame, follows odometry since the last key scan, or since the last scan if every scan is
-        matched.
-        """
+        """Match and integrate a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose."""
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
@@ -159,11 +155,9 @@ class KeyScanSlam(ABC):
         return belief
 
     def _predict(self, motion: Pose2D) -> Pose2D:
-        """Return the pose after a motion."""
         return self.belief.pose.compose(motion)
 
     def _last_matched_pose(self) -> Pose2D | None:
-        """Return the pose of the last scan that was matched, while the next one is; None before the first."""
         return self.belief.pose if self.params.match_every_scan and self.last_key_pose else self.last_key_pose
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
@@ -172,8 +166,8 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _make_map(self) -> Any:
-        """Return an unknown map, with `grid` and `integrate`."""
+        """Return a new map."""
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the pose at which a scan fits, and its weight in the map from 0 to 1; None not to integrate it."""
+        """Return the matched pose and the scan's map weight from 0 to 1; None to skip integration."""

@@ -1,9 +1,7 @@
-"""Occupancy grid maps of log odds at several resolutions.
+"""Log-odds occupancy maps at several resolutions.
 
-A cell is one 32-bit word: its log odds in the upper 16 bits, signed, 9 of them fractional, and in the lower 16 the
-number of the scan that last observed it. The number makes sure that each scan observes a cell once, however many beams
-cross it; 0 means that none has. Beside it lies the occupancy in percent that follows from the log odds, which is what
-the matcher reads.
+A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and, in the lower 16, the number of the last
+observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
 """
 
 import math
@@ -17,57 +15,54 @@ from lidarnaut.envs.geometry import UNKNOWN, Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 from .growing_map import GrowingMap
-from .params import MatchingParams
 from .scans import SIDE_START, beam_ends, walk
+from .slam_params import MatchingParams
 
 STAMP_BITS = 16
-"""Bits of a word that hold the number of a scan."""
+"""Bits of a cell word for the scan number."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
-"""Number of the last scan before they start again."""
-ONE = 1 << 9
-"""Log odds 1 as fixed-point number."""
-_HALF = 6 * ONE
-_PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / ONE))).astype(np.int8)
-"""Occupancies in percent by log odds; beyond the table they are 0 or 100."""
+"""Largest scan number before numbering restarts."""
+LOG_ODDS_UNIT = 1 << 9
+"""Log-odds of 1 in fixed-point representation."""
+_HALF = 6 * LOG_ODDS_UNIT
+_PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
 
 
 class LogOddsModel(NamedTuple):
-    """What one scan adds to the log odds of the cells that it observes, fixed-point."""
+    """Log-odds increments of a scan."""
 
     hit: int
-    """To a cell in which a beam ends."""
+    """Log-odds increment of a cell with a hit, fixed-point."""
     passed: int
-    """To a cell that beams only pass, negative."""
+    """Log-odds increment of a cell passed by a beam, fixed-point; negative."""
     bound: int
-    """Largest log odds of a cell, and with the opposite sign the least."""
+    """Maximum absolute log-odds of a cell, fixed-point."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
-        """Return the model for the probabilities that a beam reports of the cells that it ends in and passes."""
         probs = (params.occupied_prob, params.empty_prob)
-        hit, passed = (round(ONE * math.log(prob / (1.0 - prob))) for prob in probs)
-        return cls(hit, passed, round(ONE * params.max_log_odds))
+        hit, passed = (round(LOG_ODDS_UNIT * math.log(prob / (1.0 - prob))) for prob in probs)
+        return cls(hit, passed, round(LOG_ODDS_UNIT * params.max_log_odds))
 
 
 @njit(cache=True, error_model="numpy")
 def percent(value):
-    """Return the occupancy in percent of log odds, fixed-point."""
+    """Return the occupancy of fixed-point log-odds [percent]."""
     return _PERCENTS[np.uint64(min(max(value, -_HALF), _HALF) + _HALF)]
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, change, bound, stamp):
-    """Return the word of a cell after an observation."""
+    """Return the cell word after adding `change` to its log-odds."""
     value = min(max((word >> STAMP_BITS) + change, -bound), bound)
     return (value << STAMP_BITS) | stamp
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Integrate one scan into a level of a map; return how many cells became known, by index in `new_cells`.
+    """Integrate a scan into one level; return the number of new known cells.
 
-    Hits come first; cells that the beams of the same scan pass afterwards are left as the hits made them. (The program
-    of Kohlbrecher et al., 2011, undoes instead what beams before have done to a cell that is then hit.)
+    Hits come first, and passing beams do not change them. (Kohlbrecher et al., 2011, undo free observations instead.)
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
@@ -81,7 +76,7 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
                 continue
             row_1, col_1 = math.floor(ends[k, 1] * scale), math.floor(ends[k, 0] * scale)
             if row_1 == last_row and col_1 == last_col:
-                continue  # the beam before has ended here
+                continue  # same end cell as the last beam
             last_row, last_col = row_1, col_1
             base, side, length, slope, step, side_step = row_1 * width + col_1, SIDE_START, 0, 0, 0, 0
             if not is_hit:
@@ -102,19 +97,17 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into all levels of a map that has room for them; return the number of `new_cells`.
+    """Integrate scans into all levels; return the number of cells that the last scan made known.
 
-    `words`: the cells of each level, the finest first, shape (height, width), int32, written; `levels`: the same in
-    percent, int8, written; `ranges`: shape (n, num_beams), float32 [m]; `poses`: shape (n, 3), float64, of the base,
-    map frame [m, m, rad]; `geometry`: `ScanGeometry`, in cells of the finest level, as is `corner`, of the map, see
-    `beam_ends`; `stamp`: number of the first scan, all are from 1 to `MAX_STAMP`, and other than what the words hold;
-    `ends`: shape (num_beams, 3), float64, scratch; `new_cells`: shape (n, 2), int32, written: row and column of cells
-    that the last scan made known.
+    `words` and `levels` (occupancies [percent]) are tuples of arrays, finest first. `ranges` has shape (n, num_beams),
+    float32 [m]; `poses` are base poses, shape (n, 3), map frame [m, m, rad]. `stamp` is the number of the first scan;
+    numbers must be unused. `new_cells` receives row and column of new known cells, shape (n, 2), int32. See
+    `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
         lidar, _ = beam_ends(ranges[i], poses[i], geometry, corner, ends)
-        # The finest level comes last, since its new cells are those that count.
+        # The finest level comes last, because its new cells are returned.
         for k in range(len(words) - 1, -1, -1):
             num_new = _integrate(words[k], levels[k], 0.5**k, lidar, ends, model, stamp + i, new_cells)
     for k in range(num_new):
@@ -125,7 +118,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Give all cells that were ever observed the stamp 1, so that the numbers from 2 on are free again."""
+    """Reset stamps of observed cells to 1, to reuse stamps from 2."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:
@@ -133,38 +126,36 @@ def forget_stamps(words):
 
 
 class LogOddsMap(GrowingMap):
-    """Sums of log odds, and coarser maps of the same scans for a matcher (Kohlbrecher et al., 2011, section IV.C).
+    """Multi-resolution log-odds map for scan matching (Kohlbrecher et al., 2011, section IV.C).
 
-    Each level is a map by itself, with cells twice as wide as those of the one before, into which every scan is
-    integrated at that resolution: coarser levels are not averages of finer ones.
+    Scans are integrated into every level; coarse levels are not averages.
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
-        """Make an unknown map with the map frame's origin in its middle."""
         super().__init__(params, lidar, block=1 << (params.num_levels - 1))
         self.model = LogOddsModel.of(params)
         self._stamp = 0
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Cells of each level, shape (height, width) / 2^level, int32; see above."""
+        """Cell words by level, shape (height, width) / 2^level, int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
     def levels(self) -> tuple[np.ndarray, ...]:
-        """Occupancy in percent of each level, the finest first, int8: -1 unknown, 0 to 100; the first is `grid`'s."""
+        """Occupancies by level, finest first, int8: -1 unknown, 0 to 100 percent."""
         return (self.grid.data, *self._coarser)
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], taken at a pose of the base."""
+        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose."""
         window, count = self.integrate_all(ranges[None], np.array([pose]))
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Integrate scans, shape (n, num_beams), float32 [m], at poses of the base, shape (n, 3), float64, map frame.
+        """Integrate 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
 
-        There must be fewer than `MAX_STAMP` of them, and at least one. Returns the window of
-        touched cells, and the number of cells that the last scan made known.
+        `poses` are base poses, shape (n, 3), float64, map frame. Returns the window of observed cells and the number of
+        new known cells of the last scan.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
@@ -177,10 +168,7 @@ class LogOddsMap(GrowingMap):
         return window, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
-        """Replace the cells by those of another map of the same params, which must not be used any more.
-
-        `grid` stays the same object.
-        """
+        """Take the cells of another map, which becomes invalid; `grid` stays the same object."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
 

@@ -1,4 +1,4 @@
-"""The Monte Carlo scan matcher, and how to watch it at work."""
+"""Monte Carlo scan matching of TinySLAM, and its observers."""
 
 import math
 from collections.abc import Sequence
@@ -10,76 +10,73 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
-from .grid_map import COUNT_BITS, ONE, GridMap, unvisited_word
-from .params import TinySlamParams
+from .grid_map import COUNT_BITS, FULL_OCCUPANCY, GridMap, unvisited_word
 from .scans import project_hits
+from .slam_params import TinySlamParams
 
 
 class SearchParams(NamedTuple):
-    """Spread and limits of a search; see `TinySlamParams`."""
+    """Spread and limits of a Monte Carlo search."""
 
     sigma_xy: float
-    """Spread of positions at the start [cells]."""
+    """Initial standard deviation of candidate positions [cells]."""
     sigma_theta: float
     max_failed: int
     max_tries: int
     unvisited: int
-    """Word of a cell never observed."""
+    """Cell word of an unobserved cell."""
     position_penalty: float = 0.0
-    """Taken off the score for a candidate's squared distance from the predicted pose, fixed-point [1/cells^2]."""
+    """Score penalty per squared distance from the prediction, fixed-point [1/cells^2]."""
     heading_penalty: float = 0.0
-    """Taken off the score for its squared turn from there, fixed-point [1/rad^2]."""
+    """Score penalty per squared turn from the prediction, fixed-point [1/rad^2]."""
 
 
 class Search(NamedTuple):
-    """Result of a search: the best pose, with x and y from the map's corner [cells, cells, rad]."""
+    """Best pose of a search, from the map's corner [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """What `score` returned for the best pose, less its penalty."""
+    """Best score minus its penalty, fixed-point."""
     tried: int
-    """Candidates tried."""
     accepted: int
-    """Candidates that were better than all before."""
 
 
 class MatcherObserver(Protocol):
-    """Is notified of every pose that the matcher tests, after the search.
+    """Observer of the poses tested by the matcher.
 
-    Costs are hits minus the sum of their cells' occupancies; with a prior, plus what it takes off.
+    Cost is the number of hits minus the sum of their occupancies, plus the prior penalty.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """A search begins at the predicted pose."""
+        """Handle the predicted pose."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """A pose was tested, be it the predicted one."""
+        """Handle a tested pose."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """A pose was better than all before it."""
+        """Handle a new best pose."""
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """The search ended with this pose."""
+        """Handle the result of the search."""
         ...
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
-    """Return the params of the search, in the cells of the map."""
+    """Return the search parameters in map cells."""
     spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
     return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
 
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the sum of the occupancies of the cells in which a scan's hits fall, fixed-point.
+    """Return the summed occupancy under the hits, fixed-point; see `match`.
 
-    The original's cost is the number of hits minus this sum; the best pose is the same. Outside the map nothing was
-    ever observed. For the arguments see `match`; `indices`, shape (>= num_points,), uint32, is room to work in.
+    Cells outside are unobserved. `indices` is scratch space.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -89,7 +86,7 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
         col = c * points[0, k] - s * points[1, k] + x32
         row = s * points[0, k] + c * points[1, k] + y32
         inside = (col >= 0) & (row >= 0) & (col < cols) & (row < rows)
-        # Outside is 0, which a hit in the map's corner is as well: the loop below tells them apart.
+        # Index 0 means outside or the map's corner; outside points are corrected below.
         index = np.uint32(np.int32(row) * width + np.int32(col) if inside else 0)
         indices[k] = index
         lowest = min(lowest, index)
@@ -109,23 +106,19 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return what a candidate loses by its distance from the predicted pose, (x, y, theta) in cells, fixed-point."""
+    """Return a candidate's penalty by its distance from the predicted pose, fixed-point."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Search the pose at which a scan fits the map best.
+    """Search the best pose of a scan in a map by sampling around the best pose.
 
-    Candidates are drawn around the best pose so far. An improvement that comes after more than a third of the allowed
-    failures halves the spread and forgives them.
-
-    `words`: shape (height, width), int32, the map; `points`: shape (2, >= num_points), float32, the hits in the base
-    frame [cells]; `pose`: predicted x, y from the map's corner [cells] and heading [rad]; `params`: `SearchParams`;
-    `noise`: shape (max_tries, 3), float64, standard normal; `trace`: shape (max_tries + 1, 5), float64, written:
-    predicted pose and candidates, as in `pose`, what `score` gave less the penalty, and whether that was better than
-    all before.
+    An improvement after a third of the allowed failures halves the spread and resets the failures. `points` are hits,
+    shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner [cells] and heading
+    [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags, shape
+    (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -154,11 +147,9 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Do what `match` does for a scan, see `project_hits`, and a predicted pose (x, y, theta), map frame [m, m, rad].
+    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match`.
 
-    `corner` is column and row of the map's first cell, counted from the map frame's origin; `points`, shape (2,
-    num_beams), float32, is room to work in. Returns the pose, map frame; the number of candidates tried; whether the
-    pose is another than the predicted one; the number of hits.
+    Returns pose, number of candidates, improvement flag, and number of hits.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)
@@ -173,19 +164,19 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
 def notify(
     observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
 ) -> None:
-    """Tell observers of a search by its trace, see `match`; `predicted` is in metres."""
+    """Notify observers from a search `trace`; `predicted` is in metres."""
 
-    def tell(event: str, *said: Pose2D | float) -> None:
+    def send(event: str, *arguments: Pose2D | float) -> None:
         for observer in observers:
-            getattr(observer, event)(*said)
+            getattr(observer, event)(*arguments)
 
-    tell("on_matching_start", predicted)
-    best = predicted, num_hits - trace[0, 3] / ONE
-    tell("on_scan_test", *best)
+    send("on_matching_start", predicted)
+    best = predicted, num_hits - trace[0, 3] / FULL_OCCUPANCY
+    send("on_scan_test", *best)
     for x, y, theta, total, is_better in trace[1:].tolist():
-        pose, cost = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta)), num_hits - total / ONE
-        tell("on_scan_test", pose, cost)
+        pose, cost = Pose2D(*grid_map.to_metres(x, y), wrap_angle(theta)), num_hits - total / FULL_OCCUPANCY
+        send("on_scan_test", pose, cost)
         if is_better:
             best = pose, cost
-            tell("on_pose_update", *best)
-    tell("on_matching_end", *best)
+            send("on_pose_update", *best)
+    send("on_matching_end", *best)

@@ -1,7 +1,7 @@
-"""Relocalization: finding the pose of a robot on its own map again, as after it was kidnapped.
+"""Relocalization of a lost or kidnapped robot on its own map.
 
-Scans since the loss are joined by odometry, and searched at all poses of the map by branch and bound (Hess et al.,
-Real-time loop closure in 2D lidar SLAM, 2016): one scan of a short-range lidar fits in many places, twenty seldom do.
+Scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al., Real-time
+loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
 """
 
 import math
@@ -17,86 +17,81 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
 from .key_scans import KeyScans, has_moved
-from .matching.branch_and_bound import EVERYWHERE, SearchResult, SearchWindow, angle_step, search
+from .matching.branch_and_bound import NO_EXCLUSION, SearchResult, SearchWindow, angle_step, search
 from .matching.fields import Field, HitShares, Pyramid, build_pyramid, count_crossings, hit_shares, is_accepted
-from .params import LoopClosureParams
 from .scans import ScanGeometry
+from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
-"""Key scans that are searched together."""
+"""Number of recent key scans matched together."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans since the loss before the first search, and between two searches; after a search in vain twice as many as
-before, up to the last number: a search costs as much as a hundred matches."""
+"""Key scans before the first search, interval of searches, and limit of the interval, which doubles after failures: a
+search costs a hundred matches."""
 COARSE_CELL = 0.1
-"""Side of the cells of the search over the whole map [m]."""
+"""Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Levels of its pyramid: the top one holds maxima over 32 cells."""
+"""Levels of the coarse pyramid; the top level has maxima over 32 cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Points that are searched at most; with fewer than the second, nothing is."""
+"""Maximum and minimum number of points for a search."""
 MAX_EVALUATIONS = 500_000
-"""Nodes that a search scores at most."""
+"""Maximum branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
-"""Half width [m] and half angle [rad] of the search in the map's own cells around what the coarse one found."""
-NEAR = 2.0
-"""Distance from the pose by odometry up to which a pose is near [m]: a robot is lost more often because its map bends
-than because it was kidnapped."""
-ENOUGH, FAR_ENOUGH, MAX_LEAD = 0.5, 1.0, 0.25
-"""Sum of leads, in searches in succession that agree on a pose, which makes a near one certain, and another one; and
-what counts at most of the lead of one search."""
-SAME_PLACE, SAME_HEADING = 0.3, 0.1
-"""By how much poses that agree differ at most [m], [rad]."""
-RIVAL_PLACE, RIVAL_HEADING, RIVAL_SCORE = 0.5, 0.2, 0.15
-"""How far rivals of a pose are from it at least in coarse cells [m], [rad], and by how much their score may be less."""
+"""Half width [m] and half angle [rad] of the fine search around a coarse result."""
+NEAR_DISTANCE = 2.0
+"""Distance from the odometry pose with lower required evidence [m]; maps bend more often than robots are kidnapped."""
+NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
+"""Accumulated score margin over rivals to accept a nearby and a distant pose, and maximum margin counted per search."""
+AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
+"""Maximum difference of two poses that agree [m], [rad]."""
+RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
+"""Minimum distance [m] and angle [rad] of rivals from a coarse pose, and their maximum score deficit."""
 LEAST_LEAD = 0.05
-"""By how much the merit of a pose must exceed that of its rivals: its lead."""
+"""Minimum margin in fit quality of the best pose over its best rival."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Share of the beams of a key scan that may pass through occupied cells, beams from which on it is asked for, and key
-scans in succession above it after which the robot is lost, however well their hits fit. On the log of a real robot it
-is up to 0.5 before a loop is closed."""
-RIGHT_SCANS = 4
-"""Key scans in succession that fit where odometry leads, without beams through walls, after which a robot is no longer
-lost: people who stood around it have left."""
-QUARTERS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Headings around which the map is searched [rad]."""
+"""Fraction of at least `LEAST_JUDGED` beams that may pass through occupied cells; above it in `CROSSING_SCANS`
+consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures."""
+RECOVERY_SCANS = 4
+"""Consecutive key scans matching at the odometry pose that end a loss, for example after people leave."""
+SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
+"""Central headings of four map searches [rad]; opposite sides of a room look alike on coarse cells."""
 FOUND_STD = (0.1, 0.1, 0.03)
-"""Standard deviation of a pose that was found [m, m, rad]."""
-ACCEPTED = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""What a pose must reach; see `is_accepted`."""
-ACCEPTED_CROSSING = 0.08
-"""Share of the beams of the joined scans that may pass through occupied cells at a pose that is taken."""
+"""Standard deviation of a relocalized pose [m, m, rad]."""
+ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
+"""Acceptance criteria for a relocalized pose."""
+MAX_ACCEPTED_CROSSING = 0.08
+"""Maximum fraction of beams through occupied cells at an accepted pose."""
 
 
-class LossTracker:
-    """Tells when scans in succession do not fit the map, and relocalizes the robot."""
+class LocalizationMonitor:
+    """Monitor that detects a lost robot by mismatched scans and relocalizes it."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Track a SLAM for one lidar; the robot is lost after `lost_scans` key scans in succession that do not fit.
+        """Create a monitor; `lost_scans` consecutive mismatches mean a lost robot.
 
-        Relocalization ends a loss, or scans in succession that fit: sooner or later a single one fits where a kidnapped
-        robot is not. Without odometry, which joins scans, one that fits has to do.
+        Relocalization or consecutive matches end a loss; without odometry, one match.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether people may have left what beams pass through, so that this does not count."""
+        """Whether to ignore beams through occupied cells, because people may have left."""
         self.reset()
 
     def reset(self) -> None:
-        """Start with a robot that is not lost."""
-        self._mismatches = self._num_crossing = self._num_right = 0
+        """Set the state to localized."""
+        self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last key scan has relocalized the robot."""
+        """Whether the last key scan relocalized the robot."""
         self._relocalizer.reset()
 
     @property
-    def is_in_doubt(self) -> bool:
-        """Whether a scan has not fitted, and none has since; the robot need not be lost yet."""
+    def has_mismatch(self) -> bool:
+        """Whether a scan mismatched and no later scan has matched."""
         return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether scans in succession have not fitted."""
+        """Whether consecutive mismatches reached the limit."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -107,36 +102,35 @@ class LossTracker:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a key scan, shape (num_beams,), float32 [m], at a pose predicted by odometry and that of its match.
+        """Process a key scan; return a pose to use instead of the match, or None to accept the match.
 
-        A scan that does not fit is not integrated, and no scan of a lost robot is; its pose follows odometry. `fits` is
-        None where too little of the map, `grid`, is known to tell. Returns the pose to go on with, map frame, if the
-        scan must not be integrated; None if that of its match is taken.
+        `ranges` has shape (num_beams,), float32 [m]; `predicted` is the odometry pose and `pose` the matched pose, map
+        frame. `fits` is None if too few cells are known.
         """
         self.is_found = False
         if self.meets_people:
-            self._num_right = self._num_right + 1 if fits and self.is_lost else 0
+            self._num_consistent = self._num_consistent + 1 if fits and self.is_lost else 0
         elif self._has_odometry:
             field = Field(grid.data, *grid.origin, grid.resolution)
             crossing, judged = count_crossings(field, ranges, self._geometry, pose)
             if self.is_lost:
-                is_right = fits and judged >= LEAST_JUDGED and crossing <= ACCEPTED_CROSSING * judged
-                self._num_right = self._num_right + 1 if is_right else 0
+                is_consistent = fits and judged >= LEAST_JUDGED and crossing <= MAX_ACCEPTED_CROSSING * judged
+                self._num_consistent = self._num_consistent + 1 if is_consistent else 0
             else:
                 is_crossing = judged >= LEAST_JUDGED and crossing > MAX_CROSSING * judged
                 self._num_crossing = self._num_crossing + 1 if is_crossing else 0
                 if self._num_crossing >= CROSSING_SCANS:
                     fits, self._mismatches = False, self._lost_scans
-        if self.is_lost and self._num_right >= RIGHT_SCANS:
+        if self.is_lost and self._num_consistent >= RECOVERY_SCANS:
             self.reset()
             self.is_found = True
             return None
         if fits and not (self.is_lost and self._has_odometry):
-            if self.is_in_doubt:
+            if self.has_mismatch:
                 self._mismatches = 0
                 self._relocalizer.reset()
             return None
-        if fits is None and not self.is_in_doubt:
+        if fits is None and not self.has_mismatch:
             return None
         self._mismatches += fits is False
         found = self._relocalizer.update(ranges, predicted, grid if self.is_lost else None)
@@ -150,24 +144,21 @@ class LossTracker:
 
 
 class Relocalizer:
-    """Collects the scans since a loss, and searches them in the map."""
+    """Search for the pose of a lost robot on its map, by the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
-        """Start without scans of a lidar."""
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
         self.reset()
 
     def reset(self) -> None:
-        """Forget all scans: the robot is not lost, or no longer."""
         self._scans = KeyScans(self._lidar)
         self._next, self._interval = LEAST_SCANS, SEARCH_EVERY
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, shape (num_beams,), float32 [m], and its pose by odometry; search the map when it is due.
+        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, when due.
 
-        Without a map nothing is searched. Returns the pose of the scan, map frame, once searches in succession agree,
-        and nothing else on the map is like it.
+        Returns the pose, map frame, once consecutive searches agree without rivals; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -179,16 +170,16 @@ class Relocalizer:
             self._evidence = 0.0
             return None
         before, there = self._found
-        if has_moved(*before.compose(there.between(pose)), *found, SAME_PLACE, SAME_HEADING):
+        if has_moved(*before.compose(there.between(pose)), *found, AGREEMENT_DISTANCE, AGREEMENT_ANGLE):
             self._evidence = 0.0
         self._found, self._evidence = (found, pose), self._evidence + min(lead, MAX_LEAD)
-        is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR
-        return found if self._evidence >= (ENOUGH if is_near else FAR_ENOUGH) else None
+        is_near = distance(found.x - pose.x, found.y - pose.y) <= NEAR_DISTANCE
+        return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose of the robot at the last key scan, map frame, and its lead.
+        """Return the pose at the last key scan, map frame, and its margin over rivals.
 
-        The pose is None where none or more than one will do.
+        The pose is None if unacceptable or ambiguous.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
@@ -197,30 +188,28 @@ class Relocalizer:
         field = Field.of(grid)
         search_around = _coarse_search(field, points)
         fit = partial(self._fit, field, build_pyramid(field, 3, FINE_WIDTH), points)
-        found = [search_around(heading) for heading in QUARTERS]
+        found = [search_around(heading) for heading in SEARCH_HEADINGS]
         fits = [fit(result.pose) for result in found if result.pose]
         best = max(fits, default=None)
-        if best is None or best.crossing > ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTED):
+        if best is None or best.crossing > MAX_ACCEPTED_CROSSING or not is_accepted(best.shares, ACCEPTANCE):
             return None, 0.0
-        least = max(result.score for result in found) - RIVAL_SCORE
-        for heading, result in zip(QUARTERS, found):
+        least = max(result.score for result in found) - RIVAL_SCORE_MARGIN
+        for heading, result in zip(SEARCH_HEADINGS, found):
             if result.pose and result.score >= least:
-                rival = search_around(heading, least, (*result.pose, RIVAL_PLACE, RIVAL_HEADING)).pose
+                rival = search_around(heading, least, (*result.pose, RIVAL_DISTANCE, RIVAL_ANGLE)).pose
                 fits += [fit(rival)] if rival else []
-        rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, SAME_PLACE, SAME_HEADING))
+        rivals = (fit.merit for fit in fits if has_moved(*best.pose, *fit.pose, AGREEMENT_DISTANCE, AGREEMENT_ANGLE))
         lead = best.merit - max(rivals, default=-math.inf)
         return (best.pose if lead >= LEAST_LEAD else None), lead
 
     def _fit(self, field: Field, pyramid: Pyramid, points: np.ndarray, rough: Pose2D) -> "_Fit":
-        """Return how the joined scans fit at the best pose near one that was found in coarse cells."""
-        around = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
-        pose = search(pyramid, points, rough, around, 0.0, MAX_EVALUATIONS).pose or rough
+        window = SearchWindow(FINE_WIDTH, FINE_ANGLE, 0.01)
+        pose = search(pyramid, points, rough, window, 0.0, MAX_EVALUATIONS).pose or rough
         shares, crossing = hit_shares(field, points, pose), self._crossing(field, pose)
         known = max(shares.occupied + shares.free, 1e-9)
         return _Fit((shares.occupied - shares.free) / known - crossing, crossing, shares, pose)
 
     def _crossing(self, field: Field, pose: Pose2D) -> float:
-        """Return the share of the joined scans' beams that pass through occupied cells, at a pose of the last."""
         last = len(self._scans) - 1
         to_map = pose.compose(Pose2D(*self._scans.poses[last].tolist()).inverse())
         counts = np.zeros(2)
@@ -231,24 +220,14 @@ class Relocalizer:
 
 
 class _Fit(NamedTuple):
-    """How scans fit at a pose."""
-
     merit: float
-    """Share of points on known cells at walls, less that in free ones, less that of beams through walls.
-
-    What is unknown does not tell a pose from its rivals: the robot may be where the map is not complete.
-    """
     crossing: float
-    """Share of beams that pass through occupied cells."""
     shares: HitShares
     pose: Pose2D
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a search of a whole map in coarse cells, at the quarter of headings around one [rad].
-
-    Rooms look alike from opposite sides: what is best in coarse cells need not be in fine ones.
-    """
+    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad]."""
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape
     padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)
@@ -260,7 +239,7 @@ def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResu
     window = SearchWindow(reach, 0.25 * math.pi, angle_step(points, side))
     x, y = field.x + 0.5 * cols * side, field.y + 0.5 * rows * side
 
-    def search_around(heading: float, min_score: float = ACCEPTED.min_score, left_out: Any = EVERYWHERE) -> Any:
-        return search(pyramid, points, Pose2D(x, y, heading), window, min_score, MAX_EVALUATIONS, left_out)
+    def search_around(heading: float, min_score: float = ACCEPTANCE.min_score, excluded: Any = NO_EXCLUSION) -> Any:
+        return search(pyramid, points, Pose2D(x, y, heading), window, min_score, MAX_EVALUATIONS, excluded)
 
     return search_around

@@ -1,4 +1,4 @@
-"""Scans as SLAM and localization take them: checked, and as the points where their beams end."""
+"""Lidar scans: validation, hits as points, and beam end points in a map."""
 
 import math
 from typing import NamedTuple, Self
@@ -10,27 +10,27 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Half a cell, less a grain, with 32 fractional bits: a line right between two cells takes the nearer to its start."""
+"""Initial sideways position in `walk`, just below half a cell (32 fractional bits): ties go to the cell nearer to the
+start."""
 
 
 class ScanGeometry(NamedTuple):
-    """How the beams of a lidar lie over a map."""
+    """Beam geometry and map resolution."""
 
     directions: np.ndarray
-    """Shape (2, num_beams), float64, cosine and sine of the beams in the base frame."""
+    """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
     mount_x: float
-    """Position of the lidar in the base frame, with `mount_y` [m]."""
+    """Lidar position along x in the base frame [m]."""
     mount_y: float
     range_max: float
-    """Readings from this on are no return [m]."""
+    """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
     """Side of a map cell [m]."""
     skip_exceeding: bool = False
-    """Whether beams without a return are ignored where a scan is integrated; else they clear up to the range."""
+    """Ignore beams without a return in mapping."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
-        """Return the geometry of all beams of a lidar."""
         mount = float(lidar.mount.x), float(lidar.mount.y)
         return cls(lidar.directions, *mount, float(lidar.range_max), float(resolution), skip_exceeding)
 
@@ -39,11 +39,11 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
     """Return `ranges` as float32.
 
     Raises:
-        ValueError: if the scan has another number of beams than the lidar, or the motion is not finite.
+        ValueError: if the number of beams is wrong, or `motion` is not finite.
     """
     ranges = np.asarray(ranges, dtype=np.float32)
     if ranges.shape != (lidar.num_beams,):
-        raise ValueError(f"ranges must have shape ({lidar.num_beams},), as the lidar has beams, got {ranges.shape}")
+        raise ValueError(f"ranges must have shape ({lidar.num_beams},), one per beam of the lidar, got {ranges.shape}")
     if not math.isfinite(motion[0] + motion[1] + motion[2]):
         raise ValueError(f"motion must be finite, got {tuple(motion)}")
     return ranges
@@ -51,10 +51,9 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Find where the beams of a scan end, seen from the robot's base.
+    """Write the hits of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
 
-    Hits are `ranges`, shape (num_beams,), float32 [m], between 0 and that of the lidar; `geometry` is a `ScanGeometry`.
-    Writes x and y of the hits to `points`, shape (2, num_beams), float32 [cells], and returns how many there are.
+    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -68,14 +67,11 @@ def project_hits(ranges, geometry, points):
 
 @njit(cache=True, error_model="numpy")
 def beam_ends(ranges, pose, geometry, corner, ends):
-    """Find where the beams of a scan end in a map.
+    """Return lidar position (x, y) [cells] and extent (col_min, row_min, col_max, row_max) of a scan in a map.
 
-    `ranges`: shape (num_beams,), float32 [m], NaN for a beam to ignore; `pose`: x, y, heading of the base, map frame
-    [m, m, rad]; `geometry`: `ScanGeometry`, a beam without a return clears up to the lidar's range, or is ignored;
-    `corner`: column and row of the map's first cell, counted from the map frame's origin; `ends`: shape (num_beams, 3),
-    float64, written: x, y [cells], and 1 for a hit, else 0; NaN for beams to ignore. Returns the position of the lidar
-    from the map's corner (x, y) [cells], and smallest and greatest column and row that the scan touches: col_min,
-    row_min, col_max, row_max.
+    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams; `pose` is the base pose, map frame [m, m, rad];
+    `corner` is column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and hit
+    flag, shape (num_beams, 3), float64.
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -100,9 +96,9 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_window(ranges, poses, geometry, corner, ends):
-    """Return the `Window` of the cells that scans touch; see `beam_ends`.
+    """Return the `Window` of the cells that scans at `poses`, shape (n, 3), touch.
 
-    Ranges have shape (n, num_beams), or (1, num_beams) for one scan at all poses, which have shape (n, 3).
+    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
     """
     col_min = row_min = 1 << 40
     col_max = row_max = -(1 << 40)
@@ -115,10 +111,9 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return how to walk over so many rows and columns, in a straight line through a flattened map.
+    """Return number of steps, sideways motion per step, and forward and sideways index increments of a line.
 
-    Number of steps; what each adds to the sideways position, with 32 fractional bits; what a step forward and what one
-    sideways add to the index.
+    Sideways motion has 32 fractional bits; indices are those of a flattened map.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

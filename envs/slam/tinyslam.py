@@ -1,4 +1,4 @@
-"""Mapping with known poses, and TinySLAM: match each scan to the map by Monte Carlo search, then integrate it."""
+"""TinySLAM (Monte Carlo scan matching), and mapping with known poses."""
 
 from collections.abc import Sequence
 
@@ -9,29 +9,26 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.robots import LidarParams
 
-from .grid_map import ONE, GridMap
+from .grid_map import FULL_OCCUPANCY, GridMap
 from .key_scans import KeyScanSlam
 from .matcher import MatcherObserver, SearchParams, match_scan, notify, search_params
 from .matching.covariance import NoiseRecord, motion_stds
 from .matching.gauss_newton import known_score_at
-from .params import TinySlamParams
-from .relocalization import LossTracker
+from .relocalization import LocalizationMonitor
 from .scans import project_hits
+from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
-"""Key scans in succession that do not fit, after which the robot is lost."""
-WIDE = (0.3, 0.2)
-"""Spread of candidates where a scan does not fit near the predicted pose, as after wheels have slipped [m], [rad]."""
+"""Consecutive mismatched key scans after which the robot is lost."""
+WIDE_SPREAD = (0.3, 0.2)
+"""Standard deviation of candidates [m], [rad] in the second search, after a mismatch (wheel slip)."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Hits on known cells from which a scan is judged, and the mean occupancy of these cells that it needs to fit near the
-predicted pose, and farther around."""
+"""Minimum hits on known cells to judge a scan, and minimum mean occupancy of these cells in the first and second
+search."""
 
 
 class KnownPoses(KeyScanSlam):
-    """Builds the same map as TinySLAM, at the poses that its motion source gives: odometry, or ground truth.
-
-    Only what concerns the map is used of its `params`, which are `TinySlamParams`.
-    """
+    """Mapping at odometry or ground-truth poses, with the map parameters of `TinySlamParams`."""
 
     params: TinySlamParams
 
@@ -43,25 +40,27 @@ class KnownPoses(KeyScanSlam):
 
 
 class TinySlam(KnownPoses):
-    """TinySLAM as in OSLL/tiny-slam-ros-cpp (2017), see Nguyen et al. (2025), and Steux and El Hamzaoui (2010).
+    """TinySLAM of OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025); Steux and El Hamzaoui (2010).
 
-    Where key scans alone are matched, as the originals do not, `belief.is_lost` says that scans in succession have not
-    fitted the map; these are not integrated, and a robot that is lost is searched on the whole map (`relocalization`).
+    If only key scans are matched, `belief.is_lost` is set after consecutive mismatches. Mismatched scans are not
+    integrated; a lost robot is searched on the whole map (`relocalization`).
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM for one lidar. Observers are notified of the matcher's work."""
+        """Build a SLAM; `observers` are notified of each search."""
         self.observers = tuple(observers)
         self._search = search_params(params)
-        self._wide_search = self._search._replace(sigma_xy=WIDE[0] / params.resolution, sigma_theta=WIDE[1])
-        self._loss = LossTracker(lidar, LOST_SCANS)
+        self._wide_search = self._search._replace(
+            sigma_xy=WIDE_SPREAD[0] / params.resolution, sigma_theta=WIDE_SPREAD[1]
+        )
+        self._monitor = LocalizationMonitor(lidar, LOST_SCANS)
         self._noise, self._trace = np.empty((params.max_tries, 3)), np.empty((params.max_tries + 1, 5))
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start with an unknown map or a shared one; see `KnownPoses`. The candidates are drawn from `rng`."""
+        """Start at a known pose with a new or shared map; candidates are sampled from `rng`."""
         self._odometry = pose
-        self._loss.reset()
+        self._monitor.reset()
         return super().reset(rng, pose, map)
 
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
@@ -75,14 +74,13 @@ class TinySlam(KnownPoses):
                 wide = self._search_pose(ranges, predicted, self._wide_search)
                 if self._fits(ranges, wide, LEAST_WIDE_SCORE):
                     pose, fits = wide, True
-            instead = self._loss.update(ranges, predicted, pose, fits, belief.grid)
-            belief.is_lost = self._loss.is_lost
-            if instead is not None:
-                return instead, None
+            fallback_pose = self._monitor.update(ranges, predicted, pose, fits, belief.grid)
+            belief.is_lost = self._monitor.is_lost
+            if fallback_pose is not None:
+                return fallback_pose, None
         return pose, params.raw_quality if pose is predicted else params.quality
 
     def _fits(self, ranges: np.ndarray, pose: Pose2D, least_score: float = LEAST_KNOWN_SCORE) -> bool | None:
-        """Tell whether the hits of a scan fall on occupied cells at a pose; None where too few cells are known."""
         count = project_hits(ranges, self.map.geometry, self._points)
         x, y = self.map.to_cells(pose.x, pose.y)
         num_known, score = known_score_at((self.map.grid.data,), self._points, count, x, y, pose.theta)
@@ -97,7 +95,7 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
-        """Return the pose at which the scan fits the map best; `predicted` itself if no other fits better."""
+        """Return the best pose; the object `predicted` if no candidate is better."""
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
         work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)
@@ -107,12 +105,11 @@ class TinySlam(KnownPoses):
         return Pose2D(*pose) if is_better else predicted
 
     def _weighted_search(self, predicted: Pose2D) -> SearchParams:
-        """Return the params of the search, with the penalties that follow from the motion since the last match."""
         params, last = self.params, self._last_matched_pose()
         if params.prior_weight == 0.0 or last is None:
             return self._search
         travelled = distance(predicted.x - last.x, predicted.y - last.y)
         stds = motion_stds(NoiseRecord.of(params.odometry_noise), travelled, wrap_angle(predicted.theta - last.theta))
-        weight = params.prior_weight * ONE
+        weight = params.prior_weight * FULL_OCCUPANCY
         position_penalty = weight * (params.resolution / stds[0]) ** 2
         return self._search._replace(position_penalty=position_penalty, heading_penalty=weight / stds[1] ** 2)

@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.pose import distance
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams
 from lidarnaut.envs.observations.plan import look_ahead
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
-from lidarnaut.envs.robot import ONE, GroundTruth, Robot
+from lidarnaut.envs.robot import ONE_ACTIVE, GroundTruth, Robot
 from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 from lidarnaut.envs.simulation import records as at
@@ -128,7 +128,7 @@ class ShortestCarrot(PlannedCarrot):
 
     def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
         rows = truth._rows
-        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], self._task.arrays, self._ahead, ONE, out[None])
+        write_carrots(rows.numbers, rows.memory[GOAL_MEMORY], self._task.arrays, self._ahead, ONE_ACTIVE, out[None])
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
         write_carrots(batch.numbers, batch.memory[GOAL_MEMORY], batch.task_arrays[0], self._ahead, batch.active, out)

@@ -71,14 +71,12 @@ class GoalTask(WorldTask):
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
-        before: Any = self.goal, getattr(self, "_true_goal", None)
-        self.goal = self._read_goal(goal)
-        self._true_goal = self.map_pose.compose(self.goal)
-        try:
-            return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
-        except ValueError:
-            self.goal, self._true_goal = before
-            raise
+        read: Any = self._read_goal(goal)
+        true_goal = self.map_pose.compose(read)
+        if not self.area.is_traversable(true_goal):
+            raise ValueError(f"goal {tuple(goal)} (map frame) is not reachable by the robot")
+        self.goal, self._true_goal = read, true_goal
+        return 10.0 * round(0.1 * self._usual_time(self._measure_path()))
 
     def _read_goal(self, goal: Any) -> str | Pose2D:
         if isinstance(goal, str) and goal in ("random", "world"):

@@ -23,5 +23,5 @@ def _make(entry_point: str, num_envs: int = 1, *, physics: str = "kinematic", **
 
 LidarEnvs = partial(_make, "lidarnaut.envs.core:LidarEnv")
 ExploreFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_frontiers:ExploreFrontiersEnv")
-ExploreFrontiersAbstractEnvs = partial(_make, "lidarnaut.envs.abstract:ExploreFrontiersAbstractEnv")
+ExploreFrontiersAbstractEnvs = partial(_make, "lidarnaut.envs.explore_frontiers_abstract:ExploreFrontiersAbstractEnv")
 ExploreTeamFrontiersEnvs = partial(_make, "lidarnaut.envs.explore_team_frontiers:ExploreTeamFrontiersEnv")

@@ -13,7 +13,7 @@ from lidarnaut.envs.robot import SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.task import Rewards, total
-from lidarnaut.envs.transition import note_positions, pose_errors, step_rows
+from lidarnaut.envs.transition import pose_errors, record_positions, step_rows
 
 from .memory import SCALARS, Arrays, Records
 
@@ -107,7 +107,7 @@ class Batch:
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
-        if self._has_no_maps and note_positions(self.numbers, self.active, self._positions, self._counts):
+        if self._has_no_maps and record_positions(self.numbers, self.active, self._positions, self._counts):
             self._extend_trails(range(len(active)))
         flags = self.numbers[:, at.FLAGS].reshape(len(active), -1)
         self._has_scanned = (flags % 2.0 == SCAN).any(axis=1)

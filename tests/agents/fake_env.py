@@ -17,8 +17,8 @@ from lidarnaut.envs.measures import Measure, when
 
 ID = "tests.agents.fake_env:Fake-v0"
 MEASURES = (
-    Measure("area", "area", "m²", True, lambda course: course.of("explored_area")[-1], is_headline=True),
-    Measure("gained_area", "gain", "m²", True, lambda course: np.ptp(course.of("explored_area"))),
+    Measure("area", "area", "m²", True, lambda history: history.of("explored_area")[-1], is_headline=True),
+    Measure("gained_area", "gain", "m²", True, lambda history: np.ptp(history.of("explored_area"))),
     Measure("time_to_90", "time", "s", False, partial(when, name="explored_fraction", mark=0.9), limit="time_limit"),
 )
 SIDE = 16

@@ -107,7 +107,7 @@ POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkp
 @pytest.mark.parametrize(
     ("damage", "file", "change", "message"),
     [
-        (write, TRAINING, b"x", "training.safetensors is not what was written"),
+        (write, TRAINING, b"x", "training.safetensors was altered or truncated"),
         (remove, POLICY, None, "No such file.*policy.safetensors"),
         (remove, RECORD, None, "No such file.*checkpoint.json"),
         (write, RECORD, b"\xff\x00", "checkpoint.json"),
@@ -122,7 +122,7 @@ POLICY, TRAINING, RECORD = "policy.safetensors", "training.safetensors", "checkp
         (replace_text, RECORD, ('"scores": "', '"scores": "x '), "damaged row: .*'x'"),
         (replace_text, RECORD, ('"replay": {', '"replay": {"../../a-1.safetensors": ""'), "replay.*match pattern"),
         (change_tensors, POLICY, lambda t: t.pop("log_std"), "policy.safetensors lacks the tensor 'log_std'"),
-        (change_tensors, POLICY, lambda t: t["log_std"].fill_(torch.nan), "'log_std' holds numbers that are not"),
+        (change_tensors, POLICY, lambda t: t["log_std"].fill_(torch.nan), "'log_std' contains non-finite numbers"),
         (change_tensors, TRAINING, lambda t: t.update(x=torch.zeros(1)), "has an unknown tensor 'x'"),
         (
             change_tensors, POLICY, lambda t: t.update(log_std=torch.zeros(3)),
@@ -137,7 +137,7 @@ def test_a_damaged_checkpoint_is_named_with_the_remedy(damage, file, change, mes
     with pytest.raises(CheckpointError, match=message) as caught:
         take(newest, model)
     assert f"checkpoint {newest} is damaged" in str(caught.value)
-    assert f"use the one before it, {older}" in str(caught.value)
+    assert f"use the previous checkpoint, {older}" in str(caught.value)
     take(older, model)
 
 
@@ -173,7 +173,7 @@ def test_a_full_disk_costs_nothing_but_the_new_checkpoint(run, monkeypatch):
 
 
 def test_folders_without_a_checkpoint_are_reported(tmp_path):
-    with pytest.raises(CheckpointError, match=r"nowhere is no folder; a run folder has checkpoints/step_<number>/"):
+    with pytest.raises(CheckpointError, match=r"nowhere is not a folder; a run folder contains checkpoints/step_"):
         find_checkpoint(tmp_path / "nowhere")
     with pytest.raises(CheckpointError, match="is neither a run folder nor a checkpoint folder"):
         find_checkpoint(tmp_path)

@@ -73,8 +73,8 @@ def test_numbers_in_scientific_notation_are_numbers(tmp_path):
             ("hyperparameters.policy_kwargs", {"optimizer_class": f"torch.optim:{name}"}, rf"policy_kwargs: .*{name}")
             for name in ("LBFGS", "SparseAdam")
         ),
-        ("network.speedd", 1.0, r"network: unknown key 'speedd' \(did you mean 'speed'\?\); allowed are .*pursuit"),
-        ("network.pursuit", 1.0, r"network.pursuit needs the observation `plan`"),
+        ("network.speedd", 1.0, r"network: unknown key 'speedd' \(did you mean 'speed'\?\); allowed are .*plan_prior"),
+        ("network.plan_prior", 1.0, r"network.plan_prior needs the observation `plan`"),
         ("checkpoints.every", 100, r"checkpoints.every is 100, but an update takes .* 128 steps"),
     ],
 )
@@ -137,7 +137,7 @@ ID = ["--config", "tiny.yaml", "--environment.id"]
         ([*ID, "lidarnaut/Navigat-v0"], "unknown id 'lidarnaut/Navigat-v0' (did you mean 'li"),
         ([*ID, "no_such_module:Mine-v0"], "there is no module 'no_such_module'"),
         ([*ID, "lidarnaut/Explore-v0", "--environment.wrold", "rooms"], "'wrold' (did you mean 'world'?); allowed are"),
-        (["--config", "tiny.yaml", "--ray", "auto"], "--ray is for sweeps and evolutions"),
+        (["--config", "tiny.yaml", "--ray", "auto"], "--ray supports sweeps and evolutions"),
         (["--config", "tiny.yaml", "--evaluation.references", "random", "nerest"], "unknown policy 'nerest'"),
     ],
 )
@@ -171,7 +171,7 @@ def test_a_training_needs_no_configuration_where_the_algorithm_is_given(monkeypa
     (config,) = configs
     assert (config.algorithm, config.environment.id, config.total_steps) == ("SAC", "lidarnaut/ReachCrowd-v0", 300_000)
     assert train.main(["--seed", "1"]) == 2
-    assert "name a configuration, --config FILE" in capsys.readouterr().err
+    assert "pass a configuration, --config FILE" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

@@ -138,7 +138,7 @@ def test_an_interrupt_saves_what_an_algorithm_with_a_buffer_has_learned(tiny_dat
     data["hyperparameters"] = {"learning_starts": 8, "batch_size": 4, "train_freq": 2, "buffer_size": 100}
     data["checkpoints"] = {"every": 1000}
     run = tmp_path / "run"
-    with pytest.raises(KeyboardInterrupt, match=f"at step 116, which is saved; --resume {run} .*goes on"):
+    with pytest.raises(KeyboardInterrupt, match=f"at step 116 \\(saved\\); resume with --resume {run}"):
         train(parse_config(data, "mem"), run=run, progress=False)
     assert load_checkpoint(find_checkpoint(run), trust="tests").record.replay.keys() == {
         "000000000004-000000000029.safetensors"
@@ -169,7 +169,7 @@ def test_rollouts_updates_and_evaluations_see_the_same():
 
 def test_a_missing_gpu_is_reported(tiny_config, monkeypatch):
     monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(ValueError, match="torch sees no GPU; allowed here are 'cpu' and 'auto'"):
+    with pytest.raises(ValueError, match="torch finds no GPU; allowed values are 'cpu' and 'auto'"):
         build_model(tiny_config.model_copy(update={"device": "cuda"}), env=None)
 
 

@@ -14,7 +14,7 @@ from lidarnaut.agents.config import TrainingConfig
 from lidarnaut.agents.curves import read_evaluations
 from lidarnaut.agents.explorer import LearnedPolicy
 from lidarnaut.agents.learned import find_policy
-from lidarnaut.agents.pursuit import BACK, SPIN, TURN, pursue
+from lidarnaut.agents.plan_prior import BACK, SPIN, TURN, pursue
 from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.agents.training import train
 from lidarnaut.agents.vec_env import GymnasiumVecEnv, make_env, make_vector
@@ -91,7 +91,7 @@ def test_an_untrained_policy_drives_ahead_as_configured(tiny_config):
 ROOMS = {"world": "rooms", "world_size": [7, 7], "control_hz": 5.0, "target_coverage": 0.95, "num_workers": 0}
 ROOMS |= {"id": "lidarnaut/Explore-v0", "observations": ["scan", "motion", "plan"]}
 LONGER = {"hyperparameters": {"n_steps": 32, "batch_size": 32}, "checkpoints": {"every": 64}}
-PURSUING = tiny("PPO", "Explore", environment=ROOMS, network={"pursuit": 1.0}, **LONGER)
+PURSUING = tiny("PPO", "Explore", environment=ROOMS, network={"plan_prior": 1.0}, **LONGER)
 
 
 def plan_of(angle, *, present=1.0):

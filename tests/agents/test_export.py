@@ -151,21 +151,21 @@ def test_a_file_that_would_act_otherwise_is_not_written(onnxruntime, tmp_path):
     hyperparameters = {"n_steps": 4, "batch_size": 8, "policy_kwargs": network}
     config = tiny("PPO", "Explore", hyperparameters=hyperparameters, evaluation=NO_REFERENCES)
     run = train(config, run=tmp_path / "run", progress=False)
-    message = r"cannot be written as ONNX: it acts otherwise than the policy: action\[\d\] is .*, not .*, in step \d+"
+    message = r"cannot be written as ONNX: actions differ from the policy: action\[\d\] is .*, not .*, in step \d+"
     with pytest.raises(ValueError, match=message):
         main(str(run), tmp_path / "policy.onnx", trust=("tests",))
     assert not (tmp_path / "policy.onnx").exists()
 
 
 def test_what_is_no_network_is_refused(onnxruntime, tmp_path):
-    with pytest.raises(CheckpointError, match=r"frontiers holds a score of frontiers, .* only networks become ONNX"):
+    with pytest.raises(CheckpointError, match=r"frontiers is a frontier score, .* only networks are exported"):
         main("learned:pretrained/frontiers", tmp_path / "policy.onnx")
-    with pytest.raises(CheckpointError, match="there is no policy pretrained/none"):
+    with pytest.raises(CheckpointError, match="unknown policy pretrained/none"):
         main("ppo:pretrained/none", tmp_path / "policy.onnx")
     network = {"width": 8, "heads": 2, "prior_policy": "pretrained/frontiers"}
     config = tiny("PPO", "ExploreFrontiersAbstract", network=network, evaluation=NO_REFERENCES)
     run = train(config, run=tmp_path / "run", progress=False)
-    with pytest.raises(ValueError, match="its prior is a score of frontiers, which torch does not compute"):
+    with pytest.raises(ValueError, match="its prior is a frontier score, which is not computed by torch"):
         main(str(run), tmp_path / "policy.onnx", trust=("tests",))
 
 

@@ -6,7 +6,7 @@ from gymnasium import spaces
 
 from lidarnaut.agents.policies import level_of, make_policy
 from lidarnaut.baselines import EXPLORERS, RandomExplorer
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 
 BOX = spaces.Box(-1.0, 1.0, (2,), np.float32)
 SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
@@ -116,7 +116,9 @@ def test_levels_are_declared():
 
 
 def test_what_cannot_explore_is_refused():
-    with pytest.raises(ValueError, match=r"7 is no explorer, rule or callable of an observation, and has no predict"):
+    with pytest.raises(
+        ValueError, match=r"7 is not an explorer, rule or callable of an observation, and lacks predict"
+    ):
         make_policy(7)
     with pytest.raises(ValueError, match="lacks reset"):
         make_policy(SimpleNamespace(act=lambda reading, belief: None))

@@ -61,7 +61,7 @@ def test_an_absolute_path_must_hold_the_same_file_on_every_machine(here, monkeyp
     files = dict(collect_files([path]))
     assert files == {path: b"polylines: []"}
     Path(path).write_text("another world")
-    with pytest.raises(ValueError, match=f"has no or another {path}; relative paths work on every machine"):
+    with pytest.raises(ValueError, match=f"{path} is missing or different; relative paths work on every machine"):
         enter_folder(str(here), files)
 
 

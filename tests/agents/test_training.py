@@ -50,7 +50,7 @@ def test_a_run_folder_holds_what_is_promised(tiny_run, tiny_config):
     assert [event.step for event in events.Scalars("train/value_loss")][:2] == [128 * 2, 128 * 3]
     tags = {"rollout/ep_rew_mean", "rollout/explored_fraction", "evaluation/area", "evaluation/progress"}
     assert tags <= set(events.Tags()["scalars"])
-    with pytest.raises(ValueError, match=f"{tiny_run} holds a run already; go on with it by --resume"):
+    with pytest.raises(ValueError, match=f"{tiny_run} already holds a run; resume it with --resume"):
         train(tiny_config, run=tiny_run, progress=False)
 
 
@@ -164,7 +164,7 @@ def test_ctrl_c_saves_the_state_before_the_running_rollout(step, tiny_data, tmp_
     (run,) = Path("runs").iterdir()
     steps = 0 if step == 1 else 384
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.partition(": ")[2] == f"stopped at step {steps}, which is saved; --resume {run} --trust {ID} goes on"
+    assert said.partition(": ")[2] == f"stopped at step {steps} (saved); resume with --resume {run} --trust {ID}"
     saved = newest(run)
     assert saved.record.steps == steps
     often = changed(tiny_data, checkpoints={"every": 128, "keep": 9})
@@ -189,7 +189,7 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
     assert said.partition(": ")[2] == (
         "the training diverged at step 128: the network's weights or outputs are not finite; "
         "lower hyperparameters.learning_rate (1e+30) or the weights of large rewards; "
-        f"{good} is good, --resume {good} --trust {ID} goes on"
+        f"resume from {good} with --resume {good} --trust {ID}"
     )
     assert (
         main(["--resume", str(good), "--trust", ID, "--hyperparameters.learning-rate", "1e-3", "--total-steps", "128"])
@@ -199,7 +199,7 @@ def test_a_training_that_diverges_says_so_and_leaves_good_checkpoints(tiny_data,
 
 def test_a_reward_that_is_not_finite_is_named_before_anything_is_learned_from_it(tiny_data, tmp_path):
     broken = tiny_data["environment"] | {"world": "priceless_70"}
-    with pytest.raises(ValueError, match=r"diverged at step 280: a reward of sub-environment 0 is nan; .*is good"):
+    with pytest.raises(ValueError, match=r"diverged at step 280: a reward of sub-environment 0 is nan; .*resume from"):
         train(changed(tiny_data, environment=broken), run=tmp_path / "run", progress=False)
     assert newest(tmp_path / "run").record.steps == 256
 

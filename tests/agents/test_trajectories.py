@@ -54,7 +54,7 @@ def test_twists_are_rated_by_what_they_lead_to_and_by_the_goal(name, box):
 
 
 def test_observations_that_are_missing_are_named():
-    with pytest.raises(ValueError, match=r"reads \['trajectories', 'motion', 'limits'\] and `goal` or `carrot`"):
+    with pytest.raises(ValueError, match=r"requires \['trajectories', 'motion', 'limits'\] and `goal` or `carrot`"):
         TrajectoryNetwork(spaces.Dict(PARTS), width=8, hidden=8)
 
 

@@ -83,10 +83,10 @@ def test_episodes_that_a_number_of_steps_ends_are_measured_in_trainings(case, ve
     arguments_of.cache_clear()
     config = EnvironmentConfig(id="test/Limited-v0", vectorization=vectorization, num_workers=0, **QUICK.arguments)
     env = make_vector(config, "test", 2)
-    for course in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
-        assert course.samples["time"][-1] == pytest.approx(1.6)
-        assert course.final["end_reason"] == "time_limit"
-        assert 0.0 < course.final["map_iou"] < 1.0
+    for history in run_episodes(env, lambda seen, starts: np.full((2, 2), 0.3, dtype=np.float32)):
+        assert history.samples["time"][-1] == pytest.approx(1.6)
+        assert history.final["end_reason"] == "time_limit"
+        assert 0.0 < history.final["map_iou"] < 1.0
     env.close()
 
 
@@ -209,7 +209,7 @@ def test_the_environments_of_several_robots_are_stepped_as_each_for_itself():
 def test_robots_that_cannot_be_trained_together_are_refused():
     config = {"experiment": "two", "total_steps": 1, "algorithm": "PPO", "num_envs": 2}
     environment = {"robots": ("turtlebot3_burger", "jackal"), "world": "rooms", "num_workers": 0}
-    with pytest.raises(ValueError, match=r"robot 'jackal' of environment\.robots has other observations"):
+    with pytest.raises(ValueError, match=r"robot 'jackal' of environment\.robots has observations unlike"):
         make_vec_env(TrainingConfig(**config, environment=environment))
     with pytest.raises(ValueError, match="num_envs is 1, fewer than the 2 robots"):
         make_vec_env(TrainingConfig(**{**config, "num_envs": 1}, environment=environment))

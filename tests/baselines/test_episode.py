@@ -8,7 +8,7 @@ import pytest
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run, run_episode
-from lidarnaut.baselines.explorer import OnePerRobot
+from lidarnaut.baselines.policy import OnePerRobot
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.simulation import Twist
 from lidarnaut.envs.tasks.explore import Explore
@@ -90,7 +90,7 @@ def test_measures_of_a_scripted_episode():
     assert episode.heading_rmse == pytest.approx(0.1)
     assert (episode.success, episode.end_reason, episode.map_iou) == (True, "covered", 0.8)
     assert (episode.duration, episode.time_limit, episode.area_left) == (8.0, 20.0, 0.0)
-    assert seen == [0.0, 2.0, 4.0, 6.0, 8.0] == episode.course.of("time").tolist()
+    assert seen == [0.0, 2.0, 4.0, 6.0, 8.0] == episode.history.of("time").tolist()
     assert 0.0 < episode.decision_ms < 50.0
 
 
@@ -146,7 +146,7 @@ def test_classic_policies_do_the_tasks_that_they_are_offered_for(id, arguments, 
         episode = run_episode(env, makers[name](), 0)
         assert episode.end_reason in ("covered", "reached", "time_limit"), name
         assert episode.values.keys() >= {"path_length", "success"}
-        assert episode.duration == episode.course.of("time")[-1] <= 4.0 + 4.0
+        assert episode.duration == episode.history.of("time")[-1] <= 4.0 + 4.0
     assert "tour" not in makers or "Explore" in id
     env.close()
 
@@ -157,7 +157,7 @@ def test_actions_are_repeated_where_a_policy_decides_less_often():
     run_episode(ScriptedEnv([0.2] * 6, time_limit=10.0), explorer, seed=1)
     assert (explorer.decisions, explorer.period) == (3, 4.0)
     explorer.control_hz = 0.3
-    with pytest.warns(UserWarning, match="states control_hz 0.3: it decides every 4 s here"):
+    with pytest.warns(UserWarning, match="has control_hz 0.3, but decides every 4 s here"):
         begin_episode(ScriptedEnv([0.2, 0.2], time_limit=10.0), explorer, 1, np.random.default_rng(0))
 
 
@@ -225,6 +225,6 @@ class Vanishing(Explore):
 
 def test_entries_of_info_may_vanish_and_change_their_size():
     env = LidarEnv(Vanishing, time_limit=1.0, **SHORT)
-    course = run_episode(env, policies_for(env)["random"](), 0).course
-    assert "seen" not in course.samples
-    np.testing.assert_array_equal(course.samples["early"], [1.0] * 3 + [math.nan] * 8)
+    history = run_episode(env, policies_for(env)["random"](), 0).history
+    assert "seen" not in history.samples
+    np.testing.assert_array_equal(history.samples["early"], [1.0] * 3 + [math.nan] * 8)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.baselines import WallFollower, make_explorer
-from lidarnaut.baselines.explorer import to_action
+from lidarnaut.baselines.policy import to_action
 from tests.baselines.maps import BURGER, reading_of
 
 

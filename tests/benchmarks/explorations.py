@@ -3,8 +3,8 @@
 import csv
 
 from lidarnaut.benchmarks.arena.episodes import Episodes
+from lidarnaut.benchmarks.arena.evaluation_folder import columns_of
 from lidarnaut.benchmarks.arena.measures import Measures
-from lidarnaut.benchmarks.arena.records import columns_of
 from lidarnaut.envs.tasks.explore import Explore
 
 MEASURES = Measures(Explore.measures, Explore.progress)

@@ -7,7 +7,7 @@ import yaml
 from lidarnaut.agents.config import find_configuration
 from lidarnaut.agents.sweep import run_sweep
 from lidarnaut.benchmarks import algorithms
-from lidarnaut.benchmarks.algorithms import Task, difference, overview, score, task_section
+from lidarnaut.benchmarks.algorithms import TaskResults, difference, overview, score, task_section
 from lidarnaut.envs.measures import REACH
 
 TINY = {
@@ -41,7 +41,7 @@ TINY = {
 def make_task(**scores):
     """A task of two seeds and forty episodes, of which `random` reaches none and `pursuit` half."""
     half = (np.arange(40) % 2.0)[None]
-    return Task(
+    return TaskResults(
         name="Halls",
         measure=REACH[0],
         steps={name: np.array([0, 100]) for name in scores},
@@ -74,8 +74,8 @@ def test_a_task_says_who_is_above_random_and_below_the_classic():
     task = make_task(PPO=np.ones((2, 40)), SAC=np.repeat(half, 2, axis=0), TQC=np.zeros((2, 40)))
     text, picture, table = task_section(task).parts
     assert text == (
-        "Above random: PPO, SAC. Not told apart from random: TQC. Above the best classic, pursuit: PPO. "
-        "Not told apart from the best classic, pursuit: SAC. Below the best classic, pursuit: TQC."
+        "Above random: PPO, SAC. Not distinguishable from random: TQC. Above the best classic policy, pursuit: PPO. "
+        "Not distinguishable from the best classic policy, pursuit: SAC. Below the best classic policy, pursuit: TQC."
     )
     assert picture.content.startswith(b"\x89PNG")
     rows = {line[0].text: [cell.text for cell in line[1:]] for line in table.lines}
@@ -94,8 +94,8 @@ def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path)
     algorithms.main(folder, docs=tmp_path / "docs")
     page = (tmp_path / "docs" / "algorithms.md").read_text()
     assert {path.stem for path in (tmp_path / "docs" / "algorithms").iterdir()} == {"Rooms", "Goals"}
-    assert page.count("the best classic, nearest") >= 1
-    assert page.count("the best classic, pursuit") >= 1
+    assert page.count("the best classic policy, nearest") >= 1
+    assert page.count("the best classic policy, pursuit") >= 1
     tasks = algorithms.read_tasks(folder / "sweep.yaml")
     assert [task.scores["SAC"].shape for task in tasks] == [(2, 1, 2)] * 2
     assert [set(task.references) for task in tasks] == [{"random", "nearest"}, {"random", "pursuit"}]
@@ -105,7 +105,7 @@ def test_a_sweep_becomes_a_page_whether_all_some_or_none_of_it_is_done(tmp_path)
     assert later == 4
     algorithms.main(find_configuration("algorithms"), docs=tmp_path / "docs")
     page = (tmp_path / "docs" / "algorithms.md").read_text()
-    assert "No training is done yet." in page
-    assert page.count("Not measured yet: 12 trainings are to be done.") == 7
-    assert page.count("Not measured yet: 6 trainings are to be done.") == 1
+    assert "No training run is finished yet." in page
+    assert page.count("Not measured yet: 12 training runs are missing.") == 7
+    assert page.count("Not measured yet: 6 training runs are missing.") == 1
     assert not list((tmp_path / "docs" / "algorithms").iterdir())

@@ -100,7 +100,7 @@ def test_kidnapped_robots_are_counted_by_world_and_together():
 
 @no_log
 def test_amcl_on_a_log(monkeypatch):
-    monkeypatch.setattr(localization, "FILTERS", {"default": localization.ALONE})
+    monkeypatch.setattr(localization, "FILTERS", {"default": localization.NO_RELOCALIZATION})
     monkeypatch.setattr(localization, "LOG_SEEDS", range(100, 101))
     (row,) = localization.compare_on_log()
     assert row["position_rmse_m"] < 0.07

@@ -98,9 +98,9 @@ class Balanced(HTMLParser):
     [
         (["--policies", "rrandom"], ["'rrandom'", "random, nearest, frontier", "ppo:PATH"]),
         (["--policies", "ppo:no/such/run"], ["no/such/run"]),
-        (["--policies", "random", "random"], ["twice"]),
+        (["--policies", "random", "random"], ["unique"]),
         (["--worlds", "maze", "atlantis"], ["'atlantis'", "turtlebot3_world", "rooms"]),
-        (["--worlds", "home=a.yaml", "home=b.yaml"], ["worlds", "twice"]),
+        (["--worlds", "home=a.yaml", "home=b.yaml"], ["worlds", "unique"]),
         (["--worlds", "home=a.yaml", "--slam-axis.worlds", "home=b.yaml"], ["a.yaml", "b.yaml", "both", "home"]),
         (["--worlds", "maze=a.yaml"], ["LABEL=PATH"]),
         (["--robot", "r2d2"], ["'r2d2'", "turtlebot3_burger"]),
@@ -111,7 +111,7 @@ class Balanced(HTMLParser):
         (["--shard", "3/2"], ["shard", "'3/2'", "I/N"]),
         (["--jobs", "0"], ["jobs", "at least 1"]),
         (["--publish", __file__], ["Not a directory", "test_evaluate.py/arena"]),
-        (["--bags", "bags", "--ray", "auto"], ["bags are written where episodes run"]),
+        (["--bags", "bags", "--ray", "auto"], ["bags and ray must not be combined"]),
     ],
 )
 def test_wrong_names_fail_before_any_work(tmp_path, capsys, wrong, says):
@@ -236,5 +236,5 @@ def test_an_interrupt_while_workers_start_is_one_line(tmp_path):
         start_new_session=True,
     )  # fmt: skip
     assert done.returncode == 130, done.stderr
-    assert "Interrupted. The finished episodes are kept" in done.stderr
+    assert "Interrupted. Finished episodes are kept" in done.stderr
     assert "Traceback" not in done.stderr

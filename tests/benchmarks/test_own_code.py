@@ -147,7 +147,7 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
         (["--policies", "own_explorers:Circlign"], ["own_explorers", "no attribute", "did you mean 'Circling'"]),
         (["--policies", "nowhere.at_all:Mine"], ["no module 'nowhere'"]),
         (["--policies", "own_explorers:WORLD"], ["is no explorer", "predict(observation)"]),
-        (["--policies", "nearest=own_explorers:Circling"], ["not that of a classic policy"]),
+        (["--policies", "nearest=own_explorers:Circling"], ["must differ from classic policies"]),
     ],
 )
 def test_what_cannot_be_made_is_named_before_any_episode(own_folder, capsys, options, says):

@@ -2,7 +2,7 @@ import re
 
 import pytest
 
-from lidarnaut.benchmarks.arena.records import read_table
+from lidarnaut.benchmarks.arena.evaluation_folder import read_table
 from lidarnaut.benchmarks.arena.trace import Trace
 from lidarnaut.benchmarks.arena.workers import describe
 from lidarnaut.envs.player import Recording

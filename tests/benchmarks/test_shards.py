@@ -142,7 +142,7 @@ def test_the_arena_of_the_project_covers_everything():
         "learned=learned:pretrained/frontiers",
         "learned_pursuit=pursuit:pretrained/frontiers",
         "twist=ppo:pretrained/twist",
-        "twist_untrained=lidarnaut.agents.pursuit:UntrainedPursuit",
+        "twist_untrained=lidarnaut.agents.plan_prior:PlanPursuit",
     }
     assert set(settings.slam_axis.slam) == set(SLAM_NAMES)
 
@@ -156,7 +156,7 @@ def test_groups_stand_for_their_worlds():
     ("data", "message"),
     [
         ({"slam_axis": {"episode": 3}}, r"mem: unknown key 'slam_axis.episode' \(did you mean 'episodes'\?\)"),
-        ({"worlds": ["maze", "families"]}, r"worlds: must name none twice"),
+        ({"worlds": ["maze", "families"]}, r"worlds: must be unique"),
         ({"worlds": []}, r"worlds: .*at least 1 item"),
         ({"physics": 3}, r"physics: .*tuple, got 3"),
     ],

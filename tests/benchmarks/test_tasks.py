@@ -18,9 +18,9 @@ from lidarnaut.benchmarks.arena.settings import Settings
 from lidarnaut.envs.files import read_record
 from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.tasks.explore import Explore
-from lidarnaut.envs.tasks.follow_route import FollowRoute
 from lidarnaut.envs.tasks.navigate import Navigate
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
+from lidarnaut.envs.tasks.track import Track
 from lidarnaut.evaluate_command import main, split_arguments
 from tests.benchmarks.explorations import read_rows
 
@@ -34,7 +34,7 @@ CASES = {
     "ExploreTeam": (Explore, ["rrt_team", "random"], WORLDS),
     "Navigate": (Navigate, ["pursuit", "random"], [*WORLDS, "--localizer", "truth"]),
     "ReachGoal": (ReachGoal, ["pursuit", "random"], [*WORLDS, "--slam", "odometry"]),
-    "Track": (FollowRoute, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
+    "Track": (Track, ["route_follower", "random"], [*TRACK, "--robot", "turtlebot3_burger"]),
 }
 
 
@@ -77,7 +77,11 @@ def test_a_classic_policy_and_random_are_compared_and_played(id, tmp_path, capsy
         ),
         ("lidarnaut/Explore-v0", "rrt_team", "'rrt_team' cannot do this task; allowed are random, nearest"),
         ("lidarnaut/ExploreFrontiers-v0", "rrt", "'rrt' cannot do this task; allowed are random, nearest, frontier"),
-        ("lidarnaut/ExploreFrontiers-v0", "ppo:pretrained/twist", "by twists, and lidarnaut/ExploreFrontiers-v0 takes"),
+        (
+            "lidarnaut/ExploreFrontiers-v0",
+            "ppo:pretrained/twist",
+            "outputs twists, but lidarnaut/ExploreFrontiers-v0 takes",
+        ),
         ("lidarnaut/Navigate-v0", "persuit", "'persuit' (did you mean 'pursuit'?)"),
         ("lidarnaut/Naviate-v0", "pursuit", "'lidarnaut/Naviate-v0' (did you mean 'lidarnaut/Navigate-v0'?)"),
         ("nowhere:mine/Goal-v0", "pursuit", "id 'nowhere:mine/Goal-v0': there is no module 'nowhere'"),

@@ -10,13 +10,13 @@ def test_points_go_with_the_pose_that_they_were_nearest_to():
     moved = [Pose2D(0.0, 0.0, 0.3), Pose2D(5.5, 0.0, 2.5)]
     correction = Correction(np.array(poses), np.array(moved))
     points = np.array([(1.0, -0.5), (5.5, 1.5)])
-    carried = correction.carry(points)
+    carried = correction.apply(points)
     np.testing.assert_allclose(carried[0], points[0])
     seen = poses[1].between(Pose2D(*points[1], 0.0))
     np.testing.assert_allclose(carried[1], moved[1].compose(seen)[:2])
-    assert correction.carry(np.empty((0, 2))).shape == (0, 2)
+    assert correction.apply(np.empty((0, 2))).shape == (0, 2)
     # Without poses, points stay.
-    unmoved = Correction(np.empty((0, 3)), np.empty((0, 3))).carry(points)
+    unmoved = Correction(np.empty((0, 3)), np.empty((0, 3))).apply(points)
     np.testing.assert_array_equal(unmoved, points)
     assert unmoved is not points
 

@@ -27,7 +27,7 @@ from lidarnaut.envs.estimation.tracking import (
 )
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.raycast import cast_rays
-from lidarnaut.envs.navigation.goal_navigator import EAGER
+from lidarnaut.envs.navigation.goal_navigator import SENSITIVE_TRACKER
 from lidarnaut.envs.robots import LidarParams, Mount
 
 LIDAR = LidarParams(num_beams=360, range_max=12.0, range_min=0.12, noise_std=0.01, mount=Mount(x=-0.05, yaw=0.3))
@@ -259,7 +259,7 @@ def test_somebody_who_follows_another_is_lost_nowhere():
         return lambda time: (start + 1.2 * time, 10.8, 1.2, 0.0)
 
     rng, missed = np.random.default_rng(9), 0
-    tracker = PeopleTracker(LIDAR, 0.1, EAGER)
+    tracker = PeopleTracker(LIDAR, 0.1, SENSITIVE_TRACKER)
     people = [walker(7.0), walker(5.56)]  # the second one is after 1.2 s where the first one was
     for time, pose, _, rows, _ in drive(tracker, people, 2.5, rng, course=lambda _: Pose2D(8.0, 9.0, math.pi / 2.0)):
         places = pose.transform(tracker.bodies[:, :2])

@@ -17,8 +17,8 @@ from lidarnaut.envs.navigation.critics import (
     PATH_DIST,
     ROTATE_TO_GOAL,
     Ending,
-    Motion,
     Rasters,
+    RolloutParams,
     judge,
     roll_out,
     spread,
@@ -35,7 +35,7 @@ NOBODY = np.empty((0, 5))
 
 
 def motion(v=0.0, w=0.0, acc=1e9):
-    return Motion(v, w, acc, acc, 1.0, 0.005, 0.0025)
+    return RolloutParams(v, w, acc, acc, 1.0, 0.005, 0.0025)
 
 
 STANDING = motion()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.baselines.explorer import to_action
+from lidarnaut.baselines.policy import to_action
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.estimation import Belief, MapUpdate
 from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
@@ -49,7 +49,7 @@ def test_goals_are_reached_with_amcl_in_the_loop(planner, physics):
     for seed in range(2):
         result = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), seed)
         assert (result.end_reason, result.collisions) == ("reached", 0)
-        assert result.path_length < 1.5 * result.course.of("geodesic_distance")[0] + 0.5
+        assert result.path_length < 1.5 * result.history.of("geodesic_distance")[0] + 0.5
     again = run_episode(env, GoalNavigator(GoalParams(local_planner=planner)), seed)
     assert (again.duration, again.path_length) == (result.duration, result.path_length)
     env.close()

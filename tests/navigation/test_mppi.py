@@ -7,7 +7,7 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 from lidarnaut.envs.geometry.lines import lengths_along, resample
-from lidarnaut.envs.navigation.mppi import NO_ANGLE, TOUCHED, MppiParams, MppiPlanner, mppi_numbers, rate
+from lidarnaut.envs.navigation.mppi import COLLISION_COST, HEADING_RADIUS, MppiParams, MppiPlanner, mppi_numbers, rate
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import Twist
 
@@ -51,7 +51,7 @@ def reference_cost(controls, mean, now, path, points, tracks, p):
         left += lengths_along(path)[-1] - lengths_along(path)[nearest] + gaps[nearest]
     cost += (p.follow * left / p.max_v + p.align * away + p.twirl * turned) / len(controls)
     to_path = path[min(nearest + 10, len(path) - 1)] - (x, y)
-    if math.hypot(*to_path) > NO_ANGLE:
+    if math.hypot(*to_path) > HEADING_RADIUS:
         cost += p.angle * abs(wrap_angle(math.atan2(to_path[1], to_path[0]) - theta))
     return cost
 
@@ -75,7 +75,7 @@ def test_sequences_cost_what_the_reference_says():
     touches = np.isinf(expected)
     assert 0 < touches.sum() < len(controls)
     # A cell's diagonal may decide whether a sequence touches something.
-    agree = touches == (costs >= TOUCHED)
+    agree = touches == (costs >= COLLISION_COST)
     assert agree.mean() >= 0.9
     free = agree & ~touches
     np.testing.assert_allclose(costs[free], np.array(expected)[free], rtol=0.02, atol=0.1)

@@ -91,7 +91,7 @@ def test_windows_give_what_the_whole_map_gives(robot, seed):
         obstacles = rng.uniform(-3.0, 3.0, (20, 2))
         layer = planning.layer(level, pose, obstacles)
         joined, frontier, costs = expected(grid, planning, level, pose, obstacles, ignored)
-        np.testing.assert_array_equal(planning.joined, joined)
+        np.testing.assert_array_equal(planning.occupancy, joined)
         np.testing.assert_array_equal(planning.frontier, frontier)
         np.testing.assert_array_equal(layer.costs, costs)
         weights = layer.tables.weights[costs]
@@ -235,7 +235,7 @@ def test_costs_of_marks_equal_those_of_the_whole_map_inflated_anew(seed):
         if rng.random() < 0.3:
             planning.clear_marks(rng.uniform(-9.0, 9.0, 2), 0.7)
         if rng.random() < 0.5:
-            grid = OccupancyGrid(np.maximum(planning.joined, planning.marks), planning.side, planning.origin)
+            grid = OccupancyGrid(np.maximum(planning.occupancy, planning.marks), planning.side, planning.origin)
             params = planning.params.costmap(planning.tables[0].robot_radius)
             np.testing.assert_array_equal(costs_of(planning), make_costmap(grid, params).costs)
 

@@ -12,13 +12,13 @@ from gymnasium.vector import SyncVectorEnv
 import lidarnaut  # noqa: F401  (registers the environments)
 from lidarnaut.baselines import policies_for
 from lidarnaut.baselines.episode import begin_episode, decide_with, run_episode
-from lidarnaut.baselines.explorer import OnePerRobot, marked
+from lidarnaut.baselines.policy import OnePerRobot, marked
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.observations import PARTS
 from lidarnaut.envs.observations.positions import GOAL_MEMORY
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.simulation.crowd import records as person_at
+from lidarnaut.envs.simulation.crowd import person_row as person_at
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.reach_goal import ReachGoal
 from lidarnaut.envs.vector import LidarEnvs, make_vec

@@ -14,7 +14,7 @@ from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.player import EpisodeRecorder, Recording, build_page
 from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
 from lidarnaut.envs.player.recording import BODY_KINDS
-from lidarnaut.envs.simulation.crowd.records import ATTENTIVE, BLIND, FIXED_ROUTE, KIND, STANDING
+from lidarnaut.envs.simulation.crowd.person_row import ATTENTIVE, BLIND, FIXED_ROUTE, KIND, STANDING
 from tests.player.episodes import synthetic
 
 BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
@@ -43,7 +43,7 @@ def test_a_recording_holds_what_happened_and_changes_nothing():
     recording, episode, seen = record(env, NearestExplorer())
     belief, start = env.unwrapped.belief, env.unwrapped.map_pose
     plain = run_episode(make_env(), NearestExplorer(), 0)
-    np.testing.assert_array_equal(plain.course.of("explored_fraction"), episode.course.of("explored_fraction"))
+    np.testing.assert_array_equal(plain.history.of("explored_fraction"), episode.history.of("explored_fraction"))
     assert recording.time[0] == 0.0
     assert recording.time[-1] == pytest.approx(episode.duration)
     assert np.diff(recording.time)[:-1] == pytest.approx(0.5)
@@ -122,7 +122,7 @@ def test_every_task_is_recorded_with_its_goal_route_and_teammates(id, arguments,
         episode = run_episode(env, policy, 0)
     (tmp_path / "episode.npz").write_bytes(recorder.recording().to_bytes())
     recording, task = Recording.load(tmp_path / "episode.npz"), env.unwrapped.task
-    assert recording.progress[-1] == pytest.approx(episode.course.final[task.progress])
+    assert recording.progress[-1] == pytest.approx(episode.history.final[task.progress])
     assert recording.time[-1] == pytest.approx(episode.duration)
     goal = task.goal[:2] if id == "Navigate" else (np.nan, np.nan)
     np.testing.assert_allclose(recording.goals, np.tile(goal, (len(recording.time), 1)), atol=1e-5)

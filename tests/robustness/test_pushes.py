@@ -11,7 +11,7 @@ import pytest
 from lidarnaut.envs.robots import ROBOT_NAMES, load_robot
 from lidarnaut.envs.simulation import PHYSICS, Twist, make_simulator
 from lidarnaut.envs.simulation import records as at
-from lidarnaut.envs.simulation.crowd import records as crowd_at
+from lidarnaut.envs.simulation.crowd import person_row as crowd_at
 from lidarnaut.envs.simulation.kinematic import advance
 from lidarnaut.envs.worlds import FixedRoute, World
 from tests.rooms import ORIGIN

@@ -11,7 +11,7 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.robots import load_robot
 from lidarnaut.envs.simulation import PHYSICS, KinematicSimulator, Twist, make_simulator
-from lidarnaut.envs.simulation.crowd.records import BLOCKED
+from lidarnaut.envs.simulation.crowd.person_row import BLOCKED
 from lidarnaut.envs.worlds import FixedRoute
 from tests.rooms import BURGER, ORIGIN, PLAIN, begin, square_room, without_slip
 

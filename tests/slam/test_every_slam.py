@@ -140,7 +140,7 @@ def test_bad_readings_are_named(name):
 
 
 @pytest.mark.parametrize(
-    ("name", "complaint"), [("gmapping", "a map for each particle"), ("graph", "go on with a map")]
+    ("name", "complaint"), [("gmapping", "a map for each particle"), ("graph", "continue a given map")]
 )
 def test_no_map_can_be_given_and_teams_are_refused(name, complaint):
     slam = make_slam(name, LIDAR)

@@ -3,11 +3,11 @@ import math
 import numpy as np
 import pytest
 
-from lidarnaut.envs.slam.matching.correlative import TURN_STEP, SearchWindow, search_window
+from lidarnaut.envs.slam.matching.correlative import TURN_STEP, CorrelativeWindow, search_window
 from lidarnaut.envs.slam.matching.covariance import correct_covariance, invert, predict_covariance, without_noise
-from lidarnaut.envs.slam.matching.gauss_newton import Fit, Prior, evaluate, refine
+from lidarnaut.envs.slam.matching.gauss_newton import Fit, PosePrior, evaluate, refine
 
-NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def occupancy_at(occupancy, scale, points, x, y, theta):
@@ -73,11 +73,13 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
     *found, fit = refine(levels, 2, points, 80, start, NO_PRIOR, 20, 10)
     np.testing.assert_allclose(found, (30.0, 25.0, 0.4), atol=0.1)
     assert fit.total > 79.0
-    firm = Prior(*start, 1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
+    firm = PosePrior(*start, 1e6, 0.0, 0.0, 1e6, 0.0, 1e6)
     *held, _ = refine(levels, 2, points, 80, start, firm, 10, 10)
     np.testing.assert_allclose(held, start, atol=1e-3)
     # Firm along x alone: the rest is found.
-    *partly, _ = refine(levels, 2, points, 80, (30.0, 23.8, 0.4), Prior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10)
+    *partly, _ = refine(
+        levels, 2, points, 80, (30.0, 23.8, 0.4), PosePrior(30.2, 24.0, 0.4, 1e6, 0, 0, 0, 0, 0), 10, 10
+    )
     np.testing.assert_allclose(partly[:2], (30.2, 25.0), atol=0.1)
 
 
@@ -85,7 +87,7 @@ def test_refine_finds_the_pose_and_the_prior_holds_it():
 @pytest.mark.parametrize("x", [19.3, 3.0])  # well inside, and where the window leaves the map
 def test_search_tries_every_pose_of_the_window(unknown, x):
     occupancy, points = random_case(3)
-    pose, window = (x, 14.8, 0.7), SearchWindow(4.0, 0.06, 3.0, 0.05, unknown)
+    pose, window = (x, 14.8, 0.7), CorrelativeWindow(4.0, 0.06, 3.0, 0.05, unknown)
     best, best_pose = -math.inf, None
     for turn in range(-2, 3):
         theta = pose[2] + turn * TURN_STEP

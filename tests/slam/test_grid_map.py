@@ -7,7 +7,7 @@ import pytest
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import TinySlamParams
-from lidarnaut.envs.slam.grid_map import MAX_COUNT, ONE, GridMap, observe, probabilities
+from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, MAX_COUNT, GridMap, observe, probabilities
 from lidarnaut.envs.slam.growing_map import MAX_CELLS
 
 from .reference import LIDAR, ReferenceMap, random_scan
@@ -74,12 +74,12 @@ def test_map_matches_the_slow_reference(changes):
 
 
 def test_counting_saturates_and_the_mean_stays_within_its_grain():
-    target = round(0.7 * ONE)
-    word = observe(0, round(0.1 * ONE))
+    target = round(0.7 * FULL_OCCUPANCY)
+    word = observe(0, round(0.1 * FULL_OCCUPANCY))
     for _ in range(2 * MAX_COUNT):
         word = observe(word, target)
     assert word & MAX_COUNT == MAX_COUNT
-    assert (word >> 12) / ONE == pytest.approx(0.7, abs=5e-3)
+    assert (word >> 12) / FULL_OCCUPANCY == pytest.approx(0.7, abs=5e-3)
 
 
 def test_growth_by_powers_of_two_keeps_what_is_known_in_place():

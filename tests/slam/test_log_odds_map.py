@@ -6,7 +6,7 @@ import pytest
 from lidarnaut.envs.geometry import UNKNOWN, Pose2D
 from lidarnaut.envs.robots import LidarParams
 from lidarnaut.envs.slam import HectorParams
-from lidarnaut.envs.slam.log_odds_map import MAX_STAMP, ONE, STAMP_BITS, LogOddsMap
+from lidarnaut.envs.slam.log_odds_map import LOG_ODDS_UNIT, MAX_STAMP, STAMP_BITS, LogOddsMap
 
 from .reference import LIDAR, beams, line, random_scan
 
@@ -16,7 +16,7 @@ HIT, PASSED = math.log(0.9 / 0.1), math.log(0.4 / 0.6)
 
 
 def log_odds(words):
-    return (words >> STAMP_BITS) / ONE
+    return (words >> STAMP_BITS) / LOG_ODDS_UNIT
 
 
 def beam(r):

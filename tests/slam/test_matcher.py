@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from lidarnaut.envs.slam.grid_map import ONE, unvisited_word
+from lidarnaut.envs.slam.grid_map import FULL_OCCUPANCY, unvisited_word
 from lidarnaut.envs.slam.matcher import SearchParams, match
 from lidarnaut.envs.slam.scans import ScanGeometry, project_hits
 
@@ -28,13 +28,13 @@ def test_search_matches_the_slow_reference(seed):
     trace = np.empty((301, 5))
     found = match(words, points, 60, pose, params, noise, trace)
     expected, expected_cost, tested = reference.search(values, points, pose, 1.5, 0.2, 30, 300, noise, -1.0)
-    assert 60 - found.total / ONE == pytest.approx(expected_cost, abs=1e-9)
+    assert 60 - found.total / FULL_OCCUPANCY == pytest.approx(expected_cost, abs=1e-9)
     np.testing.assert_allclose(found[:3], expected, rtol=1e-12)
     assert found.tried + 1 == len(tested)
     assert found.accepted + 1 == sum(was for *_, was in tested) > 2
     seen = trace[: found.tried + 1]
     np.testing.assert_allclose(seen[:, :3], [pose for pose, *_ in tested], atol=1e-9)
-    np.testing.assert_allclose(60 - seen[:, 3] / ONE, [cost for _, cost, _ in tested], atol=1e-9)
+    np.testing.assert_allclose(60 - seen[:, 3] / FULL_OCCUPANCY, [cost for _, cost, _ in tested], atol=1e-9)
     assert seen[1:, 4].tolist() == [is_better for *_, is_better in tested[1:]]
 
 

@@ -204,7 +204,7 @@ def test_control_periods_within_decisions_are_recorded(tmp_path):
 
 
 def test_what_cannot_be_recorded_is_refused(tmp_path):
-    with pytest.raises(TypeError, match="is no LidarEnv"):
+    with pytest.raises(TypeError, match="is not a LidarEnv"):
         RecordBag(gymnasium.make("CartPole-v1"), tmp_path).reset()
     with pytest.raises(ValueError, match="bags support one robot, the environment has 2"):
         BagRecorder(make("lidarnaut/ExploreTeam-v0", num_robots=2), tmp_path / "team.mcap")

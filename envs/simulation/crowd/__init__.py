@@ -1,6 +1,6 @@
 """Pedestrian crowds."""
 
-from .params import CROWDS, Crowd, crowd_of
+from .crowd_params import CROWDS, Crowd, crowd_of
 from .people import People
 
 __all__ = ["CROWDS", "Crowd", "People", "crowd_of"]

@@ -12,7 +12,7 @@ from numba import njit
 
 from lidarnaut.envs.geometry.rows import write_row
 
-from . import records as at
+from . import person_row as at
 from .social_force import Positive
 from .walls import near_list, offset
 

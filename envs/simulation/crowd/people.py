@@ -7,8 +7,8 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds import World
 
-from . import records as at
-from .params import Crowd
+from . import person_row as at
+from .crowd_params import Crowd
 from .placement import draw_people
 from .routes import plan_routes
 

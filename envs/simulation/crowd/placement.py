@@ -9,8 +9,8 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.worlds import World
 
-from . import records as at
-from .params import Crowd
+from . import person_row as at
+from .crowd_params import Crowd
 from .routes import RESOLUTION, Routes
 from .walls import clearance
 

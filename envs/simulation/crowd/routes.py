@@ -11,7 +11,7 @@ from lidarnaut.envs.worlds import World
 from lidarnaut.envs.worlds.raster import rasterize
 from lidarnaut.envs.worlds.world import kept_with_world
 
-from . import records as at
+from . import person_row as at
 from .walls import WALL_RANGE, Walls, clearance, list_walls
 
 RESOLUTION = 0.15

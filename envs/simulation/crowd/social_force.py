@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from pydantic import Field
 
-from . import records as at
+from . import person_row as at
 from .walls import near_list, offset
 
 Positive = Annotated[float, Field(gt=0.0, le=100.0)]

@@ -9,10 +9,10 @@ from lidarnaut.envs.geometry.lookup import as_tuple
 from lidarnaut.envs.simulation import records as robots_at
 from lidarnaut.envs.simulation.sensors import with_room
 
-from . import records as at
+from . import person_row as at
 from .orca import NUM_ORCA, Orca, walk_by_orca
+from .overlaps import MAX_SPEED_RATIO, resolve_overlaps
 from .routes import choose_directions
-from .settling import MAX_SPEED_RATIO, settle
 from .social_force import NUM_FORCES, SocialForce, walk_by_forces
 from .walls import Walls
 
@@ -53,7 +53,7 @@ def step_people(people, points, fields, setup, robots):
         if fields.shape[0] > 0:
             choose_directions(people, points, fields, grid, dt, directions)
             _walk(people, directions, discs, walls, setup, dt)
-        stopped_by = settle(people, starts, discs, walls, dt)
+        stopped_by = resolve_overlaps(people, starts, discs, walls, dt)
         for i in range(count):
             people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
             people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt

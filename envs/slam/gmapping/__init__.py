@@ -1,1 +1,1 @@
-"""GMapping: a Rao-Blackwellised particle filter whose particles hold maps."""
+"""GMapping: Rao-Blackwellised particle filter with a map per particle."""

@@ -1,4 +1,4 @@
-"""The maps of all particles, and the occupancy grid of the best one."""
+"""Particle maps and the occupancy grid of the best particle."""
 
 import math
 
@@ -11,8 +11,8 @@ from lidarnaut.envs.robots import LidarParams
 
 from ..growing_map import GrowingMap, known_cells
 from ..log_odds_map import MAX_STAMP, STAMP_BITS, LogOddsModel, forget_stamps, observe, percent
-from ..params import GMappingParams
 from ..scans import SIDE_START, beam_ends, walk
+from ..slam_params import GMappingParams
 from .proposal import Maps
 from .tiles import (
     EMPTY,
@@ -28,24 +28,18 @@ from .tiles import (
 )
 
 FIRST_CAPACITY = 1024
-"""Slots of a new pool; only what is written takes memory."""
+"""Initial number of slots in the tile pool; untouched pages use no memory."""
 ROW_BITS = 32
-"""Row and column of a cell in one number: row * 2^32 + column."""
+"""Number of column bits in a combined cell index, row * 2^32 + column."""
 _COLUMN = (1 << ROW_BITS) - 1
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp, level):
-    """Integrate a scan into one level of a map, cell by cell as `integrate_scans` does.
-
-    A scan that was broken off may be integrated again: what it has observed it does not observe twice.
-
-    Returns whether the pool had room; else the scan was broken off. `lidar` is its position from the map's corner
-    (x, y), as in `ends` [cells of the finest level].
-    """
+    """Integrate a scan into one level; return False if the pool is full, and the scan can be integrated again."""
     bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
     mask = (1 << bits) - 1
-    # Handing arrays to a function costs more than what there is to do for a cell, or for a tile that is owned already.
+    # Passing arrays to a function costs more than the work for a cell or an owned tile.
     words, occupancy = pool.words.ravel(), pool.occupancy.ravel()
     references, written = pool.references, pool.written
     row_0, col_0 = math.floor(lidar[1] * scale), math.floor(lidar[0] * scale)
@@ -82,11 +76,9 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Integrate a scan into those of the `Maps`, from the one of number `first` on, for which `is_integrated` is set.
+    """Integrate a scan into selected `Maps` from `first` on; return the first incomplete map, or the number of maps.
 
-    Ranges, poses, one for each particle, stamp and room to work in are as in `log_odds_map.integrate_scans`; `number`
-    is that of the scan since the reset. Returns the number of the map for which the pool had no room any more, and
-    which is to be the first of another call; otherwise the number of maps.
+    The result is an incomplete map if the pool is full. See `log_odds_map.integrate_scans`.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -100,12 +92,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Bring an occupancy grid up to date with the map of a particle, by the tiles that differ.
+    """Update an occupancy grid by the tiles that differ from a particle's map.
 
-    `shown`, shape (num_tiles,), int32, are the slots whose cells the grid, `occupancy`, has, and `after` is the number
-    of the last scan that it has. Writes row and column of cells that became known to `new_cells`, shape (n, 2), int32.
-    Returns their number, and smallest and greatest column and row of the tiles that were written, the smallest greater
-    than the greatest if there were none.
+    `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes `new_cells`; returns
+    their number, and (col_min, row_min, col_max, row_max) of updated tiles.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -129,10 +119,9 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """A map for each particle, which share tiles; `grid` is that of the particle rendered last."""
+    """Particle maps with shared tiles; `grid` shows the last rendered particle."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
-        """Make unknown maps with the map frame's origin in their middle."""
         super().__init__(params, lidar, block=TILE)
         self._model = LogOddsModel.of(params)
         self._num_levels, count = params.num_levels, params.num_particles
@@ -145,12 +134,12 @@ class ParticleMaps(GrowingMap):
 
     @property
     def maps(self) -> Maps:
-        """What matchers read; not valid any more once scans are integrated."""
+        """Maps for scan matching; invalid after the next integration."""
         wide = self._tiles[1]
         return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
-        """Return the map of a particle at one level: shape of `grid` / 2^level, int8 [percent]."""
+        """Return a particle's map at one level, shape of `grid` / 2^level, int8 [percent]."""
         maps = self.maps
         out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -158,13 +147,13 @@ class ParticleMaps(GrowingMap):
         return out
 
     def resample(self, parents: np.ndarray) -> None:
-        """Replace the maps by copies of those of other particles, shape (num_particles,), int64."""
+        """Replace particle maps by copies of their parents, shape (num_particles,), int64."""
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:
-        """Integrate a scan, shape (num_beams,), float32 [m], into those maps for which `is_integrated` is set.
+        """Integrate a scan, shape (num_beams,), float32 [m], into maps with `is_integrated` set.
 
-        Poses of the base have shape (num_particles, 3), float64, map frame [m, m, rad].
+        `poses` are base poses, shape (num_particles, 3), float64, map frame [m, m, rad].
         """
         self._make_room(ranges[None], poses)
         if self._stamp == MAX_STAMP:
@@ -177,7 +166,7 @@ class ParticleMaps(GrowingMap):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
-        """Bring `grid` up to date with the map of a particle; if it was of another, the update says it was redrawn."""
+        """Update `grid` to a particle's map; `is_switched` marks the whole map as redrawn."""
         data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number
@@ -191,10 +180,10 @@ class ParticleMaps(GrowingMap):
         super()._pad(margins)
         (low, high), (left, right) = ((before // TILE, after // TILE) for before, after in margins)
         rows, cols = self._tiles
-        around = ((low, high), (left, right))
+        tile_margins = ((low, high), (left, right))
 
         def pad(slots: np.ndarray) -> np.ndarray:
-            return np.pad(slots.reshape(-1, rows, cols), ((0, 0), *around), constant_values=EMPTY)
+            return np.pad(slots.reshape(-1, rows, cols), ((0, 0), *tile_margins), constant_values=EMPTY)
 
         self._slots, self._shown = pad(self._slots).reshape(len(self._slots), -1), pad(self._shown).ravel()
         self._tiles = (rows + low + high, cols + left + right)

@@ -1,14 +1,12 @@
-"""The proposal distribution of each particle, and its importance weight.
+"""Proposal distribution and importance weight of each particle.
 
-The posterior of a particle's pose, given its map, odometry and the scan, is approximated by a Gaussian around the pose
-where the scan fits best (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mode and covariance come from the
-Gauss-Newton matcher with odometry as prior (`matching.gauss_newton`), not from sampled points as in the paper: the
-Hessian is there already, and dozens of evaluations for each particle are saved. With P the covariance of the motion
-model, r_i the residuals of the hits, k their variance and d the distance of the mode from the pose by odometry,
+The pose posterior is a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mode and
+Hessian come from Gauss-Newton matching instead of samples, for speed. With motion covariance P, hit residuals r_i of
+variance k, and distance d of the mode from odometry,
 
     S = (P^-1 + H / k)^-1,    log w = -sum r_i^2 / 2k  -  d^T P^-1 d / 2  +  log(det S / det P) / 2,
 
-where w is Laplace's approximation of the integral that is equation (19) of the paper.
+where w is Laplace's approximation of equation (19).
 """
 
 import math
@@ -27,46 +25,44 @@ from .tiles import TileMap, TilePool
 
 
 class Maps(NamedTuple):
-    """The maps of all particles."""
+    """Maps of all particles for matching kernels."""
 
     pool: TilePool
     slots: np.ndarray
-    """Shape (num_particles, num_tiles), int32: where the tiles of the maps lie in the pool."""
+    """Pool slots of tiles by particle, shape (num_particles, num_tiles), int32."""
     tiles_wide: int
-    """Number of tiles in a row."""
     num_levels: int
     corner: tuple[int, int]
-    """Column and row of the first cell, counted from the map frame's origin."""
+    """Column and row of the first cell, relative to the map frame's origin."""
     resolution: float
-    """Side of a cell of the finest level [m]."""
 
 
 class Proposals(NamedTuple):
-    """Proposal distributions and importance weights, a row for each particle."""
+    """Proposal distributions and importance weights of all particles."""
 
     modes: np.ndarray
-    """Shape (num_particles, 3), float64: poses, map frame [m, m, rad]."""
+    """Proposal modes, shape (num_particles, 3), float64, map frame [m, m, rad]."""
     covariances: np.ndarray
-    """Shape (num_particles, 3, 3), float64 [m, rad]."""
+    """Proposal covariances, shape (num_particles, 3, 3), float64 [m, rad]."""
     log_likelihoods: np.ndarray
-    """Shape (num_particles,), float64: logarithms of the importance weights, up to what all have in common."""
+    """Log importance weights up to a common constant, shape (num_particles,), float64."""
     num_known: np.ndarray
-    """Shape (num_particles,), int64: hits in known cells."""
+    """Number of hits in known cells, shape (num_particles,), int64."""
     known_scores: np.ndarray
-    """Shape (num_particles,), float64: mean occupancy of those cells, from 0 to 1."""
+    """Mean occupancy of known cells under the hits, shape (num_particles,), float64."""
     fits: np.ndarray
-    """Shape (num_particles,), bool: whether nothing speaks against the mode."""
+    """Whether the scan matches at the mode, shape (num_particles,), bool."""
 
     @classmethod
     def make(cls, count: int) -> "Proposals":
-        """Return room for as many particles."""
+        """Return zero-filled proposals for `count` particles."""
         numbers = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count, dtype=np.bool_)
         return cls(np.zeros((count, 3)), np.zeros((count, 3, 3)), *numbers)
 
 
 @njit(cache=True, error_model="numpy")
 def prior_cost(prior, x, y, theta):
-    """Return d^T W d of a pose, x, y [cells] and heading [rad]; see `Prior`."""
+    """Return d^T W d for the difference d between a pose [cells, cells, rad] and a `PosePrior`."""
     dx, dy, turn = x - prior.x, y - prior.y, theta - prior.theta
     own = prior.w_xx * dx * dx + prior.w_yy * dy * dy + prior.w_tt * turn * turn
     return own + 2.0 * (prior.w_xy * dx * dy + prior.w_xt * dx * turn + prior.w_yt * dy * turn)
@@ -74,11 +70,6 @@ def prior_cost(prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _propose(map, num_levels, points, num_points, start, prior, params, max_correction):
-    """Match a scan to the map of one particle, from a start, x, y from the map's corner [cells] and heading [rad].
-
-    Returns mode, like the start, `Fit`, log likelihood but for the covariances, hits in known cells and their score,
-    and whether the mode fits: it is no farther than `max_correction` from the prior [cells], and hits what is occupied.
-    """
     over = (map, num_levels, points, num_points)
     x, y, theta, fit = refine(*over, start, prior, params.iterations, params.coarse_iterations)
     num_known, known_score = known_score_at(map, points, num_points, x, y, theta)
@@ -92,13 +83,11 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 
 @njit(cache=True, error_model="numpy")
 def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
-    """Find proposal distribution and importance weight of every particle.
+    """Compute proposal and importance weight of every particle, and write them to `out`.
 
-    `poses`: shape (num_particles, 3), float64, at the last key scan, map frame [m, m, rad]; `motion`: since then by
-    odometry, as seen from the pose then; `start_motion`: the same, from where the matches start; `stds`: standard
-    deviations of odometry's position along either axis [m], and of its heading [rad]; `points`: shape (2, >=
-    num_points), float32, hits in the base frame [cells]; `params`: `MatcherParams`, modes farther than `retry_distance`
-    from odometry's pose are not believed; `out`: `Proposals`, written.
+    `poses` are at the last key scan, shape (num_particles, 3), map frame [m, m, rad]. `motion` is the odometry motion
+    since then, `start_motion` the motion to the start of matching. `stds` are odometry standard deviations of position
+    [m] and heading [rad]. `points` are hits, shape (2, >= num_points), float32, base frame [cells].
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -126,7 +115,7 @@ def propose(maps, poses, motion, start_motion, stds, points, num_points, params,
 
 
 def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> None:
-    """Replace proposals by others that fit, and whose hits fall on occupancies greater by `least_gain` in sum."""
+    """Replace proposals by matching alternatives with a summed occupancy higher by `least_gain`."""
     before, after = (each.num_known * each.known_scores for each in (proposals, others))
     is_better = others.fits & (after > before + least_gain)
     for own, other in zip(proposals, others):
@@ -134,10 +123,9 @@ def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> N
 
 
 def draw_poses(proposals: Proposals, noise: np.ndarray) -> np.ndarray:
-    """Draw a pose from each proposal distribution: mode + L z, with L L^T the covariance (Cholesky).
+    """Return sampled poses, shape (num_particles, 3), float64, map frame [m, m, rad].
 
-    `noise` is z, shape (num_particles, 3), standard normal; zeros take the mode. Returns poses, shape (num_particles,
-    3), float64, map frame [m, m, rad].
+    A sample is mode + L z, with standard normal `noise` z and Cholesky factor L of the covariance.
     """
     drawn = np.einsum("pij,pj->pi", np.linalg.cholesky(proposals.covariances), noise)
     poses: np.ndarray = proposals.modes + drawn

@@ -1,11 +1,7 @@
-"""Maps that share tiles until one of them is written: copy-on-write.
+"""Tiled maps with copy-on-write.
 
-All tiles of all maps lie in one pool with reference counts. A map is an index: for each tile of the map the slot in the
-pool that holds it. To copy a map is to copy its index and to count the references; a tile that several maps refer to is
-copied when one of them is to be written.
-
-A tile holds `TILE` x `TILE` cells of the finest level, and the cells of the coarser levels that cover the same square,
-one level after the other. A cell is the word of `log_odds_map`, and its occupancy in percent.
+A pool with reference counts stores all tiles; a map is an index of pool slots. A tile holds `TILE` x `TILE`
+finest-level cells, then the coarser levels of the same square.
 """
 
 from typing import NamedTuple
@@ -20,47 +16,46 @@ from ..matching.gauss_newton import at_level, neighbours
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS
-"""Cells of the finest level along a side of a tile."""
+"""Side of a tile [cells of the finest level]."""
 EMPTY = 0
-"""Slot of a tile without any known cell, which all maps share and none writes."""
+"""Pool slot of the unknown tile, shared and read-only."""
 
 
 class TilePool(NamedTuple):
-    """Tiles, each in a slot."""
+    """Pool that stores map tiles in numbered slots."""
 
     words: np.ndarray
-    """Shape (capacity, cells), int32."""
+    """Cell words, shape (capacity, cells), int32."""
     occupancy: np.ndarray
-    """Shape (capacity, cells), int8: -1 unknown, 0 to 100 [percent]."""
+    """Occupancies, shape (capacity, cells), int8: -1 unknown, 0 to 100 percent."""
     references: np.ndarray
-    """Shape (capacity,), int32: how many maps refer to a slot; `EMPTY` is not counted."""
+    """Number of maps using each slot, shape (capacity,), int32; 0 for `EMPTY`."""
     written: np.ndarray
-    """Shape (capacity,), int64: number of the scan that was last integrated into a slot."""
+    """Last scan integrated into each slot, shape (capacity,), int64."""
     free: np.ndarray
-    """Shape (capacity,), int32: slots that no map refers to; the first `num_free[0]` of them count."""
+    """Stack of unused slots, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
-    """Shape (1,), int64."""
 
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return where the cells of a level begin in a tile."""
+    """Return the index of a level's first cell in a tile."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
 
 def make_pool(capacity: int, num_levels: int) -> TilePool:
-    """Return a pool without tiles but the empty one."""
+    """Return a pool with the `EMPTY` tile only."""
     cells = level_start(num_levels)
     words, occupancy = np.empty((capacity, cells), dtype=np.int32), np.empty((capacity, cells), dtype=np.int8)
     words[EMPTY], occupancy[EMPTY] = 0, UNKNOWN
     references, written = np.zeros(capacity, dtype=np.int32), np.zeros(capacity, dtype=np.int64)
-    free = np.arange(capacity, 0, -1, dtype=np.int32) - 1  # the low ones are taken first
+    free = np.arange(capacity, 0, -1, dtype=np.int32) - 1  # low slots are used first
     return TilePool(words, occupancy, references, written, free, np.array([capacity - 1]))
 
 
 def enlarge_pool(pool: TilePool) -> TilePool:
-    """Return a pool of twice the capacity with the same tiles in the same slots."""
+    """Return a copy of the pool with twice the capacity."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
     words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
@@ -71,10 +66,9 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return the slot of a tile of a map that is to be written, after copying it if other maps refer to it.
+    """Return a writable slot for a tile of a map, copying a shared tile; -1 if the pool is full.
 
-    It is -1, and nothing is changed, if a copy is needed and the pool is full. `index` has shape (num_tiles,), int32:
-    slots of the map, written; `number` is that of the scan that will be integrated.
+    `index` are the map's slots, shape (num_tiles,), int32; `number` is the scan to integrate.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -92,9 +86,9 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace maps by copies of others, whose numbers are `parents`, shape (num_maps,), int64.
+    """Replace maps by copies of the maps with indices `parents`, shape (num_maps,), int64.
 
-    `index` has shape (num_maps, num_tiles), int32: slots of the maps, written.
+    `index` holds the slots of all maps, shape (num_maps, num_tiles), int32.
     """
     index[:] = index[parents]
     used = pool.references > 0
@@ -106,21 +100,18 @@ def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
 
 
 class TileMap(NamedTuple):
-    """The map of a particle, to be read."""
+    """Read-only map of a particle."""
 
     occupancy: np.ndarray
-    """Shape (capacity * cells,), int8: the flattened occupancies of the pool."""
+    """Flattened occupancies of the pool, shape (capacity * cells,), int8."""
     cells: int
-    """Cells in a tile, of all levels."""
+    """Number of cells per tile, over all levels."""
     slots: np.ndarray
-    """Shape (num_tiles,), int32: where the tiles of the map lie in the pool."""
+    """Pool slot of each tile, shape (num_tiles,), int32."""
     tiles_wide: int
-    """Number of tiles in a row."""
 
 
 class _TileLevel(NamedTuple):
-    """A level of a `TileMap`; see `at_level`."""
-
     occupancy: np.ndarray
     height: int
     width: int
@@ -145,7 +136,6 @@ def _at_level_of_tiles(map, level):
 
 @njit(cache=True, error_model="numpy")
 def _cell_at(view, row, col):
-    """Return where a cell of a `_TileLevel` lies in the flattened occupancies."""
     mask = (1 << view.bits) - 1
     slot = view.slots[(row >> view.bits) * view.tiles_wide + (col >> view.bits)]
     return np.uint64(slot * view.cells + view.start + ((row & mask) << view.bits) + (col & mask))
@@ -158,7 +148,7 @@ def _neighbours_of_tiles(view, row, col):
     if row & mask != mask and col & mask != mask:
         above = corner + np.uint64(1 << view.bits)
         return corner, corner + np.uint64(1), above, above + np.uint64(1)
-    # Clamped at the border: only the first of the four cells is used there.
+    # Clamped at the border, where only the first cell is used.
     right, above = min(col + 1, view.width - 1), min(row + 1, view.height - 1)
     return corner, _cell_at(view, row, right), _cell_at(view, above, col), _cell_at(view, above, right)
 
@@ -170,7 +160,7 @@ def _neighbours_in_tiles(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def unpack_level(map, level, out):
-    """Write the occupancies of a level to an array of its shape, int8, that is unknown (-1) throughout."""
+    """Write a level's occupancies to `out`, int8, initially -1 (unknown)."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
     for tile in range(map.slots.shape[0]):

@@ -1,9 +1,4 @@
-"""Graph SLAM: local SLAM builds submaps, loop closures and a pose graph correct where they lie.
-
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016. Local SLAM goes on undisturbed by corrections. The scans of
-all nodes are kept, and after a correction the map is rendered from them anew, at several key scans; pose and map then
-change together.
-"""
+"""Graph SLAM: submaps, loop closures, and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016)."""
 
 from functools import cache
 
@@ -17,30 +12,28 @@ from lidarnaut.envs.slam.hector import Hector
 from lidarnaut.envs.slam.key_scans import Anchor
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.fields import LEAST_MAP_SHARE, fits_map
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import GrowingArray, PoseGraph, PoseGraphView, drop_outliers, optimise_step
 from lidarnaut.envs.slam.relocalization import FOUND_STD
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import LocalSlam
-from .loop_search import NEWEST, Confirmation, LoopSearch
-from .nodes import MapRendering, NodeStore, has_moved, refine_poses, replace_cells
+from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
+from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
-"""Most iterations of the last optimisation."""
+"""Maximum number of iterations of the last optimisation."""
 
 
 class GraphSlam(Hector):
     """SLAM with loop closures on a pose graph of submaps.
 
-    Everything happens at key scans, and the work at each is bounded by counts: at most one search for a loop closure,
-    and either one iteration of an optimisation or some nodes of the map that it corrects. No optimisation starts while
-    a map is rendered; the loop closures found meanwhile wait for the next one.
+    Work per key scan is bounded: one loop-closure search, and one optimisation iteration or some map rendering. Pose
+    and map change together, after the corrected map is complete.
 
-    The robot's pose is that of Hector in the live map. Local SLAM, the same matcher on submaps, gives the graph its
-    constraints, which a bent map therefore cannot spoil. `belief.covariance` is Hector's: it is relative to the live
-    map, and leaves out by how much the graph may still move it. `belief.is_lost` says that scans in succession have not
-    fitted the submap or the live map, or that the position has become too uncertain. A robot that is lost adds no nodes
-    until it is found in the live map; a loop closure then relates the next node to the nearest of those before.
+    The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for
+    graph constraints. `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. A lost
+    robot adds no nodes; after relocalization, the next node is constrained to the nearest node. `belief.covariance` is
+    relative to the live map.
     """
 
     shares_maps = False
@@ -48,22 +41,21 @@ class GraphSlam(Hector):
     map: LogOddsMap
 
     def __init__(self, lidar: LidarParams, params: GraphSlamParams) -> None:
-        """Build a SLAM for one lidar."""
         load_kernels()
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose, map frame, with an unknown map.
+        """Start at a known pose, map frame, with a new map.
 
         Raises:
-            ValueError: if a map is given; it would lack the scans that a correction renders it from.
+            ValueError: if a map is given.
         """
         if map is not None:
-            raise ValueError("graph SLAM cannot go on with a map: it renders its own from the scans of a pose graph")
+            raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
-        """Nodes and submaps in the map frame."""
+        """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses in the local frame, which starts at the robot."""
+        """Scans and poses of nodes, local frame (origin at the start pose)."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -76,18 +68,18 @@ class GraphSlam(Hector):
 
     @property
     def loop_closures(self) -> int:
-        """Number of loop closures in the graph, without those that were dropped."""
+        """Number of active loop closures in the graph."""
         constraints = self.graph.arrays.constraints
         return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
 
     @property
     def pose_graph(self) -> PoseGraphView:
-        """Submaps, nodes and constraints as one graph of poses; valid until the next scan."""
+        """Current pose graph; valid until the next scan."""
         return PoseGraphView(self.graph.arrays)
 
     @property
     def anchor(self) -> Anchor | None:
-        """The newest node, and the pose as seen from it; None before the first node."""
+        """Robot pose relative to the newest node; None before the first node."""
         if len(self.nodes) == 0:
             return None
         node = len(self.nodes) - 1
@@ -95,11 +87,11 @@ class GraphSlam(Hector):
         return Anchor(node, pose.between(self.belief.pose))
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, integrate it, and do the next part of the work on loop closures; see `KeyScanSlam`."""
+        """Match and integrate a scan, then continue loop closure or map correction."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
-        if self._loss.is_in_doubt:
-            # Odometry joins the scans of a robot that may be lost in the map as it is.
+        if self._monitor.has_mismatch:
+            # Relocalization needs an unchanged map.
             return belief
         self._close_loop()
         if self._rendering is not None:
@@ -110,10 +102,7 @@ class GraphSlam(Hector):
         return belief
 
     def finish(self) -> None:
-        """Do the searches that wait, optimise with all loop closures, match nodes anew, and render the final map.
-
-        `belief.path` holds the final poses of nodes.
-        """
+        """Complete searches and optimisation, and render the final map; `belief.path` holds node poses."""
         while self.search.num_waiting:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
@@ -136,26 +125,24 @@ class GraphSlam(Hector):
         if self.last_key_pose is None:
             return predicted, 1.0
         by_local_slam = self._correction.compose(self.local.pose)
-        # Wheels that must be corrected at every scan are poorer guides than local SLAM; good ones are better, since
-        # every match is off by a millimetre or so, which adds up.
+        # Local SLAM predicts better than poor odometry, but its errors add up; good odometry predicts better.
         match = self._match_map(ranges, by_local_slam if self.params.match_every_scan else predicted)
-        # A submap is too young to bend, and says more than the map, but nothing of what was seen long ago.
+        # A submap bends less than the map, but lacks older observations.
         points = self._points[:, : match.num_hits]
         if fits_map(self.map.grid, points, (match.x, match.y, match.theta), LEAST_MAP_SHARE) is False:
             fits = False
         pose = Pose2D(match.x, match.y, match.theta) if match.fits else by_local_slam
-        instead = self._track_loss(ranges, predicted, pose, fits)
-        if instead is not None:
-            in_local_frame = self._correction.inverse().compose(instead)
-            if self._loss.is_found:
+        fallback_pose = self._update_lost(ranges, predicted, pose, fits)
+        if fallback_pose is not None:
+            in_local_frame = self._correction.inverse().compose(fallback_pose)
+            if self._monitor.is_found:
                 self.local.relocate(in_local_frame)
             self.local.pose = in_local_frame
-            return instead, None
+            return fallback_pose, None
         self._correction = pose.compose(self.local.pose.inverse())
         return pose, 1.0
 
     def _integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Add a node, and integrate its scan into the map as it is now."""
         is_relocalized = len(self.nodes) > 0 and not self.local.active
         node = self.local.add_node(ranges)
         self._add_to_graph(node)
@@ -167,7 +154,6 @@ class GraphSlam(Hector):
         return self.map.integrate(ranges, pose)
 
     def _add_to_graph(self, node: int) -> None:
-        """Add a node of local SLAM, its constraints, and a submap if one starts with it."""
         local, correction = self.local, self._graph_correction
         self.graph.add_node(correction.compose(local.pose))
         for submap in local.active:
@@ -178,7 +164,7 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Relate the first node after a relocalization, at a pose in the live map, to the nearest node's submap."""
+        """Constrain the first node after relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])
@@ -187,7 +173,6 @@ class GraphSlam(Hector):
         self.graph.add_constraint(node, submap, frame.between(by_graph), np.diag(FOUND_STD) ** 2, is_loop=True)
 
     def _close_loop(self) -> None:
-        """Do one search for a loop closure, and start an optimisation when it is due."""
         loop = self.search.search_next()
         added = [] if loop is None else self._confirmation.add(loop)
         self._loop_nodes += len(added) > 0
@@ -200,7 +185,6 @@ class GraphSlam(Hector):
             self._iterations, self._loop_nodes, self._is_urgent = self.params.max_iterations, 0, False
 
     def _optimise_once(self) -> None:
-        """Do one iteration; after the last one, correct pose and map."""
         params, arrays = self.params, self.graph.arrays
         change = optimise_step(arrays, params.phi)
         self._iterations -= 1
@@ -212,11 +196,10 @@ class GraphSlam(Hector):
         newest = self.graph.num_submaps - 1
         frame = Pose2D(*arrays.submaps[newest].tolist())
         self._graph_correction = frame.compose(self.nodes.submap_pose(newest).inverse())
-        if has_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
+        if any_pose_moved(self._mapped.rows, arrays.nodes, params.redraw_distance, params.redraw_angle):
             self._rendering = MapRendering(params, self._lidar)
 
     def _replace_map(self, map: LogOddsMap) -> None:
-        """Let pose and map follow the graph."""
         after = self.graph.arrays.nodes.copy()
         correction = Correction(self._mapped.rows.copy(), after)
         self.belief.update = replace_cells(self.map, map, correction)
@@ -232,7 +215,7 @@ class GraphSlam(Hector):
 
 @cache
 def load_kernels() -> None:
-    """Load the kernels that the first scans do not call, so that no later scan waits for it: once per process."""
+    """Compile loop-closure kernels once per process, before the first scan."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
     local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)
@@ -244,7 +227,7 @@ def load_kernels() -> None:
         if node == 0:
             graph.add_submap(ORIGIN)
         graph.add_constraint(node, 0, local.pose, local.constraint_covariance(0), is_loop=node == 2)
-    search.add_candidates(2, 1 + NEWEST)
+    search.add_candidates(2, 1 + NUM_SKIPPED_SUBMAPS)
     search.match(2, 0, (0.2, 0.1))
     optimise_step(graph.arrays, params.phi)
     drop_outliers(graph.arrays, params.max_chi2)

@@ -1,4 +1,4 @@
-"""Local SLAM: scans are matched with the submap that is being built; nothing is corrected later."""
+"""Local SLAM: uncorrected scan-to-submap matching."""
 
 import dataclasses
 
@@ -11,43 +11,40 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.covariance import correct_covariance, motion_stds, predict_covariance
 from lidarnaut.envs.slam.matching.fields import LEAST_SUBMAP_SHARE, fits_map
 from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams, match_to_levels
-from lidarnaut.envs.slam.params import GraphSlamParams
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .nodes import NodeStore
 
-MAX_REACH = 12.0
-"""Range that a new submap has room for [m]; it grows for readings beyond."""
+SUBMAP_RANGE = 12.0
+"""Lidar range for the initial size of a submap [m]."""
 
 
 def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParams:
-    """Return the params of the map of a submap."""
-    side = 2.0 * (min(lidar.range_max, MAX_REACH) + params.submap_spacing * params.min_travel_distance)
+    """Return the parameters of a submap's grid."""
+    side = 2.0 * (min(lidar.range_max, SUBMAP_RANGE) + params.submap_spacing * params.min_travel_distance)
     return dataclasses.replace(params, map_width=side, map_height=side)
 
 
 class LocalSlam:
-    """Builds nodes and submaps in the local frame; scans are matched as Hector does, each with one submap."""
+    """Local SLAM: matches scans to submaps, and builds nodes and submaps in the local frame."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore) -> None:
-        """Start at the origin of the local frame; nodes and submaps are added to `nodes`."""
         self._params, self._lidar, self._nodes = params, lidar, nodes
         self._matcher = MatcherParams.of(params)
         self._submap_params = submap_params(params, lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.pose = Pose2D(0.0, 0.0, 0.0)
-        """Of the base at the last matched scan, local frame."""
+        """Base pose at the last matched scan, local frame."""
         self.travelled = 0.0
-        """Distance travelled [m]."""
         self.active: list[int] = []
-        """Submaps that are being built, the newest last; the first one is matched."""
+        """Indices of unfinished submaps, oldest first; scans are matched to the oldest."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Move the pose to where a scan fits; return what `fits_map` says of it there.
+        """Update the pose by a scan, shape (num_beams,), float32 [m]; return the result of `fits_map`.
 
-        `ranges`: shape (num_beams,), float32 [m]; `motion`: pose of the base now, as odometry sees it from the base at
-        the last matched scan.
+        `motion` is the odometry motion since the last matched scan.
         """
         before = self.pose
         self.pose = predicted = before.compose(motion)
@@ -62,7 +59,7 @@ class LocalSlam:
         dx, dy, turn = predicted.x - before.x, predicted.y - before.y, wrap_angle(predicted.theta - before.theta)
         stds = motion_stds(self._matcher.odometry_noise, distance(dx, dy), turn)
         for other in self.active[1:]:
-            # What the matcher has done to the covariance in the first submap.
+            # Same correction as the matcher's for the first submap.
             covariance = self._covariances[other]
             predict_covariance(covariance, dx, dy, *stds)
             if match.fits:
@@ -77,12 +74,12 @@ class LocalSlam:
         return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
-        """Go on at another pose, local frame: the next node starts a submap, and belongs to none of those before."""
+        """Continue at another pose, local frame, with a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
         self._nodes.break_off()
 
     def add_node(self, ranges: np.ndarray) -> int:
-        """Add a node at the current pose to the active submaps; start and finish submaps as they are due."""
+        """Add a node to the active submaps; start and finish submaps when due."""
         nodes = self._nodes
         if not self.active or len(nodes) % self._params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
@@ -94,10 +91,7 @@ class LocalSlam:
         return node
 
     def constraint_covariance(self, submap: int) -> np.ndarray:
-        """Return the covariance of a constraint between the last node and a submap that it was integrated into.
-
-        Shape (3, 3), float64, in the submap's frame [m^2, rad^2].
-        """
+        """Return the covariance of the last node in a submap, shape (3, 3), float64, submap frame [m^2, rad^2]."""
         params = self._params
         least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
         return params.correlation * self._covariances[submap] + np.diag(least**2)

@@ -1,9 +1,4 @@
-"""Searching loop closures of nodes with finished submaps, and which of them are believed.
-
-Windows grow with the length of the path through the graph, as the error does, instead of being wide everywhere. What a
-search finds must agree with what a submap knows to be free as well. A large correction needs a second witness, since a
-wrong one does more harm than a right one that comes a little later.
-"""
+"""Loop-closure search between nodes and finished submaps."""
 
 import dataclasses
 from collections import deque
@@ -19,54 +14,54 @@ from lidarnaut.envs.slam.key_scans import has_moved
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.branch_and_bound import SearchWindow, angle_step, search
 from lidarnaut.envs.slam.matching.fields import Field, Pyramid, build_pyramid, hit_shares, is_accepted
-from lidarnaut.envs.slam.matching.gauss_newton import Prior, refine
+from lidarnaut.envs.slam.matching.gauss_newton import PosePrior, refine
 from lidarnaut.envs.slam.matching.score_surface import MAX_SURFACE, match_covariance
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import PoseGraph
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 from .local_slam import submap_params
 from .nodes import NodeStore
 
 HALF_WIDTH, HALF_WIDTH_GROWTH, MAX_HALF_WIDTH = 0.5, 0.06, 4.0
-"""Half width of the search window next to the robot [m], by how much it grows per metre of path, and at most [m]."""
+"""Half width of search windows: minimum [m], growth per metre of path, maximum [m]."""
 HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
-"""The same of headings [rad]."""
+"""Half angle of search windows: minimum [rad], growth per metre of path [rad/m], maximum [rad]."""
 MAX_DISTANCE = 4.0
-"""Distance to a node of a submap within which it is searched, without the uncertainty of the pose [m]."""
+"""Maximum distance between a node and a submap for a search, apart from pose uncertainty [m]."""
 MAX_UNCONFIRMED = 0.25
-"""Corrections up to this are taken at once, larger ones when a second one agrees [m]."""
+"""Maximum loop-closure correction accepted without confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
-"""Nodes within which a second one must come, and by how much corrections that agree differ at most [m], [rad]."""
+"""Maximum difference between confirming loop closures: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5
-"""Levels of the pyramid: the top one holds maxima over 16 cells."""
+"""Levels of the search pyramid; the top level has maxima over 16 cells."""
 MAX_RANGE, MAX_POINTS = 12.0, 1200
-"""Points up to this range [m], and no more than so many, are matched."""
+"""Maximum range [m] and number of matched points."""
 SEARCH_SHARE = 0.8
-"""Share of the least score from which on the search finds poses, before they are refined."""
-NEWEST = 2
-"""Finished submaps that are not searched: the robot has not left them for long."""
-FIELD: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Params of the maps that are searched, other than those of the submaps that are matched: log odds of 2.2 and -0.41."""
-NO_PRIOR = Prior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+"""Minimum search score before refinement, relative to the acceptance score."""
+NUM_SKIPPED_SUBMAPS = 2
+"""Newest finished submaps to skip, because the robot has just left them."""
+FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
+"""Map parameters for searched submaps; log-odds of 2.2 and -0.41."""
+NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Loop(NamedTuple):
-    """A loop closure that was found: the pose of a node in a submap."""
+    """Loop closure between a node and a submap."""
 
     node: int
     submap: int
     relative: Pose2D
-    """Pose of the node in the submap's frame."""
+    """Measured pose of the node in the submap frame."""
     covariance: np.ndarray
-    """Shape (3, 3), of `relative`, in the submap's frame [m^2, rad^2]."""
+    """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
-    """Pose of the node by the graph, map frame."""
+    """Pose of the node before the loop closure, map frame."""
     after: Pose2D
-    """Pose of the node by this closure and the submap's pose by the graph, map frame."""
+    """Pose of the node after the loop closure, map frame."""
 
 
-def search_window(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of the window for a submap so far away along the graph [m]."""
+def window_size(path_length: float) -> tuple[float, float]:
+    """Return half width [m] and half angle [rad] of a search window by path length in the graph [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
@@ -75,12 +70,10 @@ def search_window(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return the lengths of the shortest paths through the graph from a submap to all others.
+    """Return the shortest path length in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Poses err the more against each other. From a submap to the next one it is the distance that the robot travelled;
-    over a loop constraint it is 0.
-
-    Shape (num_submaps,), float64 [m]. `constraints` are `Constraints`; `home` and `travelled` those of `NodeStore`.
+    Successive submaps are connected by the travelled distance, loop constraints have length 0. See `NodeStore` for
+    `home` and `travelled`.
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])
@@ -103,42 +96,39 @@ def path_lengths(constraints, home, travelled, source):
 
 
 def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
-    """Return how near each submap comes to a node: the distance to the nearest node that it holds [m].
+    """Return the distance from a node to the nearest node of each submap [m].
 
-    `nodes` has shape (num_nodes, 3), `spans` is that of `NodeStore`; no submap may be empty.
+    `nodes` has shape (num_nodes, 3); `spans` is from `NodeStore`.
     """
     far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
     return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
 
 
 class LoopSearch:
-    """Searches loop closures, one submap per call, so that the work of a scan is bounded."""
+    """Queue of loop-closure searches, one submap per call."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
-        """Search in the submaps of `nodes`, at poses of `graph`."""
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
-        self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD)
+        self._field_params = dataclasses.replace(submap_params(params, lidar), **FIELD_PARAMS)
         self._searched: dict[int, int] = {}
         self._queue: deque[tuple[int, int, tuple[float, float]]] = deque()
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
-        """Queue searches of a node in those of the first `num_finished` submaps that are near."""
-        for submap, window in self._candidates(node, num_finished - NEWEST):
+        """Queue searches of a node in nearby submaps among the first `num_finished`."""
+        for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self._queue.append((node, submap, window))
 
     def search_next(self) -> Loop | None:
-        """Do the search that has waited longest, if there is one; return the loop closure if it passes the tests."""
+        """Run the oldest queued search; return the loop closure if accepted."""
         return self.match(*self._queue.popleft()) if self._queue else None
 
     @property
     def num_waiting(self) -> int:
-        """Number of searches that wait."""
         return len(self._queue)
 
     def _candidates(self, node: int, count: int) -> list[tuple[int, tuple[float, float]]]:
-        """Return the nearest of the first `count` submaps that may be searched, with their windows."""
         params, nodes = self._params, self._nodes
         if count <= 0:
             return []
@@ -150,13 +140,13 @@ class LoopSearch:
         for submap in np.flatnonzero(distances <= farthest).tolist():
             if node - self._searched.get(submap, -params.submap_every) < params.submap_every:
                 continue
-            window, least = search_window(float(lengths[submap])), float(distances[submap])
+            window, least = window_size(float(lengths[submap])), float(distances[submap])
             if least <= MAX_DISTANCE + 0.5 * window[0]:
                 near.append((least, submap, window))
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
-        """Search a node in a submap: half width [m] and half angle [rad] of the window around where it should be."""
+        """Search a node in a submap; `window` is half width [m] and half angle [rad]."""
         params, loops = self._params, self._params.loops
         points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
         if len(points) == 0:
@@ -176,7 +166,6 @@ class LoopSearch:
         return Loop(node, submap, pose, covariance, before, frame.compose(pose))
 
     def _rendered(self, submap: int) -> tuple[Field, Pyramid]:
-        """Return the field of a finished submap, and the pyramid; those used last are kept."""
         kept = self._kept.pop(submap, None)
         if kept is None:
             map = LogOddsMap(self._field_params, self._lidar)
@@ -190,10 +179,7 @@ class LoopSearch:
 
 
 def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: int) -> Pose2D:
-    """Return the pose in a field to which Gauss-Newton steps lead from `pose`, without a prior, and at most so many.
-
-    `points` has shape (n, 2), float32: hits in the base frame [m].
-    """
+    """Refine a pose in a field by Gauss-Newton without prior; `points` has shape (n, 2), float32, base frame [m]."""
     x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta
     cells = np.ascontiguousarray(points.T / np.float32(resolution))
@@ -203,19 +189,18 @@ def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: 
 
 
 class Confirmation:
-    """Holds back large corrections until a second one agrees."""
+    """Filter that delays large corrections until confirmed."""
 
     def __init__(self) -> None:
-        """Start with nothing held back."""
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Return the loop closures that may be added to the graph now: none, this one, or the one before as well."""
+        """Return the loop closures accepted now: none, `loop`, or `loop` and an earlier one."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]
         for each in self._pending:
-            # Both say the same of the pose at the second one's node.
+            # Both closures agree on the pose of the second node.
             expected = each.after.compose(each.before.between(loop.before))
             limits = (CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE)
             if each.node != loop.node and not has_moved(*expected, *loop.after, *limits):

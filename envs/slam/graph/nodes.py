@@ -1,4 +1,4 @@
-"""Nodes: their scans, the submaps that hold them, and the map that is rendered from them, a few at a time."""
+"""Scans and submaps of nodes, and map rendering."""
 
 import numpy as np
 
@@ -10,25 +10,23 @@ from lidarnaut.envs.slam.key_scans import KeyScans
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from lidarnaut.envs.slam.matching.gauss_newton import refine
 from lidarnaut.envs.slam.matching.scan_matcher import make_prior
-from lidarnaut.envs.slam.params import GraphSlamParams
 from lidarnaut.envs.slam.posegraph import GrowingArray
 from lidarnaut.envs.slam.scans import project_hits
+from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
-CHUNK = 256
-"""Nodes that are integrated at once, at most."""
+MAX_BATCH = 256
+"""Maximum number of nodes integrated at once."""
 FINAL_STDS = np.array([0.05, 0.05, 0.01])
-"""Standard deviations of nodes' poses before they are matched with the map of all of them [m, m, rad]."""
+"""Standard deviations of node poses before the final matching [m, m, rad]."""
 
 
 class NodeStore(KeyScans):
-    """Scans of all nodes, and which of them each submap holds.
+    """Scans of all nodes, and node ranges of submaps.
 
-    The local frame is that of the scan matcher, and is never corrected. A submap's frame lies at its first node, with
-    the axes of the local frame. Its nodes follow one another, so that first and last say which they are.
+    The local frame is the uncorrected frame of scan matching. A submap frame has its origin at the first node.
     """
 
     def __init__(self, lidar: LidarParams) -> None:
-        """Make an empty store for scans of a lidar."""
         super().__init__(lidar)
         self._submaps = GrowingArray((2,), np.int64, 32)
         self._home = GrowingArray((), np.int32, 256)
@@ -37,74 +35,68 @@ class NodeStore(KeyScans):
 
     @property
     def num_submaps(self) -> int:
-        """Number of submaps."""
         return len(self._submaps)
 
     @property
     def home(self) -> np.ndarray:
-        """Shape (num_nodes,), int32: the newest submap that each node was integrated into."""
+        """Newest submap of each node, shape (num_nodes,), int32."""
         return self._home.rows
 
     @property
     def spans(self) -> np.ndarray:
-        """Shape (num_submaps, 2), int64: first node of each submap, and the one after its last."""
+        """First node and end of each submap's node range, shape (num_submaps, 2), int64."""
         return self._submaps.rows
 
     @property
     def travelled(self) -> np.ndarray:
-        """Shape (num_submaps,), float64: distance that the robot had travelled when a submap started [m]."""
+        """Travelled distance at the start of each submap, shape (num_submaps,), float64 [m]."""
         return self._travelled.rows
 
     def break_off(self) -> None:
-        """Note that odometry does not join the nodes that follow with those so far."""
+        """Mark that odometry does not connect earlier nodes with later nodes."""
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
-        """Start a submap with the node that is added next; return its index."""
+        """Start a submap at the next node; return its index."""
         self._travelled.append(travelled)
         return self._submaps.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
-        """Add a node, its pose in the local frame, to submaps, the newest last; return its index."""
+        """Add a node at a local-frame pose to `submaps`, newest last; return its index."""
         node = self.add(ranges, pose)
         self._home.append(submaps[-1])
         self.spans[submaps, 1] = node + 1
         return node
 
     def submap_pose(self, submap: int) -> Pose2D:
-        """Return the pose of a submap in the local frame."""
+        """Return the pose of a submap, local frame."""
         x, y, _ = self.poses[self.spans[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
     def submap_scans(self, submap: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return the scans of a submap, and their poses in its frame: shapes (n, num_beams), float32, and (n, 3)."""
+        """Return scans, shape (n, num_beams), float32, and poses, shape (n, 3), submap frame, of a submap."""
         first, last = self.spans[submap].tolist()
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the joined points of the last nodes up to this one; see `joined_points`.
-
-        Nodes that odometry does not join with the newest one are left out.
-        """
+        """Return joined points of up to `count` nodes up to `node` that odometry connects; see `joined_points`."""
         return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
 
 
 class MapRendering:
-    """A map into which the nodes are integrated one after the other, in the order of time."""
+    """Incremental map rendering from nodes."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
-        """Start with an unknown map."""
         self.map = LogOddsMap(params, lidar)
         self.count = 0
-        """Nodes that were integrated."""
 
     def add(self, nodes: NodeStore, poses: np.ndarray, num_cells: float) -> bool:
-        """Integrate the next nodes at their poses, shape (num_nodes, 3), map frame; return whether all are.
+        """Integrate the next nodes, with up to `num_cells` beam cells but at least one node; return True when complete.
 
-        At least one is, and as many as have beams over `num_cells` cells together.
+        `poses` has shape (num_nodes, 3), map frame.
         """
         geometry = self.map.geometry
-        ranges = nodes.ranges[self.count : self.count + CHUNK]
+        ranges = nodes.ranges[self.count : self.count + MAX_BATCH]
         lengths = np.nan_to_num(ranges, nan=0.0).clip(0.0, geometry.range_max).sum(axis=1) / geometry.resolution
         if len(ranges):
             count = 1 + int(np.searchsorted(np.cumsum(lengths[:-1]), num_cells))
@@ -113,21 +105,20 @@ class MapRendering:
         return self.count == len(poses)
 
     def add_all(self, nodes: NodeStore, poses: np.ndarray) -> LogOddsMap:
-        """Integrate all nodes, and return the map."""
         while not self.add(nodes, poses, np.inf):
             pass
         return self.map
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Give a map the cells of another one; its grid stays the same object. Returns how that changes the map."""
+    """Replace the cells of a map by another map's; return the map update."""
     live.take_cells(other)
     window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
-def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
-    """Tell whether a pose of `before`, shape (n, 3), lies farther from that of `after` than so much [m], [rad]."""
+def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
+    """Return True if any pose, shape (n, 3), moved more than a distance [m] or angle [rad]."""
     if len(before) == 0:
         return False
     moved = after - before
@@ -136,7 +127,7 @@ def has_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_an
 
 
 def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, poses: np.ndarray) -> np.ndarray:
-    """Return where nodes at `poses`, shape (num_nodes, 3), map frame [m, m, rad], fit the map of all of them best."""
+    """Return node poses, shape (num_nodes, 3), map frame [m, m, rad], matched to the map of all nodes."""
     map, refined = MapRendering(params, lidar).add_all(nodes, poses), np.array(poses)
     points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution
     covariance, variance = np.diag(FINAL_STDS**2), params.residual_variance

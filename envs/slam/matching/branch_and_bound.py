@@ -1,9 +1,7 @@
-"""Branch-and-bound search for the pose at which points fit a field best.
+"""Branch-and-bound scan matching to an occupancy field.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V: the score at a pose is the mean of the field's
-cells in which the points fall. A node of the search stands for one heading and a square of 2^l x 2^l offsets, and the
-score of level l of a pyramid of maxima is an upper bound for all of them. The result is the best of all poses of the
-grid, as if each had been scored.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of 2^l x
+2^l offsets; level l of a pyramid of maxima gives an upper bound of its scores.
 """
 
 import math
@@ -15,66 +13,61 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from lidarnaut.envs.geometry.lookup import load
 
-from .fields import FULL, Pyramid
+from .fields import FULL_PERCENT, Pyramid
 
-EVERYWHERE = (0.0, 0.0, 0.0, -1.0, -1.0)
-"""The circle and headings that are left out where none are: x, y [m], heading [rad], radius [m], half angle [rad]."""
+NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
+"""Empty exclusion region: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
-"""Rank of a leaf that was not found."""
 
 
 class SearchWindow(NamedTuple):
-    """Poses that are searched, around a predicted one."""
+    """Pose window of a branch-and-bound search."""
 
     half_width: float
-    """Largest offset along x and along y [m]."""
+    """Maximum offset along x and y [m]."""
     half_angle: float
-    """Largest change of heading [rad]."""
+    """Maximum change of heading [rad]."""
     angle_step: float
-    """Distance between headings [rad]; see `angle_step`."""
+    """Step between headings [rad]."""
 
 
 class SearchResult(NamedTuple):
-    """Result of a search."""
+    """Result of a branch-and-bound search."""
 
     pose: Pose2D | None
-    """The best one, in the frame of the field; None if none reaches the least score."""
+    """Best pose, frame of the field; None if below the minimum score."""
     score: float
-    """Mean of the cells in which points fall, from 0 to 1; 0 if none was found."""
+    """Mean field value at the points, from 0 to 1."""
     evaluations: int
-    """Number of nodes that were scored."""
     is_complete: bool
-    """False if the limit of evaluations ended the search: the best pose may have been missed."""
+    """False if the evaluation limit ended the search."""
 
 
 class Grid(NamedTuple):
-    """Points in cells at all headings of a window."""
+    """Point cells at each heading of a search window."""
 
     cells: np.ndarray
-    """Shape (num_headings, n), int32: index of the cell of each point, for those that may hit the field."""
+    """Cell index of each point that may hit the field, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Shape (num_headings,), int64: number of those."""
+    """Number of valid columns of `cells` per heading, shape (num_headings,), int64."""
     reach: int
-    """Largest offset [cells]."""
+    """Maximum offset [cells]."""
     num_turns: int
-    """Largest change of heading [steps]."""
+    """Maximum change of heading [steps]."""
 
 
 class _Best(NamedTuple):
-    """The best leaf so far."""
-
     total: int
     rank: int
-    """Among equal totals the least rank wins."""
     turn: int
     row: int
     col: int
 
 
 def angle_step(points: np.ndarray, resolution: float) -> float:
-    """Return the step between headings that moves three quarters of the points by at most 1.5 cells [rad].
+    """Return the heading step that moves three quarters of the points by at most 1.5 cells [rad].
 
-    `points` has shape (n, 2), float32, base frame [m]; `resolution` is the side of a cell [m].
+    `points` has shape (n, 2), float32, base frame [m].
     """
     if len(points) == 0:
         return 0.03
@@ -84,11 +77,11 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the `Grid` of points around a pose, moved back by `shift` [cells] along x and y."""
+    """Return the cells of points around a pose, shifted by `-shift` cells."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
-        raise ValueError("the window is larger than the pyramid was built for")
+        raise ValueError("the window is larger than the reach of the pyramid")
     height, width = pyramid.levels.shape[1], pyramid.levels.shape[2]
     n = points.shape[0]
     cells, counts = np.empty((2 * num_turns + 1, n), dtype=np.int32), np.zeros(2 * num_turns + 1, dtype=np.int64)
@@ -110,7 +103,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of the cells of a level, shape (n,), uint8, in which points fall, moved by an offset [cells]."""
+    """Return the sum of the level cells, shape (n,), uint8, at points moved by `offset` cells."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -120,7 +113,6 @@ def total_at(level, grid, turn, offset):
 
 @njit(cache=True, error_model="numpy")
 def _rank(grid, turn, row, col):
-    """Return the rank among equal scores: least for the pose nearest to the predicted one; no two are the same."""
     side, turned = 2 * grid.reach + 1, turn - grid.num_turns
     order = 2 * abs(turned) - (1 if turned < 0 else 0)
     nearness = (row * row + col * col) * (2 * grid.num_turns + 1) + order
@@ -129,11 +121,7 @@ def _rank(grid, turn, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _score_top(levels, width, grid, least, limit):
-    """Score the nodes of the top level, at most `limit`.
-
-    Returns the nodes that may hold totals of at least `least`, shape (n, 4), int64: total, turn, row and column of the
-    offset; the number of nodes scored; and whether those were all.
-    """
+    """Return top-level nodes (total, turn, row, column), number of scored nodes, and completeness."""
     top = levels.shape[0] - 1
     side = 1 << top
     per_axis = 2 * grid.reach // side + 1
@@ -154,12 +142,8 @@ def _score_top(levels, width, grid, least, limit):
 
 
 @njit(cache=True, error_model="numpy")
-def _descend(levels, width, grid, node, best, budget, left_out):
-    """Search below a top node, depth first: the best leaf, number of nodes scored, and whether within `budget`.
-
-    Leaves are `left_out` whose column, row and turn differ by at most a radius and a number from given ones.
-    """
-    far, turn_out, max_turn = left_out[3] * left_out[3], left_out[2], left_out[4]
+def _descend(levels, width, grid, node, best, budget, excluded):
+    far, turn_out, max_turn = excluded[3] * excluded[3], excluded[2], excluded[4]
     top = levels.shape[0] - 1
     stack = np.empty((3 * top + 4, 5), dtype=np.int64)
     stack[0, :4], stack[0, 4] = node, top
@@ -170,7 +154,7 @@ def _descend(levels, width, grid, node, best, budget, left_out):
         if total < best.total:
             continue
         if level == 0:
-            dx, dy = col - left_out[0], row - left_out[1]
+            dx, dy = col - excluded[0], row - excluded[1]
             if abs(turn - turn_out) <= max_turn and dx * dx + dy * dy <= far:
                 continue
             rank = _rank(grid, turn, row, col)
@@ -188,7 +172,7 @@ def _descend(levels, width, grid, node, best, budget, left_out):
             evaluations += 1
             if bound < best.total:
                 continue
-            # The best child ends on top of the stack, and among equal ones the first.
+            # Keep the best child on top of the stack.
             at = count
             while at > first and stack[at - 1, 0] >= bound:
                 stack[at] = stack[at - 1]
@@ -199,14 +183,13 @@ def _descend(levels, width, grid, node, best, budget, left_out):
 
 
 @njit(cache=True, error_model="numpy")
-def _search_below(levels, width, grid, nodes, least, budget, left_out):
-    """Search below nodes of the top level, best first; for the result see `_descend`."""
+def _search_below(levels, width, grid, nodes, least, budget, excluded):
     best = _Best(least, NO_RANK, 0, 0, 0)
     evaluations = 0
     for k in range(nodes.shape[0]):
         if nodes[k, 0] < best.total:
             break
-        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, left_out)
+        best, scored, is_complete = _descend(levels, width, grid, nodes[k], best, budget - evaluations, excluded)
         evaluations += scored
         if not is_complete:
             return best, evaluations, False
@@ -220,24 +203,25 @@ def search(
     window: SearchWindow,
     min_score: float,
     max_evaluations: int,
-    left_out: tuple[float, float, float, float, float] = EVERYWHERE,
+    excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Search the pose in a window at which points, shape (n, 2), float32, base frame [m], fit a field best.
+    """Search a window for the pose where points fit a field best.
 
-    The grid of poses has steps of one cell and of `window.angle_step`, with the predicted `pose`, frame of the field,
-    in the middle. Among equal scores the pose nearest to it wins. `min_score`: least mean of the cells in which points
-    fall, from 0 to 1; `max_evaluations`: most nodes that are scored, each costs as much as there are points;
-    `left_out`: a place that is not searched, see `EVERYWHERE`. ValueError if the window is larger than the pyramid was
-    built for.
+    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
+    the field. `points` has shape (n, 2), float32, base frame [m]. `min_score` is the minimum mean field value at the
+    points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region to skip.
+
+    Raises:
+        ValueError: if the window exceeds the reach of the pyramid.
     """
     grid = discretise(pyramid, points, tuple(pose), window, 0.0)
     width, levels = pyramid.levels.shape[2], pyramid.levels.reshape(len(pyramid.levels), -1)
-    least = max(math.ceil(min_score * FULL * len(points) - 1e-9), 1)
+    least = max(math.ceil(min_score * FULL_PERCENT * len(points) - 1e-9), 1)
     nodes, evaluations, is_complete = _score_top(levels, width, grid, least, max_evaluations)
     if not is_complete:
         return SearchResult(None, 0.0, evaluations, False)
     nodes = nodes[np.argsort(-nodes[:, 0], kind="stable")]
-    x, y, theta, radius, angle = left_out
+    x, y, theta, radius, angle = excluded
     center = (x - pose[0]) / pyramid.resolution, (y - pose[1]) / pyramid.resolution
     turn = wrap_angle(theta - pose[2]) / window.angle_step + grid.num_turns
     out = (*center, turn, radius / pyramid.resolution, angle / window.angle_step)
@@ -246,5 +230,5 @@ def search(
         return SearchResult(None, 0.0, evaluations + scored, is_complete)
     x, y = pose[0] + best.col * pyramid.resolution, pose[1] + best.row * pyramid.resolution
     theta = wrap_angle(pose[2] + (best.turn - grid.num_turns) * window.angle_step)
-    score = best.total / (FULL * len(points))
+    score = best.total / (FULL_PERCENT * len(points))
     return SearchResult(Pose2D(x, y, theta), score, evaluations + scored, is_complete)

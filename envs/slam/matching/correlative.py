@@ -1,4 +1,4 @@
-"""Correlative scan matching: trying all poses of a window (Olson, Real-time correlative scan matching, 2009)."""
+"""Correlative scan matching by exhaustive search (Olson, Real-time correlative scan matching, 2009)."""
 
 import math
 from typing import NamedTuple
@@ -9,31 +9,30 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
-"""Hits of a scan that are looked up, evenly chosen."""
+"""Maximum number of hits scored per pose, evenly chosen."""
 TURN_STEP = 0.03
-"""From one heading to the next [rad]."""
+"""Step between headings [rad]."""
 PENALTY = 0.01
-"""Taken off the score for each squared standard deviation from the predicted pose."""
+"""Score penalty per squared standard deviation from the predicted pose."""
 
 
-class SearchWindow(NamedTuple):
-    """Poses that are tried, around the predicted one. Lengths in cells of the finest map."""
+class CorrelativeWindow(NamedTuple):
+    """Pose window of a correlative search, in cells of the finest map."""
 
     distance: float
-    """Farthest along each axis [cells]."""
+    """Maximum offset along each axis [cells]."""
     angle: float
-    """Farthest turn [rad]."""
+    """Maximum change of heading [rad]."""
     position_std: float
     """Standard deviation of the predicted position [cells]."""
     heading_std: float
     """Standard deviation of the predicted heading [rad]."""
     unknown: int
-    """Occupancy that unknown cells are taken to have [percent]."""
+    """Assumed occupancy of unknown cells [percent]."""
 
 
 @njit(cache=True, error_model="numpy")
 def _total_inside(flat, indices, shift, unknown):
-    """Return what `_total` does, of cells by their indices, none of which the shift carries out of the map."""
     total = 0
     for k in range(indices.shape[0]):
         value = int(load(flat, np.uint64(indices[k] + shift)))
@@ -43,7 +42,6 @@ def _total_inside(flat, indices, shift, unknown):
 
 @njit(cache=True, error_model="numpy")
 def _total(occupancy, cells, up, right, unknown):
-    """Return the sum of the occupancies of shifted cells, shape (2, n): rows, columns."""
     height, width = occupancy.shape
     total = 0
     for k in range(cells.shape[1]):
@@ -57,12 +55,11 @@ def _total(occupancy, cells, up, right, unknown):
 
 @njit(cache=True, error_model="numpy")
 def search_window(occupancy, scale, points, num_points, pose, window):
-    """Return the best of the poses around a predicted one, whole cells and steps of `TURN_STEP` apart.
+    """Return the pose in a window with the highest mean occupancy under the hits, minus a prior penalty.
 
-    The score of a pose is the mean occupancy of the cells that the hits fall in, less `PENALTY`. `occupancy`: shape
-    (height, width), int8, percent, -1 unknown; `scale`: side of its cells in cells of the finest map, the unit of all
-    else; `points`: shape (2, >= num_points), float32, at least one hit, base frame; `pose`: predicted x, y from the
-    map's corner and heading [rad], as is the result; `window`: `SearchWindow`.
+    `occupancy` has shape (height, width), int8 [percent], with `scale` cells per cell of the finest map, the unit of
+    other arguments. `points` are hits, base frame. `pose` is the predicted x, y from the map's corner and heading
+    [rad], like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

@@ -1,4 +1,4 @@
-"""Covariances of poses that odometry predicts and scans correct."""
+"""Pose covariance: prediction by odometry, correction by scan matching."""
 
 import math
 from typing import NamedTuple, Self
@@ -9,11 +9,11 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""What noise of the map alone adds to each eigenvalue of the Hessian's translation, for a hit [1/cells^2]."""
+"""Share of map noise in the eigenvalues of the translational Hessian, per hit [1/cells^2]."""
 
 
 class NoiseRecord(NamedTuple):
-    """`OdometryNoise` as kernels take it."""
+    """`OdometryNoise` as a named tuple for kernels."""
 
     position_std: float
     position_per_metre: float
@@ -23,27 +23,21 @@ class NoiseRecord(NamedTuple):
 
     @classmethod
     def of(cls, noise: OdometryNoise) -> Self:
-        """Return the same numbers."""
         return cls(*(float(getattr(noise, field)) for field in cls._fields))
 
 
 @njit(cache=True, error_model="numpy")
 def motion_stds(noise, travelled, turn):
-    """Return the standard deviations of position [m] and heading [rad] after a motion; see `OdometryNoise`.
-
-    `noise`: `NoiseRecord`; `travelled`: distance [m]; `turn`: change of heading [rad].
-    """
+    """Return standard deviations of position [m] and heading [rad] after a distance [m] and a turn [rad]."""
     heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
     return noise.position_std + noise.position_per_metre * travelled, heading_std
 
 
 @njit(cache=True, error_model="numpy")
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
-    """Return a Hessian's entries xx, xy, xt, yy, yt with less information on the position.
+    """Return Hessian entries xx, xy, xt, yy, yt without the information from map noise.
 
-    A map's noise has gradients too, and along a corridor they would claim a position that no wall supports. `noise` is
-    taken off both eigenvalues of the block of the position, as far as they reach; the other entries are scaled alike,
-    so that the matrix stays positive semidefinite.
+    Noise gradients would constrain positions along corridors. `noise` is subtracted from both position eigenvalues.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)
@@ -52,7 +46,6 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
         return 0.0, 0.0, 0.0, 0.0, 0.0
     keep_large = math.sqrt((large - noise) / large)
     keep_small = math.sqrt(max(small - noise, 0.0) / small) if small > 0.0 else 0.0
-    # Direction of the large eigenvalue.
     angle = 0.5 * math.atan2(h_xy, half)
     c, s = math.cos(angle), math.sin(angle)
     s_xx = c * c * keep_large + s * s * keep_small
@@ -71,7 +64,7 @@ def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
 
 @njit(cache=True, error_model="numpy")
 def invert(p, out):
-    """Write the inverse of a symmetric, positive definite matrix, shape (3, 3), to `out`; return the determinant."""
+    """Write the inverse of a symmetric positive definite 3 x 3 matrix to `out`; return the determinant."""
     m_xx, m_xy = p[1, 1] * p[2, 2] - p[1, 2] * p[1, 2], p[0, 2] * p[1, 2] - p[0, 1] * p[2, 2]
     m_xt = p[0, 1] * p[1, 2] - p[0, 2] * p[1, 1]
     determinant = p[0, 0] * m_xx + p[0, 1] * m_xy + p[0, 2] * m_xt
@@ -86,10 +79,9 @@ def invert(p, out):
 
 @njit(cache=True, error_model="numpy")
 def predict_covariance(p, dx, dy, position_std, heading_std):
-    """Turn the covariance of a pose into that after a motion (dx, dy) [m], map frame, in place.
+    """Propagate a pose covariance by a motion (dx, dy) [m], map frame, in place.
 
-    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), where F moves the position across the motion as
-    the heading turns; `p` has shape (3, 3), float64 [m, rad].
+    P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), with motion Jacobian F.
     """
     variance = p[2, 2]
     x, y = p[0, 2], p[1, 2]
@@ -103,11 +95,10 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 
 @njit(cache=True, error_model="numpy")
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
-    """Turn the covariance of a predicted pose into that after a match, in place: P <- (P^-1 + H / k)^-1.
+    """Correct a predicted pose covariance by a match, in place: P <- (P^-1 + H / k)^-1.
 
-    `p` has shape (3, 3), float64 [m, rad]; H is that of `fit`, the `Fit` at the match, and k the residual variance. The
-    side of a cell of the finest map, `resolution`, is in metres. Returns the determinant after the match over that
-    before.
+    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns the ratio of
+    determinants, after to before.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
     information = p.copy()
@@ -123,6 +114,6 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
 
 
 def position_std(covariance: np.ndarray) -> float:
-    """Return the standard deviation of the position along its worst direction [m]; `covariance` as in `Belief`."""
+    """Return the largest position standard deviation over all directions [m]."""
     (xx, xy, _), (_, yy, _), _ = covariance.tolist()
     return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

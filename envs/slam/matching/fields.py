@@ -1,4 +1,4 @@
-"""Occupancy fields that points are searched in, and whether points agree with one: what tells that a robot is lost."""
+"""Occupancy fields, and consistency checks between scans and maps."""
 
 import math
 from typing import NamedTuple, Self
@@ -8,36 +8,35 @@ from numba import njit
 
 from lidarnaut.envs.geometry import OccupancyGrid
 
-from ..params import LoopClosureParams
+from ..slam_params import LoopClosureParams
 
-FULL = 100
-"""Field value that scores 1 [percent]."""
+FULL_PERCENT = 100
+"""Field value with score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Cells above the first are occupied, known ones below it free; above the second they surely are, as for ROS maps."""
+"""Occupancy thresholds [percent]: occupied above 50, certainly occupied above 65 as in ROS, otherwise free."""
 LEAST_HITS = 40
-"""Hits on known cells from which on `fits_map` judges a scan."""
+"""Minimum number of hits on known cells for `fits_map`."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Share of these hits that must lie at occupied cells of the map of a drive, which may bend, and of a submap."""
+"""Minimum fraction of hits near occupied cells, for a map, which may bend, and for a submap."""
 
 
-GRAZING = 0.3
-"""Ends of beams that are not asked for what they pass: those along a wall touch its cells before they hit it [m]."""
+GRAZING_LENGTH = 0.3
+"""Length of the beam end that `count_crossings` skips [m]; grazing beams touch wall cells before their hit."""
 
 
 class Field(NamedTuple):
-    """Occupancies, and how their cells lie in the frame of a map."""
+    """Occupancy array with its position in a map frame."""
 
     occupancy: np.ndarray
-    """Shape (height, width), int8 [percent]: -1 unknown."""
+    """Occupancies, shape (height, width), int8 [percent], -1 unknown."""
     x: float
-    """Position of the corner of cell (0, 0), with `y` [m]."""
+    """Corner of cell (0, 0) along x [m]."""
     y: float
     resolution: float
-    """Side of a cell [m]."""
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Return what is known of a grid; one unknown cell if nothing is."""
+        """Return the known part of a grid; one unknown cell if nothing is known."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -49,23 +48,22 @@ class Field(NamedTuple):
 
 
 class HitShares(NamedTuple):
-    """How the hits of a scan fall on a field."""
+    """Fractions of hits by the occupancy around them."""
 
     score: float
-    """Mean occupancy of the cells; those that are free or unknown count 0."""
+    """Mean occupancy under the hits, from 0 to 1; free and unknown cells count as 0."""
     occupied: float
-    """Share of hits on or next to an occupied cell."""
+    """Fraction of hits on or next to an occupied cell."""
     free: float
-    """Share of hits in free cells that have no occupied one next to them."""
+    """Fraction of hits in free cells without an occupied neighbour."""
 
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count the hits of a scan on or next to occupied cells, and those in free cells with no occupied one next to them.
+    """Count hits near occupied cells, and hits in free cells without an occupied neighbour.
 
-    A wall that is off by a cell agrees with the map, other than by the mean occupancy under the hits. `points`: shape
-    (n, 2), float32, hits in the base frame [m]; `pose`: x, y, heading in the frame of the field [m, m, rad]. Returns
-    also the sum of the occupancies above one half in which hits fall [percent].
+    `points` has shape (n, 2), float32, base frame [m]; `pose` is in the frame of the field [m, m, rad]. The third
+    result is the sum of occupied values under the hits [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -89,19 +87,18 @@ def count_hits(field, points, pose):
 
 
 def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
-    """Return the `HitShares` of points at a pose; for the arguments see `count_hits`."""
+    """Return the `HitShares` of points; see `count_hits`."""
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
-    return HitShares(total / (FULL * n), occupied / n, free / n)
+    return HitShares(total / (FULL_PERCENT * n), occupied / n, free / n)
 
 
 def fits_map(
     grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
 ) -> bool | None:
-    """Tell whether at least a share of the hits on known cells lies at occupied ones; None with too few of them.
+    """Return True if at least `least_share` of the known hits lie near occupied cells; None below `LEAST_HITS`.
 
-    `points`: shape (2, n), float32, hits in the base frame [cells]; `pose`: x, y, heading in the frame of the map [m,
-    m, rad].
+    `points` has shape (2, n), float32, base frame [cells]; `pose` is in the map frame [m, m, rad].
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
@@ -111,11 +108,10 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count the beams of a scan that pass through surely occupied cells, and all of which most cells passed are known.
+    """Count beams through certainly occupied cells, and all beams that cross mostly known cells.
 
-    A scan in the wrong place often hits walls that are there, but seldom sees through none. What is met in the last
-    `GRAZING` metres of a beam is not counted. `ranges`: shape (num_beams,), float32 [m]; `geometry`: `ScanGeometry`;
-    `pose`: x, y, heading of the base in the frame of the field [m, m, rad].
+    At a wrong pose, beams cross walls even if hits fall on walls. `ranges` has shape (num_beams,), float32 [m]; `pose`
+    is in the frame of the field [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -127,7 +123,7 @@ def count_crossings(field, ranges, geometry, pose):
             continue
         dx = c * geometry.directions[0, k] - s * geometry.directions[1, k]
         dy = s * geometry.directions[0, k] + c * geometry.directions[1, k]
-        count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING) / side)
+        count = math.floor((min(float(ranges[k]), geometry.range_max) - GRAZING_LENGTH) / side)
         known = 0
         for step in range(1, count + 1):
             col, row = math.floor(x + step * dx), math.floor(y + step * dy)
@@ -142,7 +138,7 @@ def count_crossings(field, ranges, geometry, pose):
 
 
 def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
-    """Return whether hits agree well enough with a map for a loop closure or a relocalization."""
+    """Return True if hits agree with a map well enough for loop closure or relocalization."""
     return (
         shares.score >= params.min_score
         and shares.occupied >= params.min_occupied
@@ -152,26 +148,21 @@ def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
 
 
 class Pyramid(NamedTuple):
-    """Maxima of a field over squares of growing size: upper bounds for scores of many poses at once.
-
-    Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V.B.
-    """
+    """Maxima of a field over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
 
     levels: np.ndarray
-    """Shape (num_levels, height, width), uint8: cell (i, j) of level l is the greatest of the cells from (i, j) to
-    (i + 2^l - 1, j + 2^l - 1) of level 0, which is the field within a border of zeros."""
+    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l cells of the
+    field from (i, j) on. The field has a border of zeros."""
     x: float
-    """Position of the corner of cell (0, 0), with `y`, frame of the field [m]."""
+    """Corner of cell (0, 0) along x, frame of the field [m]."""
     y: float
     resolution: float
-    """Side of a cell [m]."""
     reach: int
-    """Largest half width of a window that may be searched [cells]."""
+    """Maximum half width of a search window [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def _write_greatest(a, b, c, d, out):
-    """Write the greatest of four arrays; all of shape (n,), uint8."""
     for j in range(out.shape[0]):
         left = a[j] if a[j] > b[j] else b[j]
         right = c[j] if c[j] > d[j] else d[j]
@@ -180,16 +171,11 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return the `Pyramid` of a `Field`, whose cells that are free or unknown count as 0.
-
-    The last one of the levels holds maxima over 2^(num_levels - 1) cells; `reach` is the largest half width of a window
-    that will be searched [m].
-    """
+    """Return the `Pyramid` of a `Field` for windows up to a half width `reach` [m]; free and unknown cells are 0."""
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)
-    # A point that lies outside by the window's reach may get in. Moved away by as much, it leaves a row for the border
-    # of the next one, which is as empty; above and below there must be twice the room.
+    # Points may move by twice the reach up and down; along a row, indices continue in the next row's border.
     rows, cols = 2 * cells + side, cells + side
     height, width = occupancy.shape[0] + 2 * rows, occupancy.shape[1] + 2 * cols
     levels = np.zeros((num_levels, height, width), dtype=np.uint8)

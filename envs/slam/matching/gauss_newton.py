@@ -1,12 +1,11 @@
-"""Matching a scan to an occupancy map by Gauss-Newton steps, with a prior (Kohlbrecher et al., 2011, section IV.B).
+"""Gauss-Newton scan matching with a pose prior (Kohlbrecher et al., 2011, section IV.B).
 
-Sought is the pose that minimises
+Minimises over the pose
 
     sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-where q is a hit in the map and M the occupancy there, from 0 to 1, interpolated between cell centres. The original has
-no prior; with it the result is the most probable pose given scan and odometry. Positions and lengths are in cells of
-the finest map throughout.
+with hits q in the map and interpolated occupancy M, from 0 to 1. The original has no prior. Lengths are in cells of the
+finest map.
 """
 
 import math
@@ -20,15 +19,15 @@ from numba.extending import overload
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2
-"""Longest step of the heading [rad]."""
+"""Maximum turn per step [rad]."""
 SMALL_STEP = 1e-2
-"""A step shorter than this [cells], with a turn that moves the hits no farther, ends the steps on the finest map."""
+"""Convergence threshold on the finest map, for the shift of position and farthest hit [cells]."""
 COARSE_STEP = 0.05
-"""The same on the others, whose result is but a start [cells of the map]."""
+"""Convergence threshold on coarser maps [cells of that map]."""
 
 
-class Prior(NamedTuple):
-    """Where the pose is expected, x, y [cells] and heading [rad], and how firmly: the entries of W."""
+class PosePrior(NamedTuple):
+    """Prior pose, x, y [cells] and heading [rad], with weight matrix W."""
 
     x: float
     y: float
@@ -42,47 +41,47 @@ class Prior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """What the hits of a scan say at a pose: sums over the hits."""
+    """Gauss-Newton sums over the hits at a pose."""
 
     h_xx: float
-    """The Hessian sum g g^T, where g is the gradient of M by the pose, and so on."""
+    """Hessian entry: sum over hits of g g^T, with the gradient g of the occupancy by the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
     h_yt: float
     h_tt: float
     b_x: float
-    """The right-hand side sum g (1 - M), and so on."""
+    """Right-hand side entry: sum over hits of gradient times residual."""
     b_y: float
     b_t: float
     total: float
-    """Sum of M."""
+    """Sum of occupancies under the hits."""
     squares: float
-    """Sum of (1 - M)^2."""
+    """Sum of squared residuals, (1 - occupancy)^2."""
 
 
 class Level(NamedTuple):
-    """One of several maps, which lies in one array."""
+    """Flattened map at one resolution."""
 
     occupancy: np.ndarray
-    """Shape (height * width,), int8, percent; -1 unknown."""
+    """Occupancies, shape (height * width,), int8 [percent], -1 unknown."""
     height: int
     width: int
 
 
 @singledispatch
 def at_level(map, level):
-    """Return a level of a map as kernels read it: with `occupancy`, flattened, `height` and `width`.
+    """Return a map level with flattened `occupancy`, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8, the finest first; or another kind that registers and
-    overloads this and `neighbours`, as `gmapping.tiles` does.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads `at_level` and
+    `neighbours`, as in `gmapping.tiles`.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return where four cells lie in `view.occupancy`: (row, col), (row, col + 1), (row + 1, col) and the last one."""
+    """Return flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
@@ -100,10 +99,10 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the `Fit` of a scan at a pose: x, y from the map's corner [cells of the finest map], heading [rad].
+    """Return the `Fit` of a scan at x, y from the map's corner [cells] and heading theta [rad].
 
-    `map`: see `at_level`, an unknown cell counts as one half; `level`: its number, each has cells twice as wide as the
-    one before; `points`: shape (2, >= num_points), float32, hits in the base frame [cells of the finest map].
+    Cell sides double per `level`; unknown cells count as 0.5. `points` are hits, shape (2, >= num_points), float32,
+    base frame [cells].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width
@@ -141,7 +140,7 @@ def evaluate(map, level, points, num_points, x, y, theta):
         b_t += g_t * residual
         total += m
         squares += residual * residual
-    # From percent and this map's cells to probabilities and the finest map's cells.
+    # Convert percent and cells of the level to probabilities and finest cells.
     h, b = (0.01 * scale) ** 2, 1e-4 * scale
     hessian = (h * h_xx, h * h_xy, h * h_xt, h * h_yy, h * h_yt, h * h_tt)
     return Fit(*hessian, b * b_x, b * b_y, b * b_t, 0.01 * total, 1e-4 * squares)
@@ -149,10 +148,7 @@ def evaluate(map, level, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def known_score_at(map, points, num_points, x, y, theta):
-    """Return how many hits fall in known cells of the finest map, and the mean occupancy of these from 0 to 1.
-
-    Arguments are those of `evaluate`.
-    """
+    """Return the number of hits in known finest-level cells, and their mean occupancy from 0 to 1; see `evaluate`."""
     view = at_level(map, 0)
     c, s = math.cos(theta), math.sin(theta)
     count = total = 0
@@ -169,7 +165,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn) at a pose, zeros if the scan and the prior do not determine it."""
+    """Return the Gauss-Newton step (dx, dy, turn); zeros if the pose is undetermined."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
@@ -191,11 +187,10 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Step to the best pose, on one map after the other from the coarsest to the finest.
+    """Refine a pose by Gauss-Newton steps from the coarsest to the finest level; return x, y, heading and `Fit`.
 
-    Map and points are as in `evaluate`; `pose` is x, y from the map's corner [cells] and heading [rad] to start from,
-    and the heading of the `Prior` within half a turn of that, not wrapped. There are at most `iterations` steps on the
-    finest map, and `coarse_iterations` on each of the others. Returns x, y, heading and its `Fit` on the finest map.
+    `pose` is the initial x, y from the map's corner [cells] and heading [rad]; the heading of `prior` lies within pi of
+    it, unwrapped. `iterations` applies to the finest level, `coarse_iterations` to each other level. See `evaluate`.
     """
     x, y, theta = pose
     reach = 1.0

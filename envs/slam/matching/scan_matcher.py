@@ -1,4 +1,4 @@
-"""One scan matched to a log-odds map: a search where odometry may be far off, Gauss-Newton, and the covariance."""
+"""Scan matching to a log-odds map: correlative search, Gauss-Newton refinement, covariance."""
 
 import math
 from typing import Any, NamedTuple, Self
@@ -9,20 +9,20 @@ from numba import njit
 from lidarnaut.envs.geometry import wrap_angle
 from lidarnaut.envs.geometry.pose import distance
 
-from ..params import MatchingParams
 from ..scans import project_hits
-from .correlative import SearchWindow, search_window
+from ..slam_params import MatchingParams
+from .correlative import CorrelativeWindow, search_window
 from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, predict_covariance
-from .gauss_newton import Fit, Prior, known_score_at, refine
+from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
-WINDOW = 2.0
-"""Half width of the search window in standard deviations of the predicted pose."""
-FREE = 1e6
-"""Standard deviation of a pose that nothing predicts [m] or [rad]."""
+WINDOW_STDS = 2.0
+"""Half width of search windows, in standard deviations of the prediction."""
+UNKNOWN_POSE_STD = 1e6
+"""Standard deviation of a pose without odometry [m] or [rad]."""
 
 
 class MatcherParams(NamedTuple):
-    """What kernels read of `MatchingParams`, by the same names; None, for never, is infinite."""
+    """`MatchingParams` as a named tuple for kernels, with infinity instead of None."""
 
     odometry_noise: NoiseRecord
     uses_odometry: bool
@@ -40,58 +40,53 @@ class MatcherParams(NamedTuple):
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
-        """Return what a matcher with these params reads."""
         values = [getattr(params, name) for name in cls._fields[1:]]
         numbers: list[Any] = [math.inf if value is None else value for value in values]
         return cls(NoiseRecord.of(params.odometry_noise), *numbers)
 
 
 class Match(NamedTuple):
-    """Where a scan fits the map."""
+    """Result of matching a scan to a map."""
 
     x: float
-    """Position, with `y`, and heading in [-pi, pi), map frame [m, m, rad]."""
+    """Matched x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool
-    """Whether enough hits fall in known cells to tell whether the scan fits; see `MatchingParams.min_known_hits`."""
+    """Whether enough hits fall in known cells to judge the match."""
     fits: bool
-    """Whether nothing speaks against the pose; see `MatchingParams.min_known_score`."""
+    """Whether the score is high enough, or cannot be judged."""
     num_hits: int
-    """Hits of the scan."""
     fit: Fit
-    """What they say at the pose."""
+    """Gauss-Newton sums at the matched pose."""
     is_far: bool
-    """Whether the second search found the pose, of which odometry knew nothing; see `MatchingParams.retry_below`."""
+    """Whether the wider search found the pose."""
 
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the prior of a predicted pose, x, y [cells] and heading, with its covariance [m, rad]: W = k P^-1."""
+    """Return the prior of a predicted pose [cells, cells, rad] from its covariance [m, rad]: W = k P^-1."""
     w = np.empty((3, 3))
     invert(covariance, w)
     k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
     w_xx, w_xy, w_yy = square * w[0, 0], square * w[0, 1], square * w[1, 1]
-    return Prior(pose[0], pose[1], pose[2], w_xx, w_xy, mixed * w[0, 2], w_yy, mixed * w[1, 2], k * w[2, 2])
+    return PosePrior(pose[0], pose[1], pose[2], w_xx, w_xy, mixed * w[0, 2], w_yy, mixed * w[1, 2], k * w[2, 2])
 
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Return the `Match` of a scan with a map.
+    """Return the `Match` of a scan, shape (num_beams,), float32 [m], with a map.
 
-    `ranges`: shape (num_beams,), float32 [m], as in `project_hits`; `levels`: occupancies, the finest first, see
-    `at_level`; `corner`: column and row of the finest map's first cell, counted from the map frame's origin; `last`,
-    `predicted`: poses (x, y, theta) of the last matched scan and by odometry since then (not used without odometry),
-    map frame [m, m, rad]; `params`: `MatcherParams`; `covariance`: shape (3, 3), float64 [m, rad], that of the last
-    pose; written: that of the match, or, of a scan that does not fit, that of the predicted pose; `points`: shape (2,
-    num_beams), float32, scratch.
+    `levels` are occupancies, finest first; `corner` is that of `beam_ends`. `last` is the pose of the last matched
+    scan, `predicted` the odometry pose, map frame [m, m, rad]. `covariance`, shape (3, 3), float64 [m, rad], is updated
+    to the match, or to the prediction after a mismatch.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])
     travelled = distance(dx, dy)
     position_std, heading_std = motion_stds(params.odometry_noise, travelled, turn)
     if not params.uses_odometry:
-        predicted, position_std, heading_std = last, FREE, FREE
+        predicted, position_std, heading_std = last, UNKNOWN_POSE_STD, UNKNOWN_POSE_STD
     count = project_hits(ranges, geometry, points)
     start = (predicted[0] / resolution - corner[0], predicted[1] / resolution - corner[1], predicted[2])
     predict_covariance(covariance, dx, dy, position_std, heading_std)
@@ -101,18 +96,20 @@ def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, c
     over, pose = (levels[coarse], 0.5**coarse, points, count, start), start
     stds = (position_std / resolution, heading_std)
     if count > 0 and (travelled > params.search_distance or abs(turn) > params.search_angle):
-        pose = search_window(*over, SearchWindow(WINDOW * stds[0], WINDOW * stds[1], stds[0], stds[1], 50))
+        pose = search_window(
+            *over, CorrelativeWindow(WINDOW_STDS * stds[0], WINDOW_STDS * stds[1], stds[0], stds[1], 50)
+        )
     x, y, theta, fit = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
     num_known, known_score = known_score_at(levels, points, count, x, y, theta)
     is_far = False
     if num_known >= params.min_known_hits and known_score < params.retry_below:
-        # The prediction has failed, and with it the covariance that would hold the pose there. Unknown cells count
-        # nothing: they would draw a search as wide as this one.
-        far, around = params.retry_distance / resolution, params.retry_angle
-        pose = search_window(*over, SearchWindow(far, around, 0.5 * far, 0.5 * around, 0))
+        # The prediction failed, and its covariance is too small. Unknown cells count as 0, because they would attract a
+        # wide search.
+        half_width, half_angle = params.retry_distance / resolution, params.retry_angle
+        pose = search_window(*over, CorrelativeWindow(half_width, half_angle, 0.5 * half_width, 0.5 * half_angle, 0))
         wide = np.zeros((3, 3))
         wide[0, 0] = wide[1, 1] = params.retry_distance**2
-        wide[2, 2] = around**2
+        wide[2, 2] = half_angle**2
         prior = make_prior(start, wide, params.residual_variance, resolution)
         found = refine(levels, num_levels, points, count, pose, prior, finest_steps, steps)
         there = known_score_at(levels, points, count, found[0], found[1], found[2])

@@ -1,8 +1,7 @@
-"""Covariance of a match from the scores around it.
+"""Covariance of a scan match from scores of nearby poses (Olson, 2009, section III.C).
 
-Olson, Real-time correlative scan matching, 2009, section III.C: scores at poses around the optimum are taken for the
-logarithm of a likelihood, and its second moments are the covariance. A match that can slide, as along a corridor,
-scores alike wherever it slides to, and gets a long ellipse; the curvature at the optimum alone would not show that.
+Scores are log-likelihoods, and their second moments the covariance. A match that can slide, as along a corridor, gets a
+long ellipse, which the curvature at the optimum would not show.
 """
 
 from functools import cache
@@ -13,27 +12,26 @@ from numba import njit
 from lidarnaut.envs.geometry import Pose2D
 
 from .branch_and_bound import SearchWindow, discretise, total_at
-from .fields import FULL, Pyramid
+from .fields import FULL_PERCENT, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
-"""Largest offset along x and along y, and distance between positions, at best twice the side of a cell [m]."""
+"""Maximum offset and step of scored positions, x and y [m]."""
 NUM_TURNS, TURN_STEP = 2, 0.02
-"""Headings on each side of the match, and distance between them [rad]."""
+"""Scored headings on each side of the match, and their step [rad]."""
 POINT_STEP = 4
-"""Every so many points are scored."""
+"""Stride of scored points."""
 TEMPERATURE = 0.03
-"""Difference of scores that makes a pose less likely by a factor of e."""
+"""Score difference for a likelihood ratio of e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations that come of the steps alone [m, m, rad]; they are subtracted."""
+"""Standard deviations caused by the step size [m, m, rad], subtracted as variances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Standard deviations of a match that cannot slide [m, m, rad]; they are added."""
+"""Minimum standard deviations [m, m, rad], added as variances."""
 MAX_SHARE = 0.99
-"""Variances above this share of a flat surface's are taken for it."""
+"""Maximum variance relative to a flat score surface."""
 
 
 @njit(cache=True, error_model="numpy")
 def _totals(pyramid, grid, reach, stride):
-    """Return sums of cells of level 1, points moved by up to `reach` strides: shape (headings, rows, columns)."""
     level, width = pyramid.levels[1].ravel(), pyramid.levels.shape[2]
     totals = np.empty((grid.counts.shape[0], 2 * reach + 1, 2 * reach + 1), dtype=np.int64)
     for turn in range(totals.shape[0]):
@@ -44,36 +42,33 @@ def _totals(pyramid, grid, reach, stride):
 
 
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
-    """Score the poses around a match.
+    """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
 
-    Scores are taken from level 1 of the pyramid, the maxima of 2 x 2 cells: walls one cell thick would fall between
-    positions two cells apart. Points have shape (n, 2), float32, base frame [m]; the pose lies in the frame of the
-    field. Returns shape (num_headings, num_rows, num_columns), float64, from 0 to 1, the match in the middle and the
-    others up to `half_width` from it [m].
+    Level 1 of the pyramid is used, because positions could skip walls one cell thick. `points` has shape (n, 2),
+    float32, base frame [m]; `pose` is in the frame of the field; `half_width` is the maximum offset [m].
 
     Raises:
-        ValueError: the offsets are larger than the pyramid was built for.
+        ValueError: if offsets exceed the reach of the pyramid.
     """
     stride = max(round(STEP / pyramid.resolution), 1)
     reach = round(half_width / (stride * pyramid.resolution))
     window = SearchWindow(reach * stride * pyramid.resolution, NUM_TURNS * TURN_STEP, TURN_STEP)
     chosen = np.ascontiguousarray(points[::POINT_STEP])
-    # The two cells that a maximum covers lie around a point if it is moved back by half a cell.
+    # Half a cell of shift centres the 2 x 2 cells of a maximum on the point.
     grid = discretise(pyramid, chosen, tuple(pose), window, 0.5)
-    scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL * max(len(chosen), 1))
+    scores: np.ndarray = _totals(pyramid, grid, reach, stride) / (FULL_PERCENT * max(len(chosen), 1))
     return scores
 
 
 @cache
 def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarray:
-    """Return x, y and turn of scores of a shape from the one in the middle: shape (3, number of scores), float64."""
     steps = np.array([[turn_step], [step], [step]])
     offsets: np.ndarray = (np.indices(shape).reshape(3, -1) - np.array(shape)[:, None] // 2) * steps
     return np.ascontiguousarray(offsets[::-1])
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return the second moments about the match, shape (3, 3), of the likelihood that scores `step` [m] apart mean."""
+    """Return second moments of the pose about the match, shape (3, 3), from scores at position step `step` [m]."""
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()
@@ -81,12 +76,10 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 
 
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
-    """Return the covariance of a match: shape (3, 3), float64, in the frame of the field [m^2, rad^2].
+    """Return the covariance of a match, shape (3, 3), float64, frame of the field [m^2, rad^2].
 
-    From the second moments the part that comes of the steps is subtracted, down to 0. What the edge of the surface adds
-    to the information is taken off, P <- (P^-1 - U^-1)^-1 with the moments U of a flat surface: one that is flat, as
-    along a corridor, says nothing. Otherwise many such matches together would hold a robot where none of them can. The
-    least variance of a match is added. For the arguments and errors see `surface_scores`.
+    Second moments are corrected for the step size and the finite window: P <- (P^-1 - U^-1)^-1, with moments U of a
+    flat surface. Otherwise, uninformative matches would add up to false information. See `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)

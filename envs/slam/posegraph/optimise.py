@@ -1,9 +1,6 @@
 """Gauss-Newton optimisation of a pose graph.
 
-Every node is constrained to few submaps and to no other node. So its three unknowns are eliminated (Schur complement,
-as points are in bundle adjustment: Triggs et al., 2000, section 6.1), and what is left are three unknowns per submap.
-
-One iteration is one call of `optimise_step`: a SLAM can spread an optimisation over scans by counting iterations.
+Nodes, which are constrained only to submaps, are eliminated by the Schur complement (Triggs et al., 2000, section 6.1).
 """
 
 import math
@@ -20,27 +17,27 @@ from .skyline import factorise, row_starts, solve
 
 
 class Linearised(NamedTuple):
-    """Active constraints, sorted by node, linearised about the poses of the graph. Axes are those of the map frame."""
+    """Active constraints sorted by node, linearised at the current poses, map frame."""
 
     starts: np.ndarray
-    """Shape (num_nodes + 1,), int64: where the constraints of a node start."""
+    """First constraint of each node, shape (num_nodes + 1,), int64."""
     submap: np.ndarray
-    """Shape (n,), int64: index of the unknown submap, -1 for the one that is fixed."""
+    """Unknown submap of each constraint, shape (n,), int64; -1 if fixed."""
     information: np.ndarray
-    """Shape (n, 3, 3), float64: weighted information."""
+    """Weighted information of each constraint, shape (n, 3, 3), float64."""
     product: np.ndarray
-    """Shape (n, 3, 3), float64: information times the derivative of the node's predicted pose by the submap's pose."""
+    """Information times Jacobian of the predicted node pose by the submap pose, shape (n, 3, 3), float64."""
     gradient: np.ndarray
-    """Shape (n, 3), float64: derivative of half the weighted chi^2 by the node's pose."""
+    """Gradient of half the weighted chi-square by the node pose, shape (n, 3), float64."""
     lever: np.ndarray
-    """Shape (n, 2), float64: position of the node from the submap [m]."""
+    """Node position relative to the submap, shape (n, 2), float64 [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def residual(submap, node, relative):
-    """Return the residual of a constraint, in the submap's frame, as (x, y, theta) [m, m, rad].
+    """Return the residual of a constraint, submap frame [m, m, rad].
 
-    `submap` and `node` are poses, map frame, `relative` is the measured one of the node in the submap's frame.
+    `submap` and `node` are poses, map frame; `relative` is the measured node pose, submap frame.
     """
     c, s = math.cos(submap[2]), math.sin(submap[2])
     dx, dy = node[0] - submap[0], node[1] - submap[1]
@@ -50,7 +47,7 @@ def residual(submap, node, relative):
 
 @njit(cache=True, error_model="numpy")
 def chi_square(information, x, y, theta):
-    """Return the squared Mahalanobis distance of a residual; `information` has shape (3, 3)."""
+    """Return the squared Mahalanobis distance of a residual."""
     return (
         information[0, 0] * x * x
         + information[1, 1] * y * y
@@ -61,10 +58,7 @@ def chi_square(information, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def robust_weight(chi2, phi):
-    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15).
-
-    It is 1 up to a chi^2 of `phi`, and falls as the square of 2 phi / (phi + chi^2) above. No scaling if `phi` is inf.
-    """
+    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15)."""
     if chi2 <= phi:
         return 1.0
     scale = 2.0 * phi / (phi + chi2)
@@ -73,7 +67,7 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write weight B^T information B to `out`, shape (3, 3), where B turns axes of the map frame into a submap's."""
+    """Write weight B^T information B, with rotation B from map to submap axes."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
@@ -86,10 +80,10 @@ def _rotate_information(information, c, s, weight, out):
 
 @njit(cache=True, error_model="numpy")
 def _linearise(graph, phi, order, starts):
-    """Linearise the constraints of a `Graph` in the order given; `phi` is that of `robust_weight`.
+    """Linearise the constraints of a `Graph`.
 
-    With e the residual, B its derivative by the node's pose and (dx, dy) the lever, the derivative by the submap's pose
-    is -B T with T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]].
+    The Jacobian by the submap pose is -B T, with node Jacobian B, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]], and lever
+    (dx, dy).
     """
     constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
@@ -98,11 +92,11 @@ def _linearise(graph, phi, order, starts):
         k = order[i]
         node, frame = graph.nodes[constraints.node[k]], graph.submaps[constraints.submap[k]]
         x, y, theta = residual(frame, node, constraints.relative[k])
-        given = constraints.information[k]
-        weight = robust_weight(chi_square(given, x, y, theta), phi) if constraints.is_loop[k] else 1.0
+        measured = constraints.information[k]
+        weight = robust_weight(chi_square(measured, x, y, theta), phi) if constraints.is_loop[k] else 1.0
         c, s = math.cos(frame[2]), math.sin(frame[2])
         rotated, dx, dy = information[i], node[0] - frame[0], node[1] - frame[1]
-        _rotate_information(given, c, s, weight, rotated)
+        _rotate_information(measured, c, s, weight, rotated)
         ex, ey = c * x - s * y, s * x + c * y
         for r in range(3):
             gradient[i, r] = rotated[r, 0] * ex + rotated[r, 1] * ey + rotated[r, 2] * theta
@@ -114,11 +108,7 @@ def _linearise(graph, phi, order, starts):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return what is needed to find the nodes' changes after those of submaps.
-
-    Shape (num_nodes, 3, 3), float64, the inverse of the sum of a node's information, and shape (num_nodes, 3), that
-    times the sum of its gradients; zeros for nodes without constraints, which therefore stay where they are.
-    """
+    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, for each node."""
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
         first, last = linearised.starts[j], linearised.starts[j + 1]
@@ -137,10 +127,7 @@ def _eliminate_nodes(linearised, num_nodes):
 
 @njit(cache=True, error_model="numpy")
 def _reduce(linearised, inverses, shifts, first, starts):
-    """Return matrix and right-hand side of the submaps' normal equations, after elimination of the nodes.
-
-    The matrix is a skyline with `first` and `starts`, see `skyline.py`; the right-hand side has shape (3 num_unknown,).
-    """
+    """Return skyline matrix and right-hand side of the submaps' normal equations."""
     values, rhs, half = np.zeros(starts[-1]), np.zeros(3 * first.shape[0]), np.empty((3, 3))
     for j in range(linearised.starts.shape[0] - 1):
         inverse, shift = inverses[j], shifts[j]
@@ -178,7 +165,6 @@ def _reduce(linearised, inverses, shifts, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def _move(poses, j, x, y, theta):
-    """Add a change to a pose; return the largest part of it."""
     poses[j, 0] += x
     poses[j, 1] += y
     poses[j, 2] = wrap_angle(poses[j, 2] + theta)
@@ -187,7 +173,6 @@ def _move(poses, j, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def _move_nodes(graph, linearised, inverses, shifts, change):
-    """Move the nodes as follows from the changes of the submaps; return the largest change."""
     largest, pull = 0.0, np.empty(3)
     for j in range(graph.nodes.shape[0]):
         pull[:] = 0.0
@@ -207,7 +192,6 @@ def _move_nodes(graph, linearised, inverses, shifts, change):
 
 @njit(cache=True, error_model="numpy")
 def _step(graph, phi, order, starts, first, rows):
-    """Do an iteration with the active constraints in the order of their nodes, those of each from `starts` on."""
     linearised = _linearise(graph, phi, order, starts)
     inverses, shifts = _eliminate_nodes(linearised, graph.nodes.shape[0])
     values, change = _reduce(linearised, inverses, shifts, first, rows)
@@ -220,16 +204,16 @@ def _step(graph, phi, order, starts, first, rows):
 
 
 def optimise_step(graph: Graph, phi: float) -> float:
-    """Move nodes and submaps by one iteration of Gauss-Newton; the first submap is fixed.
+    """Run one Gauss-Newton iteration; return the largest change of a pose coordinate [m or rad].
 
-    What no constraint determines stays where it is. `phi` is the chi^2 above which loop constraints weigh less, see
-    `robust_weight`; inf for plain least squares. Returns the largest change of a coordinate of a pose [m or rad].
+    The first submap is fixed; unconstrained poses do not move. `phi` is that of `robust_weight`; inf for plain least
+    squares.
     """
     constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
     active = np.flatnonzero(constraints.is_active)
     order = active[np.argsort(constraints.node[active], kind="stable")]
     starts = np.searchsorted(constraints.node[order], np.arange(len(graph.nodes) + 1))
-    # The first submap that each one shares a node with, itself included.
+    # First submap that shares a node with each submap.
     pairs = order[constraints.submap[order] > 0]
     node, submap = constraints.node[pairs], constraints.submap[pairs] - 1
     lowest, first = np.full(len(graph.nodes), num_unknown), np.arange(num_unknown)
@@ -240,7 +224,7 @@ def optimise_step(graph: Graph, phi: float) -> float:
 
 
 def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Iterate `optimise_step` until no pose changes by `tolerance` [m or rad]; return the number of iterations."""
+    """Iterate until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
@@ -249,7 +233,7 @@ def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) ->
 
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
-    """Return chi^2 of all constraints of a `Graph`, dropped ones included: shape (n,), float64."""
+    """Return the chi-square of all constraints, including dropped ones, shape (n,), float64."""
     constraints = graph.constraints
     values = np.empty(constraints.node.shape[0])
     for k in range(values.shape[0]):
@@ -260,7 +244,7 @@ def chi_squares(graph):
 
 
 def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Drop for good the loop constraints whose chi^2 exceeds `max_chi2` after an optimisation; return how many."""
+    """Drop loop constraints with chi-square above `max_chi2`; return their number."""
     constraints = graph.constraints
     is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
     constraints.is_active[is_wrong] = False

@@ -1,11 +1,8 @@
-"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks, stored as a skyline.
+"""Cholesky factorisation of symmetric 3 x 3 block matrices in skyline storage.
 
-Of each block row the lower triangle is kept from the first block that is not zero; the factor has no entries in front
-of it (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981, chapter 4). Submaps in the
-order of time have short rows, but for those that close a loop.
-
-Block row i consists of three scalar rows of `3 * (i + 1 - first[i])` numbers, one after the other from `starts[i]` on.
-Sums run in one fixed order, so that results do not depend on the width of the processor's vectors.
+Block row i stores its lower triangle from the first nonzero block `first[i]`, as three scalar rows of `3 * (i + 1 -
+first[i])` numbers from `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981,
+chapter 4). The fixed order of sums gives equal results on all processors.
 """
 
 import math
@@ -14,20 +11,16 @@ import numpy as np
 from numba import njit
 
 LEAST_PIVOT = 1e-11
-"""Pivots below this share of the diagonal's entry belong to unknowns that nothing determines."""
+"""Pivot threshold for undetermined unknowns, relative to the diagonal entry."""
 
 
 def row_starts(first: np.ndarray) -> np.ndarray:
-    """Return where block rows start in the array of numbers, and its length: shape (n + 1,), int64.
-
-    `first`, shape (n,), int64, is the first block of each row.
-    """
+    """Return start indices of block rows and total length, shape (n + 1,), int64."""
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
 @njit(cache=True, error_model="numpy")
 def _subtract_products(values, a, width_a, b, width_b, count, block):
-    """Subtract from `block` the products of three rows that start at `a` and three at `b`, over `count` numbers."""
     s00, s01, s02 = 0.0, 0.0, 0.0
     s10, s11, s12 = 0.0, 0.0, 0.0
     s20, s21, s22 = 0.0, 0.0, 0.0
@@ -50,10 +43,6 @@ def _subtract_products(values, a, width_a, b, width_b, count, block):
 
 @njit(cache=True, error_model="numpy")
 def _factorise_diagonal(block, diagonal):
-    """Replace a diagonal block, shape (3, 3), by its factor; return how many unknowns are not determined.
-
-    `diagonal`, shape (3,), holds the diagonal before elimination. A pivot of infinity makes an unknown 0.
-    """
     undetermined = 0
     for r in range(3):
         for q in range(r):
@@ -71,11 +60,9 @@ def _factorise_diagonal(block, diagonal):
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Replace a symmetric positive semidefinite matrix by its Cholesky factor, in place.
+    """Factorise a positive semidefinite matrix in place; return the number of undetermined unknowns.
 
-    `values`: shape (starts[n],), float64, the matrix; `first`: shape (n,), int64, the first block of each block row;
-    `starts`: shape (n + 1,), int64, from `row_starts`. Returns the number of unknowns that the matrix does not
-    determine; `solve` gives 0 for them.
+    `values` is the skyline, shape (starts[n],), float64; see `row_starts`.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
@@ -109,7 +96,7 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Solve for the right-hand side `x`, shape (3 n,), float64, in place, by the factor from `factorise`."""
+    """Solve for the right-hand side `x`, shape (3 n,), float64, in place; undetermined unknowns are 0."""
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])

@@ -94,7 +94,7 @@ def test_ctrl_c_ends_at_once_and_names_the_run(tmp_path, monkeypatch, capsys):
     (run,) = Path("runs").iterdir()
     generations = len((run / GENERATIONS).read_text().splitlines())
     said = capsys.readouterr().err.strip().splitlines()[-1]
-    assert said.partition(": ")[2] == f"stopped after generation {generations}; --resume {run} goes on"
+    assert said.partition(": ")[2] == f"stopped after generation {generations}; resume with --resume {run}"
 
 
 def test_validations_are_logged_after_nearest_which_is_measured_once(whole, tmp_path, monkeypatch):
@@ -134,7 +134,7 @@ def test_the_command_line_trains_and_refuses(tmp_path, monkeypatch, capsys):
 
 
 def test_there_is_no_run_where_there_is_none(tmp_path):
-    with pytest.raises(CheckpointError, match="no run folder"):
+    with pytest.raises(CheckpointError, match="not a run folder"):
         evolve(EvolutionConfig(**TINY), resume=tmp_path, progress=False)
     with pytest.raises(CheckpointError, match="pretrained/nothing"):
         find_policy("pretrained/nothing")

@@ -7,7 +7,7 @@ from lidarnaut.agents.algorithms import Actor
 from lidarnaut.agents.frontiers.features import NUM_FEATURES, PRIOR
 from lidarnaut.agents.frontiers.network import FrontierNetwork, FrontierPolicy
 from lidarnaut.agents.frontiers.score import FrontierScore
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.navigation import GainOverCost
 
 QUICK = {"world": "rooms", "world_size": (10.0, 10.0), "target_coverage": 0.95}
@@ -125,5 +125,5 @@ def test_all_ways_through_the_policy_agree(episode):
 
 def test_a_missing_observation_is_named():
     space = spaces.Dict({"scan": spaces.Box(0.0, 1.0, (4,), np.float32)})
-    with pytest.raises(ValueError, match=r"chooses frontiers reads .*lacks \['candidates', .*; it has \['scan'\]"):
+    with pytest.raises(ValueError, match=r"frontier network requires .*lacks \['candidates', .*; it has \['scan'\]"):
         FrontierNetwork(space, width=8, heads=2, prior=1.0)

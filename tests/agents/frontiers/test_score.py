@@ -11,9 +11,9 @@ from lidarnaut.agents.run_folder import CheckpointError
 from lidarnaut.baselines import make_explorer
 from lidarnaut.baselines.episode import run_episode
 from lidarnaut.baselines.frontier.rules import nearest
-from lidarnaut.envs.abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.core import LidarEnv
 from lidarnaut.envs.explore_frontiers import ExploreFrontiersEnv
+from lidarnaut.envs.explore_frontiers_abstract import ExploreFrontiersAbstractEnv
 from lidarnaut.envs.navigation import GainOverCost
 from lidarnaut.envs.tasks.explore import Explore
 

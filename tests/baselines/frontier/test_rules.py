@@ -57,7 +57,7 @@ def test_pursuit_explores_and_touches_nothing(name):
 
 def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
     env = LidarEnv(Explore, **ROOMS, observations=("motion", "plan"))
-    policy = pytest.importorskip("lidarnaut.agents.pursuit", exc_type=ImportError).UntrainedPursuit()
+    policy = pytest.importorskip("lidarnaut.agents.plan_prior", exc_type=ImportError).PlanPursuit()
     explorer = make_explorer("pursuit")
     for seed in range(4):
         observation, _ = begin_episode(env, explorer, seed, np.random.default_rng(seed))
@@ -65,13 +65,13 @@ def test_pursuit_drives_as_the_policy_of_twists_does_before_its_training():
 
 
 def test_only_scores_of_frontiers_are_driven_by_pursuit():
-    with pytest.raises(CheckpointError, match="twist holds no score of frontiers"):
+    with pytest.raises(CheckpointError, match="twist is not a frontier score"):
         parse_policy("pursuit:pretrained/twist")
 
 
 @pytest.mark.parametrize("name", ["frontier", "next_best_view", "rrt", "oracle"])
 def test_same_seed_same_episode(name):
-    first, second = (explore(name, 3, **ROOMS, time_limit=8.0).course for _ in range(2))
+    first, second = (explore(name, 3, **ROOMS, time_limit=8.0).history for _ in range(2))
     for measured in ("time", "path_length", "explored_fraction"):
         np.testing.assert_array_equal(first.of(measured), second.of(measured))
 

@@ -7,7 +7,7 @@ import pytest
 
 from lidarnaut.baselines import TourExplorer, TourParams, make_explorer
 from lidarnaut.baselines.frontier.open_tour import best_tours, tour_length
-from lidarnaut.baselines.frontier.tour import FAR, path_lengths
+from lidarnaut.baselines.frontier.tour import UNREACHABLE_LENGTH, path_lengths
 from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import CostmapParams, make_costmap, travel_field
 from tests.baselines.maps import BURGER, belief_at, candidates_from, corridor, first_choice, reading_of
@@ -69,7 +69,7 @@ def test_larger_cells_neither_open_walls_nor_close_doors(width, is_open):
     # The robot needs 7 cells.
     costmap, far = rooms_with_a_door(width), np.array([[40, 140]])
     assert np.isfinite(travel_field(costmap, (1.0, 1.0)).cost(far)[0]) == is_open
-    assert (path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(far))[0, 1] < FAR) == is_open
+    assert (path_lengths(costmap, (1.0, 1.0), costmap.grid.centers(far))[0, 1] < UNREACHABLE_LENGTH) == is_open
 
 
 def test_a_tour_finishes_what_is_near_before_it_leaves_for_good():

@@ -6,7 +6,7 @@ import pytest
 import lidarnaut.baselines.rrt.team as team_module
 from lidarnaut.baselines import RrtExplorer, RrtParams
 from lidarnaut.baselines.episode import run_episode
-from lidarnaut.baselines.explorer import to_action
+from lidarnaut.baselines.policy import to_action
 from lidarnaut.baselines.rrt.detector import RrtDetector
 from lidarnaut.baselines.rrt.team import RrtTeam
 from lidarnaut.envs.core import LidarEnv

@@ -8,7 +8,7 @@ import pytest
 from numba import njit
 from scipy.optimize import linprog
 
-from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.orca import Orca, avoid, best_velocity, walk_by_orca
 from lidarnaut.envs.simulation.crowd.walls import list_walls
 

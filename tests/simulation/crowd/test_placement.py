@@ -8,7 +8,7 @@ import pytest
 
 from lidarnaut.envs.geometry.clearance import clearance
 from lidarnaut.envs.simulation.crowd import Crowd
-from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.worlds.world import FixedRoute
 from tests.crowds import HALL, SCENES, begin
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from lidarnaut.envs.geometry import Pose2D
-from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd import person_row as at
 from lidarnaut.envs.simulation.crowd.routes import (
     ARRIVAL_DISTANCE,
     NEXT_BY_DRAW,

@@ -8,8 +8,8 @@ from numba import njit
 
 from lidarnaut.envs.geometry.clearance import segment_offset
 from lidarnaut.envs.simulation.crowd import Crowd
-from lidarnaut.envs.simulation.crowd import records as at
-from lidarnaut.envs.simulation.crowd.settling import settle
+from lidarnaut.envs.simulation.crowd import person_row as at
+from lidarnaut.envs.simulation.crowd.overlaps import resolve_overlaps
 from lidarnaut.envs.simulation.crowd.social_force import (
     MIN_PUSH_RATIO,
     SIDE_SWITCH_TIME,
@@ -150,7 +150,7 @@ def mean_speed(people, walls, model, periods, first, dt):
             starts[i, 0], starts[i, 1] = x, y
             directions[i, 0], directions[i, 1] = -y / math.hypot(x, y), x / math.hypot(x, y)
         walk_by_forces(people, directions, np.empty((0, 5)), walls, model, dt)
-        settle(people, starts, np.empty((0, 5)), walls, dt)
+        resolve_overlaps(people, starts, np.empty((0, 5)), walls, dt)
         for i in range(count):
             people[i, at.VX] = (people[i, at.X] - starts[i, 0]) / dt
             people[i, at.VY] = (people[i, at.Y] - starts[i, 1]) / dt

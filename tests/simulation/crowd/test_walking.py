@@ -7,7 +7,7 @@ import pytest
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.simulation.crowd import Crowd
-from lidarnaut.envs.simulation.crowd import records as at
+from lidarnaut.envs.simulation.crowd import person_row as at
 from tests.crowds import CORRIDOR, DOORWAY, FAR_AWAY, HALL, SCENES, begin, robots_at_poses, walk, watch
 from tests.rooms import make_room
 

@@ -11,7 +11,7 @@ from lidarnaut.envs.slam.gmapping.particle_maps import ParticleMaps
 from lidarnaut.envs.slam.gmapping.proposal import Proposals, draw_poses, propose
 from lidarnaut.envs.slam.gmapping.tiles import TileMap
 from lidarnaut.envs.slam.log_odds_map import LogOddsMap
-from lidarnaut.envs.slam.matching.gauss_newton import Prior, evaluate, known_score_at, refine
+from lidarnaut.envs.slam.matching.gauss_newton import PosePrior, evaluate, known_score_at, refine
 from lidarnaut.envs.slam.matching.scan_matcher import MatcherParams
 from lidarnaut.envs.slam.scans import project_hits
 from tests.slam.rooms import LIDAR, scan
@@ -56,8 +56,8 @@ def test_fit_and_match_equal_those_on_one_array():
         ours = known_score_at(tile_map(tiles), points, count, *(at - apart), theta)
         np.testing.assert_allclose(ours, known_score_at(plain.levels, points, count, *at, theta), rtol=1e-12)
         start = (*(at - apart), theta)
-        ours = refine(tile_map(tiles), 3, points, count, start, Prior(*start, *prior), 6, 4)
-        theirs = refine(plain.levels, 3, points, count, (*at, theta), Prior(*at, theta, *prior), 6, 4)
+        ours = refine(tile_map(tiles), 3, points, count, start, PosePrior(*start, *prior), 6, 4)
+        theirs = refine(plain.levels, 3, points, count, (*at, theta), PosePrior(*at, theta, *prior), 6, 4)
         np.testing.assert_allclose(np.add(ours[:2], apart), theirs[:2], atol=1e-6)
         np.testing.assert_allclose(ours[2], theirs[2], atol=1e-9)
 

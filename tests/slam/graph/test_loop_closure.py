@@ -3,15 +3,15 @@ import pytest
 
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams
-from lidarnaut.envs.slam.graph.loop_search import Confirmation, Loop, least_distances, path_lengths, search_window
+from lidarnaut.envs.slam.graph.loop_search import Confirmation, Loop, least_distances, path_lengths, window_size
 from lidarnaut.envs.slam.graph.nodes import NodeStore
 from lidarnaut.envs.slam.posegraph import PoseGraph
 
 
 def test_windows_grow_with_the_path_up_to_a_limit():
-    assert search_window(0.0) == (0.5, 0.1)
-    assert search_window(10.0) == pytest.approx((1.1, 0.25))
-    assert search_window(1e3) == (4.0, 0.6)
+    assert window_size(0.0) == (0.5, 0.1)
+    assert window_size(10.0) == pytest.approx((1.1, 0.25))
+    assert window_size(1e3) == (4.0, 0.6)
 
 
 def loop(node, before, shift):

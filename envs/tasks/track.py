@@ -41,7 +41,7 @@ AMCL_PARAMS = AmclParams(
 
 
 @dataclass(kw_only=True, eq=False)
-class FollowRoute(Task):
+class Track(Task):
     """Follow a route with localization by map, wheel encoders and compass.
 
     ## Description

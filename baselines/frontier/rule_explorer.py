@@ -1,4 +1,4 @@
-"""The explorer of all rules: offers candidates, drives to the one that is rated highest, and asks again when due."""
+"""Explorer of frontier rules."""
 
 import math
 from typing import Protocol
@@ -12,22 +12,21 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 COMMITTED = math.inf
-"""`max_time` of explorers that keep to a goal."""
+"""`max_time` of explorers that keep a goal until the drive ends [s]."""
 
 
 class FrontierRule(Protocol):
-    """Rates frontiers. A function will do; rules with a memory, or chance, have `reset(robot, rng)`, too.
+    """Function that scores frontier candidates; rules with state also have `reset(robot, rng)`.
 
-    The same rule chooses at decision level: `env.step(rule(env.unwrapped.candidates, env.unwrapped.belief).argmax())`
-    in `ExploreFrontiers-v0`.
+    Rules also work in `ExploreFrontiers-v0`: `env.step(rule(env.unwrapped.candidates, env.unwrapped.belief).argmax())`.
     """
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return scores, shape (k,), of which the highest is taken; there is at least one candidate."""
+        """Return a score for each candidate, shape (k,), k > 0; the explorer takes the highest."""
 
 
 class RuleExplorer:
-    """An `Explorer` that drives where a rule says."""
+    """`Explorer` that drives to the candidate with the highest score of a rule."""
 
     def __init__(
         self,
@@ -38,25 +37,23 @@ class RuleExplorer:
         planning: PlanningParams = PlanningParams(),
         params: NavigatorParams = NavigatorParams(),
     ) -> None:
-        """Take a rule; the rest is that of `FrontierNavigator`.
+        """Create an explorer from a rule; other arguments as for `FrontierNavigator`.
 
-        `max_time` is the longest drive before the rule is asked again [s]; inf commits the robot to its goal until it
-        is there, the frontier is gone, or it has failed.
+        `max_time` is the maximum drive time before the rule is evaluated again [s].
         """
         self.rule, self.max_time, self.max_candidates = rule, max_time, max_candidates
         self.planning, self.params = planning, params
         self.uses_ground_truth = getattr(rule, "uses_ground_truth", False)
         self.end_reason: str | None = None
-        """Why no goal is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move; None before."""
+        """Stop reason, `"no_reachable_frontier"` or `"stuck"`; None before."""
         self.navigator: FrontierNavigator | None = None
-        """What finds the candidates and drives to them; None before the first `reset`."""
+        """Navigator that finds candidates and drives to them."""
         self.scores: np.ndarray | None = None
-        """Scores of the candidates at the last choice, shape (k,), float64; None before."""
+        """Scores of the candidates at the last choice, shape (k,), float64."""
         self._has_begun = False
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self.navigator.plan if self.navigator is not None and self._has_begun else None
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -72,11 +69,10 @@ class RuleExplorer:
             self.rule.reset(robot, rng)
         self._has_begun = False
         self.scores = self.end_reason = None
-        # Frontiers that the robot has turned away from since the last drive that came to an end.
+        # Frontiers that the robot has left since the last completed drive.
         self._left: list[np.ndarray] = []
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`. Raises a RuntimeError before the first `reset`."""
         navigator = self.navigator
         if navigator is None:
             raise RuntimeError("call reset before act")
@@ -98,18 +94,16 @@ class RuleExplorer:
         return navigator.command(belief)
 
     def choose(self, navigator: FrontierNavigator, belief: Belief) -> int:
-        """Return which of a navigator's candidates to drive to; asked directly in environments of decisions."""
+        """Return the index of the candidate with the highest score; also used by frontier environments."""
         self.scores = scores = self.rate(navigator, belief)
         if scores.ndim != 1 or len(scores) > len(navigator.candidates):
             raise ValueError(f"a rule must return a score for each candidate, shape (k,), got shape {scores.shape}")
         return int(scores.argmax())
 
     def rate(self, navigator: FrontierNavigator, belief: Belief) -> np.ndarray:
-        """Return the rule's scores of a navigator's candidates."""
         return np.asarray(self.rule(navigator.candidates, belief))
 
     def _stick(self, navigator: FrontierNavigator, belief: Belief, outcome: str) -> int:
-        """Ask the rule; during a drive a goal that the robot has turned away from is not turned to again."""
         candidates = navigator.candidates
         choice, current = self.choose(navigator, belief), candidates.chosen
         if outcome != DRIVE_TIME_UP:

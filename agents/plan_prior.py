@@ -1,4 +1,4 @@
-"""The policy of PPO that drives, with a first guess by the plan that it sees."""
+"""Gaussian policy that corrects pursuit of a planned path."""
 
 from typing import Any
 
@@ -10,23 +10,28 @@ from stable_baselines3.common.type_aliases import Schedule
 from torch import Tensor
 
 from lidarnaut.agents.networks import JointPolicy, Tensors
-from lidarnaut.baselines.frontier.pursuit import TURN
+from lidarnaut.baselines.frontier.pursuit_explorer import TURN
 from lidarnaut.envs.observations.plan import WIDTH
 
 BACK = -0.3
-"""Forward speed of the guess in contact, as a fraction of the robot's limit."""
+"""Forward speed of pursuit in contact, as a fraction of the robot's limit."""
 SPIN = 0.4
-"""Yaw rate of the guess where there is no plan, as a fraction of the robot's limit: to look around."""
+"""Yaw rate of pursuit without a path, as a fraction of the robot's limit."""
 BUMPER, PRESENT = 4, WIDTH - 1
-"""Index in `motion` of the bumper, and in `plan` of whether there is a path."""
+"""Indices of the bumper flag in `motion` and of the path flag in `plan`."""
 
 
 def pursue(plan: Tensor, motion: Tensor) -> Tensor:
-    """Return the twist that turns towards the nearest point shown of the best path, and drives where that lies ahead.
+    """Return the twist towards the nearest lookahead point of the best path.
 
-    Forward speed is the cosine of the direction, and 0 where that is negative. In contact the robot backs up. Takes the
-    parts `plan`, shape (batch, n), and `motion`, (batch, 6), of observations; returns forward speed and yaw rate over
-    the robot's limits, shape (batch, 2), float32.
+    The forward speed is the cosine of the bearing, at least 0. In contact, the robot backs up.
+
+    Args:
+        plan: observation part, shape (batch, n).
+        motion: observation part, shape (batch, 6).
+
+    Returns:
+        Forward speed and yaw rate over the robot's limits, shape (batch, 2), float32.
     """
     cosine, sine, present, bumper = plan[:, 0], plan[:, 1], plan[:, PRESENT], motion[:, BUMPER]
     turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
@@ -34,19 +39,18 @@ def pursue(plan: Tensor, motion: Tensor) -> Tensor:
     return torch.stack([speed, present * turn + (1.0 - present) * SPIN], dim=1)
 
 
-class UntrainedPursuit:
-    """The mean action of a `PursuitPolicy` before its training; a policy of twists, without a network."""
+class PlanPursuit:
+    """Twist policy equal to the mean action of an untrained `PlanPriorPolicy`."""
 
     level = "twist"
     observations = ("motion", "plan")
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.ndarray:
-        """Return the action for an observation, shape (2,), float32."""
         return pursue(*(torch.from_numpy(observation[name])[None] for name in ("plan", "motion")))[0].numpy()
 
 
-class PursuitPolicy(JointPolicy):
-    """A Gaussian policy; its mean is `weight * pursue(...)` plus what the network says, which is nearly 0 at first."""
+class PlanPriorPolicy(JointPolicy):
+    """Gaussian policy with mean `weight * pursue(...)` plus network output, initially near 0."""
 
     def __init__(
         self,
@@ -57,10 +61,10 @@ class PursuitPolicy(JointPolicy):
         weight: float = 1.0,
         **arguments: Any,
     ) -> None:
-        """Build the network; `arguments` are those of the base class; ValueError if the observation has no `plan`."""
+        """Build the network; raise ValueError without the observation `plan`."""
         if "plan" not in observation_space.spaces:
             raise ValueError(
-                "network.pursuit needs the observation `plan`; name it in environment.observations, or set it to 0"
+                "network.plan_prior needs the observation `plan`; add it to environment.observations, or set 0"
             )
         self._weight = weight
         super().__init__(observation_space, action_space, lr_schedule, **arguments)

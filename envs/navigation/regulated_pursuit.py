@@ -1,9 +1,8 @@
-"""Pure pursuit, regulated by curvature, by obstacles and by the remaining distance.
+"""Regulated pure pursuit: curvature, obstacles and remaining distance limit the speed.
 
-After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023), with Nav2's numbers where
-they do not depend on the robot's speed. Two things differ. Obstacles come from the scan itself rather than from a
-costmap, so that stops do not depend on the pose estimate. And where the arc to the carrot is blocked, the
-carrot is pulled in before the robot slows down, so that lookahead does not cut corners.
+After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023). Unlike in Nav2, obstacles
+come from the scan, so stops do not depend on the pose estimate, and a blocked arc shortens the lookahead distance, to
+avoid cutting corners.
 """
 
 import math
@@ -20,46 +19,44 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 BEND_CHORD = 5
-"""Points of the path between which its direction is measured."""
+"""Number of path points in a chord, to measure path direction."""
 NEAREST_WINDOW = 40
-"""Points among which the nearest one is looked for: a second of driving at full speed is as far as it can have moved
-on, with some to spare."""
+"""Number of path points searched for the nearest point: over a second at full speed."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
-"""Number of directions that are tried on either side of the carrot in narrow passages, and their distance [rad]."""
+"""Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
-"""What a follower remembers from one command to the next: the path's point nearest to the robot, the side on which it
-last steered past something (1 left, -1 right), and whether it is turning on the spot."""
+"""Follower state: index of the nearest path point, last sidestep (1 left, -1 right), whether turning on the spot."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowerParams:
-    """How to follow a path. Speeds are fractions of the robot's limits where they must suit every robot."""
+    """Parameters of pure pursuit."""
 
     lookahead_time: float = 1.5
-    """Lookahead over speed [s]."""
+    """Lookahead distance divided by speed [s]."""
     min_lookahead: float = 2.0
-    """Least lookahead, in radii of the robot and at most 0.25 m."""
+    """Minimum lookahead distance, in robot radii; at most 0.25 m."""
     max_lookahead: float = 0.9
-    """Greatest lookahead [m]."""
+    """Maximum lookahead distance [m]."""
     rotate_from: float = 0.785
-    """Angle to the carrot from which the robot turns on the spot first [rad]."""
+    """Angle to the lookahead point above which the robot turns on the spot [rad]."""
     rotate_until: float = 0.3
-    """Angle at which it drives on [rad]."""
+    """Angle to the lookahead point below which a turn ends [rad]."""
     max_rotation: float = 1.8
-    """Greatest yaw rate [rad/s]; scan matching suffers from faster ones."""
+    """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
-    """Arcs whose radius is driven through in less than this at full speed are driven more slowly [s]."""
+    """Minimum time to drive the length of an arc's radius [s]; limits the speed in curves."""
     min_speed: float = 0.35
-    """Least speed to which curvature and nearness slow the robot down, as a fraction of the limit."""
+    """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
-    """Obstacles nearer to the footprint than is driven in this time at full speed slow the robot down [s]."""
+    """Minimum time to close the gap to an obstacle [s]; limits speed near obstacles."""
     margin: float = 0.4
-    """Distance that is kept between footprint and obstacles, in radii of the robot and at most 0.03 m. From it 1.5
-    standard deviations of the lidar's noise are taken: the nearest of a wall's many points lies that much too near."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, which
+    shortens the nearest range."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Angles by which the robot steers past obstacles between it and the carrot, on either side [rad]."""
+    """Angles tried on either side to steer past obstacles [rad]."""
     braking: float = 0.5
-    """Share of the robot's greatest deceleration that braking counts on."""
+    """Fraction of maximum deceleration assumed for braking."""
 
 
 FAST = FollowerParams(
@@ -71,36 +68,35 @@ FAST = FollowerParams(
     min_speed=0.25,
     nearness_time=0.3,
 )
-"""For robots of some m/s that turn fast, and do not match scans; tuned in the family `clutter`."""
+"""Parameters for fast robots without scan matching, tuned on the world family `clutter`."""
 
 
 def follower_numbers(
     robot: RobotParams, period: float, params: FollowerParams = FollowerParams()
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the numbers of a robot that is commanded every `period` seconds, for `as_record`; in m, s and rad."""
+    """Return the kernel constants of a robot, for `as_record`; `period`: control period [s]."""
     braking_v = params.braking * robot.max_acc_v
     return asdict(params) | {
         "period": period,
         "radius": robot.radius,
         "max_v": robot.max_v,
         "max_w": robot.max_w,
-        "rotation": min(robot.max_w, params.max_rotation),  # greatest yaw rate that is used
-        "braking_v": braking_v,  # deceleration that braking counts on
+        "rotation": min(robot.max_w, params.max_rotation),
+        "braking_v": braking_v,
         "braking_w": params.braking * robot.max_acc_w,
-        # Radius that is kept free of obstacles.
         "reach": robot.radius + min(params.margin * robot.radius, 0.03) - 1.5 * robot.lidar.noise_std,
-        # The same where a passage leaves no more.
+        # In narrow passages.
         "tight_reach": robot.radius - robot.lidar.noise_std,
         "min_lookahead": min(params.min_lookahead * robot.radius, 0.25),
-        # Least length of an arc that is tested: what braking from full speed takes.
+        # Minimum length of tested arcs: braking distance from full speed.
         "look": robot.max_v * period + 0.5 * robot.max_v**2 / braking_v + 0.03,
     }
 
 
 def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
-    """Return numbers and tuples of numbers as a structured array of float64, shape (1,).
+    """Return numbers and tuples as a structured float64 array, shape (1,).
 
-    Handing an array to a compiled function takes 0.3 us, a named tuple 0.1 us for each number in it.
+    Passing an array to a compiled function takes 0.3 us, a named tuple 0.1 us per field.
     """
     fields = [(name, np.float64, np.shape(value)) for name, value in numbers.items()]
     return np.array([tuple(numbers.values())], dtype=record_type(fields))
@@ -108,7 +104,7 @@ def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def nearest_index(path, x, y, first, window):
-    """Return the index of the path's point nearest to (x, y), looking at `window` points from `first` on."""
+    """Return the index of the path point nearest to (x, y), among `window` points from `first` on."""
     best, best_squared = first, np.inf
     for k in range(first, min(first + window, path.shape[0])):
         squared = (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2
@@ -119,7 +115,6 @@ def nearest_index(path, x, y, first, window):
 
 @njit(cache=True, error_model="numpy")
 def _carrot_index(path, x, y, first, lookahead):
-    """Return the index of the first point from `first` on at least `lookahead` [m] from (x, y), or of the last."""
     for k in range(first, path.shape[0]):
         if (path[k, 0] - x) ** 2 + (path[k, 1] - y) ** 2 >= lookahead * lookahead:
             return k
@@ -128,9 +123,9 @@ def _carrot_index(path, x, y, first, lookahead):
 
 @njit(cache=True, error_model="numpy")
 def _distance_to_bend(path, first, chord, angle):
-    """Return the length of the path from index `first` to where it bends by more than `angle` [rad], or to its end [m].
+    """Return the path length to a bend of more than `angle` [rad], or to the end [m].
 
-    Directions are those of chords of `chord` points, so that the staircase of a raster does not count as bends.
+    Chords measure the direction, so raster staircases are no bends.
     """
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
@@ -146,21 +141,20 @@ def _distance_to_bend(path, first, chord, angle):
 
 @njit(cache=True, error_model="numpy")
 def turn_rate(angle, numbers):
-    """Return the yaw rate that turns on the spot by `angle` [rad], slowing down in time to stop there [rad/s]."""
+    """Return the yaw rate that turns on the spot by `angle` [rad] and brakes in time [rad/s]."""
     rate = min(math.sqrt(2.0 * numbers.braking_w * abs(angle)), 0.5 * abs(angle) / numbers.period)
     return math.copysign(min(rate, numbers.rotation), angle)
 
 
 @njit(cache=True, error_model="numpy")
 def _free(x, y, lookahead, reach, obstacles, numbers):
-    """Return how far the arc to a point (base frame [m]) is free, looking at least as far as braking takes [m]."""
     curvature = 2.0 * y / max(x * x + y * y, 1e-6)
     return free_distance(obstacles, curvature, reach, max(lookahead, numbers.look))
 
 
 @njit(cache=True, error_model="numpy")
 def _sidestep(state, x, y, free, obstacles, numbers):
-    """Return a point beside the carrot whose arc is free, on the side taken last if possible; else as `_squeeze`."""
+    """Return a point beside the lookahead point with a free arc, on the last side if possible; else `_squeeze`."""
     for offset in numbers.sidesteps:
         for side in (state.side, -state.side):
             c, s = math.cos(side * offset), math.sin(side * offset)
@@ -174,10 +168,7 @@ def _sidestep(state, x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _squeeze(x, y, free, obstacles, numbers):
-    """Return the point about the carrot whose arc keeps most distance from obstacles, if one without a margin is free.
-
-    So the robot takes the middle of a passage that is hardly wider than itself. Without such an arc, the carrot.
-    """
+    """Return the point near the lookahead point whose free arc has most clearance, for narrow passages."""
     most, found = -np.inf, (x, y, free)
     for k in range(-NUM_SQUEEZES, NUM_SQUEEZES + 1):
         c, s = math.cos(SQUEEZE_STEP * k), math.sin(SQUEEZE_STEP * k)
@@ -193,7 +184,6 @@ def _squeeze(x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _room(x, y, obstacles, numbers):
-    """Return the mean distance from obstacles along the arc to a point, as far as it is below that to keep [m]."""
     angle, total = math.atan2(y, x), 0.0
     for share in (0.25, 0.5, 0.75, 1.0):
         chord = math.hypot(x, y) * (math.sin(angle * share) / math.sin(angle) if abs(angle) > 1e-3 else share)
@@ -207,7 +197,6 @@ def _room(x, y, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
-    """Return the point to steer for, base frame [m], and how far its arc is free [m]."""
     c, s = math.cos(theta), math.sin(theta)
     while True:
         k = _carrot_index(path, x, y, state.index, lookahead)
@@ -223,16 +212,15 @@ def _carrot(state, path, x, y, theta, lookahead, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _speed_for(free, numbers):
-    """Return the greatest speed from which the robot stops within `free` metres, one period of delay included."""
     delay = numbers.braking_v * numbers.period
     return math.sqrt(delay**2 + 2.0 * numbers.braking_v * max(free, 0.0)) - delay
 
 
 @njit(cache=True, error_model="numpy")
 def _approach_speed(ahead, left, obstacles, numbers):
-    """Return the speed towards a point (base frame [m]) at which any gap to an obstacle lasts for `nearness_time`.
+    """Return the maximum speed towards a point that keeps gaps open for `nearness_time`.
 
-    A gap closes by the speed's component towards the obstacle: walls beside the way do not count, what lies on it does.
+    Only the speed towards an obstacle closes a gap, so walls beside the path do not count.
     """
     distance = math.hypot(ahead, left)
     v = np.inf
@@ -247,12 +235,11 @@ def _approach_speed(ahead, left, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
-    """Return the forward speed [m/s] along the arc to a point (base frame [m]), of which `free` metres are free."""
     max_v, slowest = numbers.max_v, numbers.min_speed
     curvature = 2.0 * left / (ahead**2 + left**2)
     v = max_v * min(1.0, max(1.0 / (max(abs(curvature), 1e-6) * max_v * numbers.min_turn_time), slowest))
     v = min(v, max(_approach_speed(ahead, left, obstacles, numbers), slowest * max_v))
-    # To turn on the spot at a bend, or to stop at the end, the robot must have braked before.
+    # Brake before a turn on the spot at a bend, and before the end.
     bend = _distance_to_bend(path, state.index, BEND_CHORD, numbers.rotate_from)
     v = min(v, max(_speed_for(bend, numbers), slowest * max_v))
     return min(v, _speed_for(free, numbers))
@@ -260,17 +247,15 @@ def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def follow(state, path, x, y, theta, v_now, obstacles, numbers):
-    """Choose the twist that follows a path for the next period.
+    """Return the twist that follows a path: forward speed [m/s], yaw rate [rad/s], and True if blocked by obstacles.
 
-    `state` is a record with `FOLLOWER_FIELDS`, written; `path` has the shape (n, 2), float64, n > 0, points up to a map
-    cell apart, map frame [m]; `x`, `y`, `theta` are estimated, `v_now` is the forward speed by odometry [m/s];
-    `obstacles` have the shape (k, 2), float64, base frame [m]. Returns forward speed [m/s], yaw rate [rad/s], and
-    whether obstacles keep the robot from driving on.
+    `state`: record with `FOLLOWER_FIELDS`, written. `path`: points up to a map cell apart, shape (n, 2), n > 0, map
+    frame [m]. `x`, `y`, `theta`: pose estimate. `v_now`: forward speed by odometry [m/s]. `obstacles`: shape (k, 2),
+    base frame [m].
     """
     state.index = nearest_index(path, x, y, state.index, NEAREST_WINDOW)
     lookahead = numbers.lookahead_time * max(abs(v_now), numbers.min_speed * numbers.max_v)
     lookahead = min(max(lookahead, numbers.min_lookahead), numbers.max_lookahead)
-    # No arc that is tested leads farther away than it is long.
     near = points_within(obstacles, max(lookahead, numbers.look) + numbers.reach)
     ahead, left, free = _carrot(state, path, x, y, theta, lookahead, near, numbers)
     angle = math.atan2(left, ahead)
@@ -292,28 +277,24 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
 
 
 class PathFollower:
-    """Drives along one path at a time; a `LocalPlanner`."""
+    """Local planner by regulated pure pursuit; a `LocalPlanner`."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
-        """Prepare for a robot; `control_period` is the time between two calls of `command` [s]."""
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
         self._state = np.zeros(1, dtype=record_type(FOLLOWER_FIELDS))
         self._state["side"] = 1.0
         self._path = np.empty((0, 2))
         self.blocked = False
-        """Whether the last command did not drive on because of obstacles."""
 
     @property
     def remaining(self) -> np.ndarray:
-        """The rest of the path, shape (n, 2), map frame [m]."""
         return self._path[self._state["index"][0] :]
 
     def set_path(self, path: np.ndarray) -> None:
-        """Follow another path from now on; see `LocalPlanner`."""
         self._path = np.ascontiguousarray(path)
         self._state["index"] = 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the twist to command for the next period; see `LocalPlanner`."""
+        """Return the next twist; see `LocalPlanner.command`."""
         v, w, self.blocked = follow(self._state[0], self._path, *pose, twist.v, obstacles, self._numbers)
         return Twist(v, w)

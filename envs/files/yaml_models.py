@@ -158,7 +158,8 @@ def explain_errors(error: ValidationError, kind: Any) -> list[str]:
         if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
             lines.append(f"unknown key {explain_unknown(str(name), _keys(kind, parents), key)}")
         elif fault["type"] in ("missing", "missing_argument"):
-            lines.append(f"key {key!r} is missing")
+            inner = _keys(kind, [*parents, name], required=True)
+            lines.append(f"key {key!r} is missing" + (f", with the keys {', '.join(inner)}" if inner else ""))
         else:
             what = fault["msg"].removeprefix("Value error, ")
             what += "" if fault["type"] in ("value_error", "json_invalid") else f", got {SHORT.repr(fault['input'])}"
@@ -174,15 +175,23 @@ def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
     return content
 
 
-def _keys(kind: Any, parents: list[int | str]) -> list[str]:
+def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[str]:
+    """Return the keys of the record at `parents` in a record of type `kind`, or only the keys without a default."""
     for parent in parents:
         if isinstance(parent, str):
             record = _record_in(kind)
             kind = typing.get_type_hints(record).get(parent) if record else None
     record = _record_in(kind)
     if dataclasses.is_dataclass(record):
-        return [field.name for field in dataclasses.fields(record)]
-    return list(getattr(record, "_fields", None) or record.model_fields) if record else []
+        missing = dataclasses.MISSING
+        return [
+            field.name
+            for field in dataclasses.fields(record)
+            if not required or (field.default is missing and field.default_factory is missing)
+        ]
+    if record is None or required:
+        return []
+    return list(getattr(record, "_fields", None) or record.model_fields)
 
 
 def _record_in(kind: Any) -> Any:

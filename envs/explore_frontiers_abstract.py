@@ -1,4 +1,4 @@
-"""Exploration by decisions without driving: the robot slides along its path. For training and for tuning of rules."""
+"""Frontier exploration without driving."""
 
 import math
 from collections.abc import Iterator
@@ -17,54 +17,52 @@ from lidarnaut.envs.simulation.records import THETA, X
 from lidarnaut.envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97
-"""Speed along a path over the robot's greatest: navigators slow down in bends and near obstacles."""
+"""Mean speed along a path, as a fraction of the maximum speed."""
 TURN_SHARE = 1.0
-"""Mean yaw rate of a turn on the spot over the greatest: it begins and ends at rest."""
+"""Mean yaw rate of a turn in place, as a fraction of the maximum yaw rate."""
 MAX_ARC = 1.6
-"""Changes of heading up to this angle are made while driving [rad]."""
+"""Maximum heading change made while driving, without a turn in place [rad]."""
 HEADING_DISTANCE = 0.4
-"""The robot turns on the spot towards the point of the path this far from its start [m]."""
+"""Distance along the path to the point that defines the initial heading [m]."""
 DRIFT_LENGTH = 8.0
-"""Distance over which the error of the pose forgets its past [m]."""
+"""Correlation length of the pose error along the path [m]."""
 
 
 class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
-    """Explore by choosing frontiers, with a robot that slides along its path.
+    """Explore by choosing frontiers, with a robot that moves along planned paths.
 
     ## Description
-    The decisions of `ExploreFrontiersEnv` in a simulator about twice as fast: candidates, map, lidar,
-    worlds, reward and ends of episodes are the same, but between decisions the robot is moved along the planned path,
-    and its scan is integrated at intervals, at an estimated pose whose error drifts. There are no wheels, no contacts,
-    no scan matching and no recoveries. What is learned or tuned here is to be measured in `ExploreFrontiersEnv`;
-    docs/explore_frontiers.md tells how well the two agree.
+    The decisions, candidates, map, lidar, worlds and reward of `ExploreFrontiersEnv`, about twice as fast. The robot is
+    moved along the planned path; scans are integrated at intervals, at an estimated pose with a drifting error. Wheels,
+    contacts, scan matching and recoveries are not simulated. Evaluate results in `ExploreFrontiersEnv`;
+    docs/explore_frontiers.md compares both.
 
     ## Action Space
-    That of `ExploreFrontiersEnv`.
+    As in `ExploreFrontiersEnv`.
 
     ## Observation Space
-    That of `ExploreFrontiersEnv`.
+    As in `ExploreFrontiersEnv`.
 
     ## Rewards
-    Those of `ExploreFrontiersEnv`. There are no collisions.
+    As in `ExploreFrontiersEnv`, without collisions.
 
     ## Starting State
-    That of `ExploreFrontiersEnv`.
+    As in `ExploreFrontiersEnv`.
 
     ## Episode End
-    That of `ExploreFrontiersEnv`.
+    As in `ExploreFrontiersEnv`.
 
     ## Arguments
-    Those of `ExploreFrontiersEnv`, of which `physics` and `slam` are fixed, `return_home` is missing and
-    `randomize` takes parameters of the lidar alone, and
+    As in `ExploreFrontiersEnv`, without `return_home`; `randomize` accepts lidar parameters only.
 
     | argument | default | meaning |
     |---|---|---|
-    | `physics` | `"kinematic"` | no other |
-    | `slam` | `"truth"` | no other |
+    | `physics` | `"kinematic"` | fixed |
+    | `slam` | `"truth"` | fixed |
     | `map_resolution` | `0.2` | side of a map cell [m] |
-    | `scan_distance` | `0.4` | path between two scans that are integrated [m] |
-    | `drift` | `(0.03, 0.005)` | standard deviation of the estimated pose's error: position [m], heading [rad] |
-    | `false_returns` | `0.0002` | share of beams that end early by mistake |
+    | `scan_distance` | `0.4` | path length between integrated scans [m] |
+    | `drift` | `(0.03, 0.005)` | standard deviation of the estimated pose: position [m], heading [rad] |
+    | `false_returns` | `0.0002` | fraction of beams that end early |
 
     ## Version History
     * v0: first version
@@ -81,17 +79,16 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         false_returns: float = 0.0002,
         **arguments: Any,
     ) -> None:
-        """See the class for the arguments; ValueError names one that is not allowed, and what is."""
         for name, value, allowed in (("physics", physics, "kinematic"), ("slam", slam, "truth")):
             if value != allowed:
-                raise ValueError(f"{name} must be {allowed!r} where robots slide along paths, got {value!r}")
+                raise ValueError(f"{name} must be {allowed!r} in this environment, got {value!r}")
         if arguments.get("return_home"):
-            raise ValueError("return_home needs a robot that drives: choose lidarnaut/ExploreFrontiers-v0")
+            raise ValueError("return_home is not supported without driving: choose lidarnaut/ExploreFrontiers-v0")
         if others := [name for name in arguments.get("randomize") or () if not name.startswith("lidar.")]:
-            raise ValueError(f"randomize must name parameters of the lidar where robots slide on paths, got {others}")
+            raise ValueError(f"randomize must name only lidar parameters in this environment, got {others}")
         check_positive(scan_distance=scan_distance)
         if np.shape(drift) != (2,) or not all(is_number(value) and value >= 0.0 for value in drift):
-            raise ValueError(f"drift must be two numbers that are not negative, got {drift!r}")
+            raise ValueError(f"drift must be two non-negative numbers, got {drift!r}")
         if not 0.0 <= false_returns < 1.0:
             raise ValueError(f"false_returns must lie in [0, 1), got {false_returns!r}")
         super().__init__(physics=physics, slam=slam, map_resolution=map_resolution, **arguments)
@@ -105,21 +102,18 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start an episode; see `ExploreFrontiersEnv`."""
         self._error = ORIGIN
         started = super().reset(seed=seed, options=options)
-        # Obstacles of the scan lie in the base frame, and nothing moves them here: plans follow the map alone.
+        # Scan obstacles do not move with the robot here: plan on the map only.
         record = self.navigator.navigator.record
         record["num_remembered"] = record["num_seen"] = record["num_obstacles"] = 0
         return started
 
     @property
     def why_not_fused(self) -> str:
-        """Why control periods need Python one by one: they are passed over."""
-        return "robots slide along paths"
+        return "the robot is moved along planned paths"
 
     def _drive(self) -> str:
-        """Slide along the path until a decision is due, and return why."""
         explore, navigator = self.explore, self.navigator
         robot, plan = explore.robots[0], navigator.plan
         slide = None if plan is None else self._slide_along(plan)
@@ -134,11 +128,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             result = navigator.conclude(progress, robot.reading, robot.belief)
             if result is not None:
                 return result
-        # No candidates are left: the navigator wants to look around.
         return self._drive()
 
     def _slide_along(self, plan: np.ndarray) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield the poses of scans along a path, control periods since the scan before, and the progress."""
         start, period, record = self.belief.pose, self.explore.control_period, self.navigator.navigator.record
         max_steps = int(self.navigator.navigator.numbers["max_steps"])
         path = np.vstack([start[:2], plan])
@@ -163,7 +155,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             before = count
 
     def _spin(self) -> Iterator[tuple[Pose2D, int, int]]:
-        """Yield the steps of a turn on the spot, whose scans together cover a full turn."""
         navigator, (x, y, theta) = self.navigator.navigator, self.belief.pose
         navigator.stop()
         parts = 1 if self._sees_around else max(4, math.ceil(2.0 * math.pi / self.robot.lidar.fov))
@@ -173,9 +164,9 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
             yield Pose2D(x, y, heading), count, SPUN if k == parts - 1 else DRIVING
 
     def _scan(self, pose: Pose2D, count: int) -> bool:
-        """Move the robot to an estimated pose, `count` control periods later, and integrate the scan that it takes.
+        """Move the robot to an estimated pose, `count` control periods later, and integrate its scan.
 
-        Returns False if it cannot be there, and stays where it was.
+        Returns False if the pose is not collision-free.
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]
@@ -206,7 +197,6 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
         return is_free
 
     def _is_free(self, pose: Pose2D) -> bool:
-        """Tell whether the robot can be at a true pose, or in a cell of the raster beside it."""
         area = self._task.coverage.area
         (left, bottom), side = area.walls.origin, area.walls.resolution
         row, col = math.floor((pose.y - bottom) / side), math.floor((pose.x - left) / side)

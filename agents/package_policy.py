@@ -1,9 +1,8 @@
-"""Make the folder of a packaged policy: `python -m lidarnaut.agents.ship RUN agents/pretrained/NAME`.
+"""Packaging of a trained policy: `python -m lidarnaut.agents.package_policy RUN agents/pretrained/NAME`.
 
-RUN is a run folder of `train.py`, of evolution or of PPO (its newest checkpoint is taken, without the optimizer). The
-new folder holds the policy, `config.yaml`, the learning curve (`curve.png`, and `curve.csv` that it is drawn from),
-`held_out.yaml` where the run trained on the worlds that it leaves, and `checksums.sha256` of all of these, as
-`sha256sum --check` reads it. The model card, `README.md`, is written by hand; one that is there is kept.
+RUN is a run folder of evolution or PPO (newest checkpoint, without optimizer). The new folder holds the policy,
+`config.yaml`, learning curve (`curve.png`, `curve.csv`), `held_out.yaml` if held-out worlds were excluded, and
+`checksums.sha256` for `sha256sum --check`. The handwritten model card `README.md` is kept.
 """
 
 import hashlib
@@ -20,20 +19,20 @@ from lidarnaut.envs.files import write_file
 
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
-LEAVES_THEM = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
-"""What the configuration of a training names that draws its worlds or its robots from what is not held out."""
+SPLIT_MODULES = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
+"""Configuration entries that imply training without held-out worlds or robots."""
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
-    """Write the folder of a policy that comes with the package, in place of an older one but for its model card.
+    """Write the folder of a packaged policy; an existing model card is kept.
 
     Args:
         run: run folder.
-        folder: to write, `agents/pretrained/NAME`.
+        folder: output folder, `agents/pretrained/NAME`.
 
     Raises:
         CheckpointError: if the run holds no policy.
-        OSError: if its configuration or its learning curve is missing, or the folder cannot be written.
+        OSError: if files of the run are missing, or writing fails.
     """
     policy = find_policy(run)
     is_score = policy.name == POLICY
@@ -42,7 +41,7 @@ def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyr
     files["config.yaml"] = (run / "config.yaml").read_bytes()
     files["curve.png"] = (run / "learning_curve.png").read_bytes()
     files["curve.csv"] = (run / "evaluations.csv").read_bytes()
-    if is_score or any(name in files["config.yaml"] for name in LEAVES_THEM):
+    if is_score or any(name in files["config.yaml"] for name in SPLIT_MODULES):
         files["held_out.yaml"] = HELD_OUT.read_bytes()
     sums = [f"{hashlib.sha256(content).hexdigest()}  {name}\n" for name, content in files.items()]
     folder.mkdir(parents=True, exist_ok=True)

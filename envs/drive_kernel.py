@@ -1,4 +1,4 @@
-"""Drives of one robot, stepped by a kernel until the environment's or the navigator's objects are needed."""
+"""Drives of one robot in a kernel."""
 
 from numba import njit
 
@@ -8,27 +8,30 @@ from lidarnaut.envs.navigation.navigator_kernels import (
     compute_velocity_command,
     update_obstacles,
 )
-from lidarnaut.envs.robot import ONE, SCAN
+from lidarnaut.envs.robot import ONE_ACTIVE, SCAN
 from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.simulation.kinematic import step_robots
-from lidarnaut.envs.transition import note_positions, update_robots
+from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Progress of a drive that has not been checked after the last control period."""
+"""Progress of a drive that was not checked after the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
-def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
-    """Drive a robot up to a scan to process, until the noise is used up, or until its progress is to be judged.
+def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
+    """Drive a robot until a scan is due, the noise is used up, or Python must handle the progress.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot; `around`: segments and circles of the world, and
-    `People.arrays`; `navigator`: written; `noted`: positions and counts of `note_positions`, written; `max_steps`: most
-    control periods; `check_from`: the one from which on the navigator's objects check each. Returns control periods;
-    the progress as `check_progress` returns it, `UNCHECKED` in the first two cases; and how many periods ended in
-    contact, but for the last one.
+    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot. `world_arrays`: segments and circles of the world,
+    and `People.arrays`. `navigator`: arrays of the navigator, written. `noted`: `positions` and `counts` of
+    `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check
+    in Python.
+
+    Returns:
+        Number of control periods; progress as in `check_progress`, or `UNCHECKED`; number of control periods before the
+        last one that ended in contact.
     """
     navigators, obstacles, constants = navigator.records, navigator.obstacles, navigator.numbers
-    segments, circles, crowd = around
+    segments, circles, crowd = world_arrays
     row, record, no_points = rows[0], navigators[0], obstacles[:0]
     noted[1][:] = contacts = 0
     num_steps = min(max_steps, draws.shape[1] - 1 - int(row[at.DRAW]))
@@ -39,7 +42,7 @@ def drive(rows, draws, ranges, around, navigator, noted, max_steps, check_from):
         step_robots(rows, draws, ranges, segments, circles, crowd)
         update_robots(rows, crowd[0])
         flags, touched = int(row[at.FLAGS]), row[at.TOUCHED] > 0.0
-        note_positions(rows, ONE, *noted)
+        record_positions(rows, ONE_ACTIVE, *noted)
         motion = (row[at.ODOMETRY], row[at.ODOMETRY + 1], row[at.ODOMETRY + 2])
         sensors = (ranges[0], navigator.directions, touched)
         update_obstacles(navigators, obstacles, sensors, motion, no_points, constants)

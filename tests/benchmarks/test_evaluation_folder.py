@@ -2,7 +2,7 @@ import json
 
 import pytest
 
-from lidarnaut.benchmarks.arena.records import SETTINGS_FILE, Key, Records
+from lidarnaut.benchmarks.arena.evaluation_folder import SETTINGS_FILE, Key, Records
 from tests.benchmarks.explorations import COLUMNS
 
 SETTINGS = {"time_limit": 12.5}
@@ -142,5 +142,5 @@ def test_a_map_whose_image_has_changed_is_another_world(tmp_path):
     records.add(row(0))
     records_of(folder, **worlds)
     (tmp_path / "a.pgm").write_bytes(b"two")
-    with pytest.raises(ValueError, match=r"in a world 'maze' of what .*a\.yaml was before it changed; give"):
+    with pytest.raises(ValueError, match=r"in a world 'maze' of an earlier version of .*a\.yaml; give"):
         records_of(folder, **worlds)

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from lidarnaut.envs.simulation.crowd import records as at
-from lidarnaut.envs.simulation.crowd.settling import settle
+from lidarnaut.envs.simulation.crowd import person_row as at
+from lidarnaut.envs.simulation.crowd.overlaps import resolve_overlaps
 from lidarnaut.envs.simulation.crowd.walls import list_walls
 
 NO_ROBOTS = np.empty((0, 5))
@@ -21,7 +21,7 @@ def people_at(*positions, kind=at.ATTENTIVE):
 def settled(starts, wanted, kinds=at.ATTENTIVE, robots=NO_ROBOTS):
     people = people_at(*wanted)
     people[:, at.KIND] = kinds
-    stopped_by = settle(people, np.array(starts, dtype=float), robots, WALLS, 0.1)
+    stopped_by = resolve_overlaps(people, np.array(starts, dtype=float), robots, WALLS, 0.1)
     return people, stopped_by
 
 

@@ -78,6 +78,8 @@ def crowd_of(people: PeopleLike) -> Crowd | None:
         parts = (part.partition("=") for part in re.split(r",(?=\w+=)", text))
         changes = {name: yaml.safe_load(value) for name, _, value in parts if name}
         people = int(people) if people.isdigit() else resolve(people, CROWDS, "crowd")
+    if isinstance(people, int) and people < 0:
+        raise ValueError(f"people must be 0 or more, got {people}")
     if people is None or (isinstance(people, Crowd) and not changes):
         return people
     if isinstance(people, Mapping):

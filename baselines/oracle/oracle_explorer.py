@@ -1,8 +1,4 @@
-"""The bound: an explorer that uses ground truth, and drives a short tour from which enough of it is seen.
-
-It plans on the true map and drives over the estimated one, completed by the true one where that is unknown, with the
-navigator of the other explorers: what distinguishes it from them is foresight.
-"""
+"""Explorer that uses ground truth and drives a short coverage tour."""
 
 import numpy as np
 
@@ -19,31 +15,31 @@ from lidarnaut.envs.simulation import Reading, Twist
 from lidarnaut.envs.tasks.coverage import Coverage
 
 DECISION_PERIOD = 1.0
-"""Time between two plans of the tour [s]."""
-FIRST_ROUNDS = 300
-"""How long the first tour is looked for; see `search_tour`."""
-ROUNDS = 4
-"""How long a shorter one is looked for with each decision."""
+"""Time between two updates of the tour [s]."""
+NUM_FIRST_ROUNDS = 300
+"""Number of search rounds for the first tour; see `search_tour`."""
+NUM_ROUNDS = 4
+"""Number of search rounds for later tours; see `search_tour`."""
 LOOKAHEAD = 3.0
-"""How far ahead along the tour paths are planned at most [m]; they end at the next stop."""
-ARRIVED = 0.15
-"""A stop this near has been reached [m]."""
+"""Maximum distance of a path goal along the tour [m]."""
+ARRIVAL_RADIUS = 0.15
+"""Maximum distance from a stop that counts as reached [m]."""
 REACH_MARGIN = 0.1
-"""What is taken off the lidar's range in plans [m]."""
+"""Reduction of the lidar range in plans [m]."""
 GOAL_TOLERANCE = 0.4
-"""How far beside a stop a path may end where the map has an obstacle there [m]."""
+"""Maximum distance between a stop and the end of its path [m]."""
 
 
 class TrueMap:
-    """The true walls in the map frame, to complete an estimated map with."""
+    """True map in the map frame, used to complete an estimated map."""
 
     def __init__(self, walls: OccupancyGrid, start: Pose2D) -> None:
-        """Take the true map, world frame, and the pose of the map frame's origin in it."""
+        """Store the true map, world frame, and the pose of the map frame."""
         self._walls, self._start = walls, start
         self._grid: OccupancyGrid | None = None
 
     def complete(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the estimated map with the true one where it is unknown; its extent is that of the true one."""
+        """Return an estimated map with the true values of unknown cells, in the extent of the true map."""
         truth = self._aligned(grid)
         shift = np.rint((np.array(grid.origin) - truth.origin)[::-1] / truth.resolution).astype(int)
         low = np.maximum(shift, 0)
@@ -56,7 +52,6 @@ class TrueMap:
         return OccupancyGrid(data, truth.resolution, truth.origin)
 
     def _aligned(self, grid: OccupancyGrid) -> OccupancyGrid:
-        """Return the true map on cells that coincide with those of a map; maps grow by whole cells."""
         if self._grid is None:
             x_min, y_min, x_max, y_max = self._walls.bounds
             corners = np.array([[x_min, y_min], [x_min, y_max], [x_max, y_min], [x_max, y_max]])
@@ -75,7 +70,7 @@ class TrueMap:
 
 
 class OracleExplorer:
-    """Has the true map, and only has to drive through it. An `Omniscient`, served by `lidarnaut.baselines.episode`."""
+    """Explorer that plans tours on the true map, and paths on the map completed by it; a `PrivilegedPolicy`."""
 
     def __init__(self) -> None:
         self._rest = NearestExplorer()
@@ -84,12 +79,10 @@ class OracleExplorer:
 
     @property
     def end_reason(self) -> str | None:
-        """Why nothing is left that could be seen: that of `NearestExplorer`, which follows the tour; None before."""
         return self._rest.end_reason
 
     @property
     def plan(self) -> np.ndarray | None:
-        """What is left of the planned path, shape (n, 2), map frame [m]; None without one."""
         return self._rest.plan if self._is_done or self._map is None else self._navigator.plan
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -106,14 +99,12 @@ class OracleExplorer:
         self._is_done = False
 
     def reveal(self, coverage: Coverage, target_coverage: float) -> None:
-        """Take the ground truth; see `Omniscient`."""
         self._coverage, self._target_coverage, self._start = coverage, target_coverage, coverage.start
         self._truth = TrueMap(coverage.area.walls, coverage.start)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`. Raises a RuntimeError where ground truth has not been given."""
         if self._coverage is None:
-            raise RuntimeError("call reset and then reveal before act; run_episode does")
+            raise RuntimeError("call reset and reveal before act, as run_episode does")
         if self._is_done:
             return self._rest.act(reading, belief)
         navigator = self._navigator
@@ -132,8 +123,7 @@ class OracleExplorer:
         return navigator.command(belief.pose)
 
     def _decide(self, belief: Belief, planning: PlanningMap, coverage: Coverage) -> bool:
-        """Plan what is left of the tour, and drive to its next stops; False if there are none."""
-        num_rounds = ROUNDS if self._planner else FIRST_ROUNDS
+        num_rounds = NUM_ROUNDS if self._planner else NUM_FIRST_ROUNDS
         planner = self._planner = self._planner or self._prepare(planning, coverage)
         if planner is None:
             return False
@@ -141,11 +131,11 @@ class OracleExplorer:
         planning.update(self._truth.complete(belief.grid), None)
         if self._progress == FAILED and planner.stops:
             planner.leave_out(planner.stops[0])
-        for viewpoint in np.flatnonzero(np.hypot(*(planner.viewpoints.points - (x, y)).T) < ARRIVED):
+        for viewpoint in np.flatnonzero(np.hypot(*(planner.viewpoints.points - (x, y)).T) < ARRIVAL_RADIUS):
             planner.use_up(int(viewpoint), coverage.explored)
         while True:
             planner.plan(x, y, coverage.explored, num_rounds)
-            num_rounds = ROUNDS
+            num_rounds = NUM_ROUNDS
             if not planner.stops:
                 return False
             stop = planner.stops[0]
@@ -157,8 +147,6 @@ class OracleExplorer:
                 planner.leave_out(stop)
 
     def _prepare(self, planning: PlanningMap, coverage: Coverage) -> CoverPlanner | None:
-        """Spread viewpoints over the true map, for a smaller footprint if the whole one does not get around enough."""
-        # The robot counts as having arrived a little before.
         reach, (x, y, _) = max(self._robot.lidar.range_max - REACH_MARGIN, 0.0), self._start
         walls, first = crop_to_known(coverage.area.walls), None
         for tables in planning.tables:
@@ -173,7 +161,6 @@ class OracleExplorer:
         return first
 
     def _drive_on(self, planner: CoverPlanner, planning: PlanningMap, pose: Pose2D) -> bool:
-        """Drive on along the tour; False if there is no path."""
         x, y, _ = self._start.compose(pose)
         goal = planner.next_viewpoint(x, y, LOOKAHEAD)
         point = self._start.inverse().transform(planner.viewpoints.points[goal])
@@ -181,7 +168,7 @@ class OracleExplorer:
             costmap = planning.costmap(level, pose, self._navigator.obstacles)
             path = plan_path(costmap, pose[:2], tuple(point.tolist()), tolerance=GOAL_TOLERANCE)
             if path is not None:
-                # The clocks that tell when the robot is stuck go on where the goal is the same.
+                # The progress checker keeps its timers for an unchanged goal.
                 is_same = goal == self._goal and self._progress in (DRIVING, REPLAN)
                 self._navigator.drive_to(resample(path, 0.05), keep_clocks=is_same)
                 self._goal = goal

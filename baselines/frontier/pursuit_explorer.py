@@ -1,14 +1,10 @@
-"""Pursuit driving: turns towards a point near ahead on the path and drives as it turns, without slowing down for bends.
-
-`ppo:pretrained/twist` starts from the same twists (`lidarnaut.agents.pursuit`); here they are commanded where the arc
-is free.
-"""
+"""Pursuit driving: steers to a near point on the path, without slowing down in bends."""
 
 import math
 
 import numpy as np
 
-from lidarnaut.baselines.frontier.explorer import RuleExplorer
+from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.navigation import FrontierNavigator, GainOverCost, free_distance
@@ -17,18 +13,17 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 TURN = 1.2
-"""Yaw rate over the direction of the path, as a fraction of the robot's limit [1/rad]."""
+"""Yaw rate per angle to the path, as a fraction of the maximum yaw rate [1/rad]."""
 
 
 class PursuitDriving(RuleExplorer):
-    """Drives where its rule says, by pursuit; as the navigator commands where obstacles are near, and to recover."""
+    """Explorer with pursuit driving; the navigator drives near obstacles and in recoveries."""
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         super().reset(robot, control_period, rng)
         self._robot = robot
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist; see `Explorer`."""
         twist, frontiers = super().act(reading, belief), self.navigator
         if frontiers is None or self.end_reason is not None:
             return twist
@@ -36,7 +31,7 @@ class PursuitDriving(RuleExplorer):
 
 
 class PursuitExplorer(PursuitDriving):
-    """Goes where `GainOverCost` says, asked anew every second, by pursuit driving."""
+    """Pursuit explorer with the rule `GainOverCost`, evaluated every second."""
 
     def __init__(self) -> None:
         super().__init__(GainOverCost(), max_time=1.0)
@@ -45,14 +40,14 @@ class PursuitExplorer(PursuitDriving):
 def pursue(
     frontiers: FrontierNavigator, robot: RobotParams, pose: Pose2D, twist: Twist, obstacles: np.ndarray
 ) -> Twist:
-    """Return the twist of a pursuit along the path, or the navigator's `twist` where its arc is not free.
+    """Return the pursuit twist along the path, or the navigator's `twist` if the arc is not free.
 
-    `obstacles`, shape (n, 2), float64, base frame [m], are what the arc is to keep clear of.
+    `obstacles`: shape (n, 2), float64, base frame [m].
     """
     navigator = frontiers.navigator
     if navigator.is_recovering or navigator.plan is None:
         return twist
-    path = np.vstack([navigator.plan, np.array(frontiers.target)])  # what is to be seen lies beyond its end
+    path = np.vstack([navigator.plan, np.array(frontiers.target)])  # frontier
     direction = np.empty(2, dtype=np.float32)
     look_ahead(path, 0, tuple(pose), LOOKAHEADS[:1], direction)
     cosine, sine = direction.tolist()

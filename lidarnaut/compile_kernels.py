@@ -1,4 +1,4 @@
-"""Compiles ahead what environments, SLAMs and explorers need: python -m lidarnaut.warm."""
+"""Compiles the kernels of environments, SLAMs and explorers in advance: python -m lidarnaut.compile_kernels."""
 
 import importlib.util
 from typing import Any
@@ -12,8 +12,8 @@ from lidarnaut.envs.progress import Progress
 from lidarnaut.envs.slam import SLAM_NAMES
 
 
-def warm() -> None:
-    """Run the first seconds of an episode of everything, behind a progress bar."""
+def compile_kernels() -> None:
+    """Run the first seconds of episodes with all environments, SLAMs and explorers."""
     explore = "lidarnaut/Explore-v0"
     kinematic: dict[str, Any] = {"physics": "kinematic"}
     others = ("ExploreFrontiers", "ExploreTeam", "Navigate", "ReachCrowd", "Track")
@@ -40,4 +40,4 @@ def warm() -> None:
 
 
 if __name__ == "__main__":
-    warm()
+    compile_kernels()

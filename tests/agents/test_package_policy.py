@@ -11,8 +11,8 @@ from lidarnaut.agents.frontiers.evolution import evolve
 from lidarnaut.agents.frontiers.score import ScoreExplorer
 from lidarnaut.agents.frontiers.tasks import HELD_OUT, TRAINING_WORLDS
 from lidarnaut.agents.learned import PRETRAINED, find_policy, load_policy
+from lidarnaut.agents.package_policy import CHECKSUMS, MODEL_CARD, main
 from lidarnaut.agents.run_folder import CheckpointError
-from lidarnaut.agents.ship import CHECKSUMS, MODEL_CARD, main
 from lidarnaut.agents.vec_env import make_env
 from lidarnaut.envs.command_line import run_command
 from tests.agents.frontiers.test_evolution import TINY as EVOLUTION
@@ -45,7 +45,7 @@ def test_a_run_that_is_not_there_is_one_line(tmp_path, capsys):
     with pytest.raises(SystemExit) as stop:
         run_command(main, ["/no/such/run", str(tmp_path / "folder")])
     assert stop.value.code == 2
-    assert capsys.readouterr().err.partition(": ")[2].startswith("/no/such/run is no folder")
+    assert capsys.readouterr().err.partition(": ")[2].startswith("/no/such/run is not a folder")
     assert not (tmp_path / "folder").exists()
 
 

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import njit
 
-from . import records as at
+from . import person_row as at
 from .walls import clearance, push_out
 
 MAX_OVERLAP = 0.02
@@ -21,7 +21,7 @@ _TOLERANCE = 2e-6
 
 
 @njit(cache=True, error_model="numpy")
-def settle(people, starts, robots, walls, dt):
+def resolve_overlaps(people, starts, robots, walls, dt):
     """Separate overlapping people, push people out of walls, and stop people at robots.
 
     A person without room returns to its start. People on fixed routes do not avoid anyone.

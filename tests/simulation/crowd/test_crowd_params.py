@@ -28,7 +28,7 @@ def test_people_are_said_as_numbers_names_text_or_parameters(people, crowd):
 @pytest.mark.parametrize(
     ("people", "complaint"),
     [
-        (-1, "people: number.*greater than or equal to 0, got -1"),
+        (-1, "people must be 0 or more, got -1"),
         ((5, 2), r"number of a crowd must be \(low, high\), got \(5, 2\)"),
         ("dens", "unknown crowd 'dens' .*did you mean 'dense'"),
         ("6?atentive=1", "people: unknown key 'atentive' .*did you mean 'attentive'"),

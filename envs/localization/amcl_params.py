@@ -7,7 +7,7 @@ from pydantic import Field
 from pydantic.dataclasses import dataclass
 
 from lidarnaut.envs.files import resolve
-from lidarnaut.envs.robots.params import CONFIG, NotNegative, Positive
+from lidarnaut.envs.robots.robot_params import CONFIG, NotNegative, Positive
 
 Count = Annotated[int, Field(ge=1)]
 Share = Annotated[float, Field(ge=0.0, le=1.0)]

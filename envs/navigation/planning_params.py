@@ -1,0 +1,82 @@
+"""Parameters of planning and navigation."""
+
+from dataclasses import dataclass
+
+from lidarnaut.envs.navigation.costmap import CostmapParams
+
+
+@dataclass(frozen=True, slots=True)
+class PlanningParams:
+    """Parameters of planning: costs, frontiers and candidates."""
+
+    cell: float = 0.1
+    """Side of a planning cell, a block of map cells, at most the robot's radius [m]."""
+    padding: float = 0.03
+    """Footprint padding, for half a map cell and noise of the pose estimate [m]."""
+    tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
+    """Footprint radii of padding levels 1, 2, ..., as fractions of the robot's radius, for gaps that map drift has
+    narrowed."""
+    inflation: float = 0.45
+    """Width of inflation beyond the footprint [m]."""
+    cost_scaling_factor: float = 4.0
+    """Exponential decay rate of the inflation cost with distance [1/m]."""
+    marking_range: float = 2.5
+    """Maximum range for marking scanned obstacles that the map lacks [m] (Nav2's `obstacle_max_range`)."""
+    clearing_range: float = 3.0
+    """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
+    same_obstacle: float = 0.15
+    """Maximum distance between a scanned obstacle and a map cell that explains it [m]."""
+    min_lengths: tuple[float, ...] = (0.4, 0.15)
+    """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
+    max_extent: float = 2.0
+    """Maximum extent of a candidate [m]; longer frontiers are split."""
+    view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
+    """Distances of viewpoints from the frontier [m], tried in order until one is reachable and sees the frontier."""
+    detour: float = 3.0
+    """Additional path cost to search for a nearer viewpoint before a larger view distance is accepted [m]."""
+    view_range: float = 8.0
+    """Maximum range for counting visible unknown area [m], limited by the lidar's range."""
+    heading_distance: float = 0.6
+    """Distance along the path to the point that defines the turn towards a candidate [m]."""
+
+    def costmap(self, robot_radius: float) -> CostmapParams:
+        """Return inflation parameters for a footprint radius [m]."""
+        return CostmapParams(robot_radius, robot_radius + self.inflation, self.cost_scaling_factor)
+
+
+@dataclass(frozen=True, slots=True)
+class NavigatorParams:
+    """Parameters of drives: end conditions and recovery behaviors."""
+
+    min_time: float = 1.0
+    """Minimum drive time before a vanished frontier ends the drive [s]."""
+    replan_time: float = 4.0
+    """Interval between replans of the path during a drive [s]."""
+    goal_tolerance: float = 1.6
+    """Goal tolerance, in robot radii; at most 0.2 m."""
+    frontier_radius: float = 0.4
+    """Radius around the chosen frontier within which a remaining frontier cell keeps the drive going [m]."""
+    stall_time: float = 3.0
+    """Time without translation or rotation that triggers a recovery behavior [s]."""
+    stall_angle: float = 0.3
+    """Minimum heading change that counts as rotation [rad]."""
+    max_recoveries: int = 3
+    """Maximum number of recovery attempts per drive."""
+    stuck_distance: float = 0.5
+    """Minimum distance to cover within `stuck_time` [m]; otherwise the drive fails."""
+    stuck_time: float = 10.0
+    """Time allowed to cover `stuck_distance` [s]."""
+    still_distance: float = 0.1
+    """Minimum distance to cover within `still_time` [m]; otherwise exploration may end as stuck."""
+    still_time: float = 30.0
+    """Time allowed to cover `still_distance` [s]."""
+    spin_rate: float = 1.0
+    """Yaw rate of spins [rad/s], limited by the robot."""
+    look_radius: float = 3.0
+    """Radius for ignoring frontier cells after a visit or repeated failures, in robot radii; at most 0.75 m."""
+    retry_radius: float = 0.5
+    """Distance within which two frontiers count as one, for failures and ages [m]."""
+    max_failures: int = 3
+    """Number of failed drives after which a frontier is ignored."""
+    max_looks: int = 40
+    """Maximum number of looks around while a person may block the last passage."""
