@@ -101,7 +101,7 @@ def test_cases_are_named_by_what_differs():
     ("own", "brief"),
     [
         (EXPLORATION, ["area_under_curve", "time_to_95", "path_length", "collisions", "position_rmse"]),
-        ((*REACH, *PEOPLE), ["time_spl", "success", "time_to_goal", "collisions", "spl"]),
+        ((*REACH, *PEOPLE), ["sct", "success", "time_to_goal", "collisions", "spl"]),
         (GOAL, ["spl", "success", "time_to_goal", "collisions", "way_left"]),
         (ROUTE, ["progress", "success", "time_to_end", "collisions", "deviation_rmse"]),
         ((TIME_TO_SUCCESS,), ["success", "time_to_success", "collisions", "path_length", "position_rmse"]),
