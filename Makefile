@@ -68,8 +68,8 @@ format: install
 
 docs: $(DOCS_INSTALLED)
 	$(BIN)/python -m sphinx --jobs 2 --fail-on-warning --keep-going --quiet docs build/site
+	@echo "the site is in build/site/index.html; tests of its pages follow"
 	LIDARNAUT_SITE=build/site $(BIN)/python -m pytest --quiet --noconftest --numprocesses 2 tests/docs/test_site.py
-	@echo "the site is in build/site/index.html"
 
 $(DOCS_INSTALLED): $(INSTALLED)
 	$(PIP) --editable ".[dev,docs]"

@@ -21,12 +21,10 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
 
     - A frontier rule: `rule(candidates, belief)` returns scores.
     - An `Explorer`: `reset` and `act(reading, belief)`, optionally `end_reason` and `plan`. In a team, each robot gets
-    a
-      copy, unless `is_team` is true.
+      a copy, unless `is_team` is true.
     - A model: `predict(observation)` returns the action, alone or first in a tuple. Accepted arguments among
       `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)`
-      precedes
-      each episode.
+      precedes each episode.
     - Any other callable of one argument: returns the action for an observation.
     - A class, or a function without required arguments: makes one of these.
 

@@ -18,6 +18,7 @@ import environment_pages
 import gallery
 import gymnasium
 import numpy as np
+import robot_keys
 from sphinx.application import Sphinx
 
 from lidarnaut.baselines.episode import run_episode
@@ -70,7 +71,7 @@ def example_page(folder: Path) -> str:
 
 
 def run_examples(folder: Path, out: Path) -> None:
-    """Write the output of the examples in `PRINTED`, and pictures of their worlds and robot."""
+    """Write the output of the examples in `PRINTED`, and pictures and tables for the pages about them."""
     sys.path.insert(0, str(folder))
     for name in (f"own_{part}" for part in PRINTED):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -81,6 +82,7 @@ def run_examples(folder: Path, out: Path) -> None:
     (text,) = re.findall(r"^```yaml\n(.*?)^```", (out.parent / "world_files.md").read_text(), re.DOTALL | re.MULTILINE)
     (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
     gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
+    (out / "robot_keys.txt").write_text(robot_keys.tables(), encoding="utf-8")
     gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
     sys.path.remove(str(folder))
 

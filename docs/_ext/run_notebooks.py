@@ -17,8 +17,10 @@ _running: list[subprocess.Popen[bytes]] = []
 
 
 def start(app: Sphinx) -> None:
-    """Begin to run all notebooks of `docs/tutorials` anew."""
+    """Start to run all notebooks of `docs/tutorials`; not with `-D nb_execution_mode=off`."""
     config = app.config
+    if config.nb_execution_mode == "off":
+        return
     arguments = app.srcdir, config.nb_execution_cache_path, config.nb_execution_timeout
     _running.append(subprocess.Popen([sys.executable, __file__, *map(str, arguments)], stdout=subprocess.PIPE))
 
@@ -28,8 +30,14 @@ def wait(app: Sphinx, name: str, source: list[str]) -> None:
 
     Pages are read by processes that this one forks, which share its pipe: that ends with the process that writes there.
     """
-    if name.startswith(NOTEBOOKS):
+    if name.startswith(NOTEBOOKS) and _running:
         _running[0].stdout.read()  # type: ignore[union-attr]
+
+
+def finish(app: Sphinx, error: Exception | None) -> None:
+    """End the process that `start` began."""
+    while _running:
+        _running.pop().wait()
 
 
 def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
@@ -44,10 +52,10 @@ def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register; see `start` and `wait`."""
+    """Register; see `start`, `wait` and `finish`."""
     app.connect("builder-inited", start)
     app.connect("source-read", wait)
-    app.connect("build-finished", lambda *_: _running.pop().wait())
+    app.connect("build-finished", finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 
