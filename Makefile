@@ -15,6 +15,7 @@ DOCS_INSTALLED := .venv/.installed-docs
 install: $(INSTALLED)
 
 $(INSTALLED): pyproject.toml constraints.txt
+	@echo "installing into .venv, which takes one to three minutes"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(PIP) --editable ".[dev]"
 	$(BIN)/python -m pip check
