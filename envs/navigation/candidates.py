@@ -94,7 +94,7 @@ class Candidates:
     """
 
     table: np.ndarray
-    """One record per candidate, shape (k,), dtype `CANDIDATE`."""
+    """One record per candidate (reachable frontier), shape (k,), dtype `CANDIDATE`."""
     chosen: int
     """Index of the candidate nearest to the last chosen frontier; -1 for none."""
     last_failed: bool

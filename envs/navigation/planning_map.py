@@ -87,9 +87,9 @@ class PlanningMap:
         """Create a planning map; `resolution`: side of a map cell [m]."""
         self.params = params
         self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
-        """Side of a planning cell [map cells]."""
+        """Number of map cells along the side of a planning cell."""
         self.side = self.block * resolution
-        """Side of a planning cell [m]."""
+        """Side of a planning cell (block of map cells) [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
         """Planning constants per footprint radius: the padded robot, then smaller footprints."""
@@ -252,7 +252,7 @@ class PlanningMap:
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
         self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Occupancy of planning cells, shape (height, width), int8."""
+        """Occupancy of the planning map, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
         """Obstacles marked by scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)

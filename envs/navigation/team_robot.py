@@ -91,7 +91,6 @@ class TeamRobot(FrontierNavigator):
         self.passing = NO_POINTS
         """Points on robots that must yield, shape (n, 2), base frame [m]. Planned paths may cross these points."""
         self.outcome: str | None = None
-        """Outcome of the last drive; None while driving."""
         self._patience, self._radius, self._period = patience, robot.radius, control_period
         self._has_begun = self._has_looked_around = self._keeps_clocks = False
         self._idle_steps = self._pause_steps = self._wait_steps = 0
