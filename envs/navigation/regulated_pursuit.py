@@ -21,7 +21,7 @@ from lidarnaut.envs.simulation import Twist
 BEND_CHORD = 5
 """Number of path points in a chord, to measure path direction."""
 NEAREST_WINDOW = 40
-"""Number of path points searched for the nearest point: over a second at full speed."""
+"""Number of path points searched for the point nearest to the robot."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
 """Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]

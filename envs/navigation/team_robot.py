@@ -153,7 +153,7 @@ class TeamRobot(FrontierNavigator):
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers during a drive. The next drive continues the time limits."""
+        """Find reachable frontiers during a drive, for a new choice that continues the time limits."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 
