@@ -206,6 +206,6 @@ class Navigator:
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period."""
+        """Return the next velocity command."""
         state = self._records, self._path, self._obstacles
         return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

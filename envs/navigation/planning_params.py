@@ -45,7 +45,7 @@ class PlanningParams:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParams:
-    """Parameters of drives: end conditions and recovery behaviors."""
+    """Parameters of drives: end conditions and recovery."""
 
     min_time: float = 1.0
     """Minimum drive time before a vanished frontier ends the drive [s]."""
