@@ -12,7 +12,10 @@ from lidarnaut.envs.simulation import Reading
 
 @njit(cache=True, error_model="numpy")
 def arc_motion(distance, turn):
-    """Return the end pose (x, y, theta) of an arc relative to its start, from signed length [m] and turn [rad]."""
+    """Return the end pose (x, y, theta) [m, m, rad] of a circular arc relative to its start.
+
+    `distance`: signed arc length [m]; `turn`: heading change [rad].
+    """
     half = 0.5 * turn
     chord = distance * math.sin(half) / half if half != 0.0 else distance
     return chord * math.cos(half), chord * math.sin(half), turn
@@ -20,7 +23,10 @@ def arc_motion(distance, turn):
 
 @njit(cache=True, error_model="numpy")
 def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
-    """Return the motion (x, y, theta) from encoder counts; `track`: distance between the wheels [m]."""
+    """Return the displacement (x, y, theta) [m, m, rad] of a robot from the counts of both wheel encoders.
+
+    `track`: distance between the wheels [m].
+    """
     left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
     return arc_motion(0.5 * (left + right), (right - left) / track)
 
@@ -37,9 +43,9 @@ def update_bias(gyro, yaw_rate, variance):
 
 @njit(cache=True, error_model="numpy")
 def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro, variance):
-    """Return the motion (x, y, theta) from encoder counts and yaw rate.
+    """Return the displacement (x, y, theta) [m, m, rad] of a robot from wheel encoder counts and yaw rate [rad/s].
 
-    Updates the bias while the wheels rest (zero-velocity update); see `update_bias`.
+    While the wheels rest, the gyroscope bias in `gyro` is updated (zero-velocity update).
     """
     if left_ticks == 0 and right_ticks == 0:
         update_bias(gyro, yaw_rate, variance)
@@ -57,7 +63,7 @@ class WheelMotion:
         self._ticks = reading.ticks
 
     def update(self, reading: Reading) -> Pose2D:
-        """Return the pose of the base relative to the last reading."""
+        """Return the base pose relative to the base pose at the last reading."""
         return Pose2D(*wheel_motion(*self._counts(reading), self._metres_per_tick, self._track))
 
     def _counts(self, reading: Reading) -> tuple[int, int]:
@@ -88,5 +94,8 @@ class GyroMotion(WheelMotion):
 
 
 def make_motion_source(robot: RobotParams, control_period: float) -> WheelMotion:
-    """Return the odometry selected by a robot's YAML file; `control_period`: time between readings [s]."""
+    """Create the odometry selected in a robot's parameters: from wheels, or from wheels and gyroscope.
+
+    `control_period`: time between readings [s].
+    """
     return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)

@@ -9,7 +9,7 @@ import numpy as np
 from .names import printable
 
 MAX_BYTES = 2**31
-"""Maximum size of a file, and of the arrays of an archive [bytes]."""
+"""Maximum size of a file, and of the unpacked arrays of an archive [bytes]."""
 
 
 def check_file(path: Path, limit: float = MAX_BYTES) -> None:
@@ -27,7 +27,12 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Read a file of at most `limit` bytes; raises as `check_file`."""
+    """Return the content of a file of at most `limit` bytes.
+
+    Raises:
+        OSError: the file cannot be read.
+        ValueError: the file is too large or not regular.
+    """
     check_file(path, limit)
     return path.read_bytes()
 
@@ -36,9 +41,11 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
 def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
     """Open a NumPy archive (.npz) as a context manager.
 
+    `what` (expected content) and `hint` (advice) appear in error messages.
+
     Raises:
         OSError: the file cannot be read.
-        ValueError: the archive is damaged or too large, or the block failed; the message contains `what` and `hint`.
+        ValueError: the archive is damaged or too large, or the `with` block failed.
     """
     try:
         check_file(path)

@@ -13,13 +13,13 @@ _swept: set[Path] = set()
 
 
 def write_file(path: Path, content: bytes | str) -> None:
-    """Replace a file atomically; OSError leaves the old file unchanged."""
+    """Write a file atomically. After an OSError, the old file is unchanged."""
     with _in_place_of(path) as temporary:
         _write_through(temporary, content)
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create a folder with `files` atomically; OSError if the folder exists."""
+    """Create a folder with files (content by name) atomically; OSError if the folder exists with content."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -29,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, renamed to `path` if the block succeeds."""
+    """Yield a temporary path, which is renamed to `path` if the `with` block succeeds."""
     temporary = temporary_beside(path)
     _remove(temporary)
     try:
@@ -43,7 +43,7 @@ def _in_place_of(path: Path) -> Iterator[Path]:
 
 
 def append_file(path: Path, text: str) -> None:
-    """Append to a file and sync it to disk; OSError if it is a symbolic link."""
+    """Append text to a file and sync the file to disk; OSError for a symbolic link."""
     with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
         file.write(text)
         file.flush()
@@ -51,10 +51,10 @@ def append_file(path: Path, text: str) -> None:
 
 
 def own_folder(path: Path, name: str = "") -> Path:
-    """Create the folder `path`, or its subfolder `name`, for writing; return it.
+    """Create the folder `path / name` for writing, and return its path.
 
     Raises:
-        ValueError: the subfolder, or an entry up to two levels deep, is a symbolic link: writes could reach any file.
+        ValueError: the folder, or an entry up to two levels below, is a symbolic link to any other file.
     """
     folder = path / name
     if not (name and folder.is_symlink()):
@@ -88,7 +88,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files of ended processes of this machine."""
+    """Remove temporary files in a folder that ended processes of this machine have left."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
         if match is not None and not _is_alive(int(match[1]), path):
@@ -97,7 +97,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to operating system errors that name no file."""
+    """Context manager that adds `path` to operating system errors without a file name."""
     try:
         yield
     except OSError as error:
