@@ -9,9 +9,7 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
-"""Pose (0, 0, 0), the origin of a frame."""
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-"""Empty list of map cells (row, column): shape (0, 2), int32."""
 
 
 class Correction(NamedTuple):
@@ -20,13 +18,10 @@ class Correction(NamedTuple):
     before: np.ndarray
     """Past robot poses in the old map: shape (n, 3), float64 [m, m, rad]."""
     after: np.ndarray
-    """Past robot poses in the corrected map, in the order of `before`: shape (n, 3), float64 [m, m, rad]."""
+    """Past robot poses in the corrected map: shape (n, 3), float64 [m, m, rad]."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Return map points moved from the old to the corrected map.
-
-        Each point moves with the nearest past pose. Points: shape (k, 2), float64, map frame [m].
-        """
+        """Return map points moved with the nearest past pose to the corrected map: shape (k, 2), float64 [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()
@@ -41,32 +36,26 @@ class MapUpdate(NamedTuple):
     """Changes of the occupancy grid by the last scan."""
 
     new_cells: np.ndarray
-    """Cells (row, column) that became known, counted from `origin`: shape (k, 2), int32. All known cells if the map was
-    redrawn."""
+    """Cells (row, column) that became known, counted from `origin`: shape (k, 2), int32. All known cells if redrawn."""
     window: Window | None
-    """Rectangle of cells that may have changed; None if the scan was not inserted into the map."""
+    """Rectangle of cells that may have changed, or None."""
     redrawn: bool = False
     """True if the whole map was recomputed, after a loop closure or a change of the best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
-    """Position (x, y) of the corner of cell (0, 0) at the time of the update, map frame [m]. The corner moves when the
-    map grows."""
+    """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]."""
     correction: Correction | None = None
     """Displacement of the map if it was redrawn; None if unknown."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
-"""Map update without changes, for scans that were not inserted into the map."""
 
 
 @dataclass(slots=True)
 class Belief:
-    """Output of a SLAM or localizer: pose estimate and map, in the map frame.
-
-    Every scan updates the same object in place.
-    """
+    """Output of a SLAM or localizer, in the map frame. Every scan updates the same object in place."""
 
     pose: Pose2D
-    """Estimated pose of the robot's base, map frame."""
+    """Estimated pose of the robot's base."""
     grid: OccupancyGrid
     """Estimated occupancy grid. Its array is updated in place, and replaced when the map grows."""
     update: MapUpdate = NO_UPDATE
@@ -75,18 +64,18 @@ class Belief:
     is_lost: bool = False
     """True if the pose estimate is unreliable."""
     rivals: np.ndarray = field(default_factory=lambda: np.empty((0, 4)))
-    """Alternative poses that explain the scans equally well, as x, y, heading [m, m, rad] and weight relative to the
-    weight 1 of `pose`: shape (k, 4), float64."""
+    """Alternative poses that explain the scans equally well, as x, y, heading [m, m, rad] and weight relative to
+    `pose`: shape (k, 4), float64."""
     twist: Twist | None = None
-    """Estimated forward speed [m/s] and yaw rate [rad/s] of the base; None if not estimated."""
+    """Estimated forward speed [m/s] and yaw rate [rad/s]; None if unknown."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
     """Tracked people as x, y [m], velocity (x, y) [m/s] and radius [m]: shape (n, 5), float64, base frame."""
     on_people: np.ndarray | None = None
-    """Mask of the last scan's beams that end at possible people: shape (num_beams,), bool; None without people
-    tracking. These beams are not mapped."""
+    """Mask of the last scan's beams that end at possible people and are not mapped: shape (num_beams,), bool; None
+    without tracking."""
     path: np.ndarray | None = None
-    """Corrected trajectory after the map was redrawn: shape (n, 3), float64 [m, m, rad], one pose per scan or key scan
-    (scan that is matched and integrated). None if the map was not redrawn."""
+    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per scan
+    or per integrated scan."""
 
     @property
     def hypotheses(self) -> np.ndarray:
@@ -111,27 +100,24 @@ class Estimator(Protocol):
     def belief(self) -> Belief: ...
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start an episode at `pose` in the map frame, and return the initial estimate.
+        """Start at `pose` in the map frame and return the estimate; None is an unknown pose on a known map.
 
-        `pose=None` means an unknown pose on a known map. `map` is a known or shared map; None starts an empty map.
+        `map`: known or shared map, or None.
         """
         ...
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a sensor reading and return the estimate.
-
-        `motion`: base pose relative to the last reading, by odometry.
-        """
+        """Process a sensor reading; `motion` is the base pose relative to the last reading, by odometry."""
         ...
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
     """Check the pose estimate and map returned by the estimator called `name`.
 
-    `grid`: grid that must be returned, or None for any; `before`: data and shape of the grid before the update.
+    `grid`: grid that must be returned, if any; `before`: data and shape of the grid before the update.
 
     Raises:
-        ValueError: a value has the wrong type or shape, is not finite, or lies outside the grid.
+        ValueError: a value has the wrong type or shape, is not finite or lies outside the grid.
     """
     if fault := _fault_of(belief, grid, *before):
         raise ValueError(f"estimator {name}: {fault}")

@@ -1,4 +1,4 @@
-"""Map crops around a robot at several resolutions. Thin walls stay visible at low resolution."""
+"""Map crops around a robot at several resolutions that preserve thin walls."""
 
 import math
 
@@ -11,10 +11,9 @@ from lidarnaut.envs.geometry import NO_WINDOW, OccupancyGrid, Window
 from lidarnaut.envs.geometry.lookup import load
 
 OCCUPIED_FROM = 50
-"""Minimum occupancy at which a map cell counts as occupied [percent]."""
+"""Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Maximum side of blocks that are computed directly from map cells [cells]. Larger blocks are computed from smaller
-blocks."""
+"""Maximum side of blocks computed directly from map cells [cells]. Larger blocks are computed from smaller blocks."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -24,10 +23,7 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Count free and occupied cells in each column of the map rows `lines`.
-
-    `sums` receives the number of free cells + 256 * the number of occupied cells: shape (n,), uint16.
-    """
+    """Write free cells + 256 * occupied cells per column of the map rows `lines` to `sums`: shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -39,11 +35,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into square blocks, inside a window (rectangle) of changed cells.
+    """Pool map cells into blocks, inside a window (rectangle) of changed cells.
 
     `data`: occupancy [percent], shape (height, width), int8; `block`: side of a block [cells], a power of two up to
-    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16, one word per block and a last 0 for outside the map. A
-    word holds the fraction of free cells times 255 in bits 0 to 7, occupied in bit 8, and visited in bit 9.
+    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the
+    fraction of free cells times 255, and flags for occupied and visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -62,11 +58,7 @@ def pool_cells(data, window, block, level):
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks into one larger block, inside a window (rectangle) of changed smaller blocks.
-
-    `finer`, `level`: words of the smaller and larger blocks, as in `pool_cells`; `height`, `width`: number of smaller
-    blocks.
-    """
+    """Pool 4 x 4 blocks into one, inside a window (rectangle) of changed blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
         for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
@@ -84,9 +76,9 @@ def _pool_blocks(finer, height, width, window, level):
 def crop_level(level, height, width, x, y, theta, pixel, crop):
     """Crop a pooled map around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: words of the blocks, as in `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner
-    [blocks, blocks, rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8, with
-    channels occupied (255), fraction of free cells times 255, and visited (255).
+    `level`: see `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks, blocks, rad];
+    `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255), fraction of free
+    cells times 255, visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -111,11 +103,10 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
 
 
 class Level:
-    """Map pooled into square blocks of one size: a level of a resolution pyramid."""
+    """Map pooled into blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a level with blocks of side `block` [cells], pooled from the level `finer`, or from the map for None.
-        """
+        """Create a map with blocks of side `block` [cells], pooled from the map `finer`, or from cells if None."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW
@@ -133,14 +124,14 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Mark the block that contains the map position (`col`, `row`) [cells] as visited."""
+        """Mark the block that contains the position (`col`, `row`) [cells] as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
 
 
 class MapPyramid:
-    """Resolution pyramid of a map: pools the map into blocks of several sizes on demand."""
+    """Map pooled into blocks of several sizes on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
@@ -166,8 +157,7 @@ class MapPyramid:
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
         """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m].
 
-        `out`: shape (3, size, size), uint8, with channels occupied, free and visited; axis 1 points forward, axis 2 to
-        the left.
+        `out`: shape (3, size, size), uint8: occupied, free, visited.
         """
         level = self.level(pixel)
         side = level.block * self.grid.resolution
@@ -176,7 +166,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return the up-to-date pooled map with the block side nearest to `pixel` [m]."""
+        """Return the updated pooled map with the block side nearest to `pixel` [m]."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

@@ -12,10 +12,7 @@ from lidarnaut.envs.simulation import Reading
 
 @njit(cache=True, error_model="numpy")
 def arc_motion(distance, turn):
-    """Return the end pose (x, y, theta) [m, m, rad] of a circular arc relative to its start.
-
-    `distance`: signed arc length [m]; `turn`: heading change [rad].
-    """
+    """Return the end pose (x, y, theta) of an arc relative to its start, from signed length [m] and turn [rad]."""
     half = 0.5 * turn
     chord = distance * math.sin(half) / half if half != 0.0 else distance
     return chord * math.cos(half), chord * math.sin(half), turn
@@ -23,17 +20,14 @@ def arc_motion(distance, turn):
 
 @njit(cache=True, error_model="numpy")
 def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
-    """Return the displacement (x, y, theta) [m, m, rad] of a robot from the counts of both wheel encoders.
-
-    `track`: distance between the wheels [m].
-    """
+    """Return the displacement (x, y, theta) from wheel encoder counts; `track`: distance between the wheels [m]."""
     left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
     return arc_motion(0.5 * (left + right), (right - left) / track)
 
 
 @njit(cache=True, error_model="numpy")
 def update_bias(gyro, yaw_rate, variance):
-    """Update the gyroscope's bias [rad/s] and bias variance, `gyro`, in place, from a yaw rate measured at rest."""
+    """Update bias [rad/s] and variance of a gyroscope, `gyro`, in place, from a yaw rate measured at rest."""
     innovation, total = yaw_rate - gyro[0], gyro[1] + variance
     if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
         gain = gyro[1] / total
@@ -43,9 +37,9 @@ def update_bias(gyro, yaw_rate, variance):
 
 @njit(cache=True, error_model="numpy")
 def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro, variance):
-    """Return the displacement (x, y, theta) [m, m, rad] of a robot from wheel encoder counts and yaw rate [rad/s].
+    """Return the displacement (x, y, theta) from wheel encoder counts and yaw rate [rad/s].
 
-    While the wheels rest, the gyroscope bias in `gyro` is updated (zero-velocity update).
+    Updates the gyroscope bias while the wheels rest (zero-velocity update).
     """
     if left_ticks == 0 and right_ticks == 0:
         update_bias(gyro, yaw_rate, variance)
@@ -94,8 +88,5 @@ class GyroMotion(WheelMotion):
 
 
 def make_motion_source(robot: RobotParams, control_period: float) -> WheelMotion:
-    """Create the odometry selected in a robot's parameters: from wheels, or from wheels and gyroscope.
-
-    `control_period`: time between readings [s].
-    """
+    """Create the odometry selected in a robot's parameters; `control_period`: time between readings [s]."""
     return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)

@@ -7,16 +7,15 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
-"""Margin around the footprint of another robot [m]. Beams that end within the margin hit that robot."""
+"""Margin around another robot's footprint [m]. Beams that end inside hit that robot."""
 
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
     """Return a scan with NaN for beams that end within `reach` [m] of another robot.
 
-    `ranges`: shape (num_beams,), float32 [m]; `directions`: cosine and sine of the beam angles, shape (2, num_beams);
-    `mount`: lidar position, base frame [m]; `pose`: base pose (x, y, theta), map frame [m, m, rad]; `peers`: positions
-    of other robots, shape (m, 2), map frame [m].
+    `directions`: cosine and sine of the beams, shape (2, num_beams); `mount`: position of the lidar, base frame [m];
+    `pose` (x, y, theta) and `peers` (positions, shape (m, 2)): map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -34,17 +33,14 @@ def remove_peers(ranges, directions, mount, pose, peers, reach):
 
 
 class PeerFilter:
-    """Filter that removes returns from other robots from a scan, so that robots are not mapped."""
+    """Filter that removes other robots from scans, to keep them out of the map."""
 
     def __init__(self, robot: RobotParams) -> None:
         self._mount, self._directions = (robot.lidar.mount.x, robot.lidar.mount.y), robot.lidar.directions
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan with NaN for beams that end at other robots: shape (num_beams,), float32 [m].
-
-        `pose`: base pose; `peers`: base poses of the other robots, map frame.
-        """
+        """Return a scan with NaN for beams that end at other robots: shape (num_beams,), float32 [m]."""
         if not peers:
             return ranges
         positions = np.array([peer[:2] for peer in peers])

@@ -1,7 +1,6 @@
-"""Person-sized clusters in scans, and tests for free space, compiled with Numba.
+"""Person-sized clusters in scans and free-space tests, compiled with Numba.
 
-In all functions, `p` holds the parameters of the tracker as floats, and `scan` and `ranges` have shape (num_beams,),
-float32 [m].
+`p`: tracker parameters as floats; `scan`, `ranges`: shape (num_beams,), float32 [m].
 """
 
 import math
@@ -14,33 +13,27 @@ from lidarnaut.envs.geometry.rows import write_row
 CLUSTER_SIZE = 6
 """Number of values of a cluster: centre x, y [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
-"""Kinds of clusters: a person's body, a leg, a piece of a surface such as a wall, a partly visible body."""
+"""Kinds of clusters: a person's body, a leg, a piece of a wall or other surface, a partly visible body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
-"""Results of testing a disc for free space with a scan: beams pass through the disc, the disc is occluded, or a beam
-ends at the disc."""
+"""Results of a free-space test of a disc: beams pass the disc, the disc is occluded, or a beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Fraction of a disc's radius that is tested for free space. Walls may be close to people."""
+"""Fraction of a disc's radius that beams must pass. Walls may be close to people."""
 MAX_PART_SHARE = 0.75
-"""Clusters with a radius below this fraction of a body's radius are partly visible bodies."""
+"""Clusters below this fraction of a body's radius are partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
-"""Test for flat clusters, such as walls: assumed radius of a body [m]; maximum mean distance of points from the chord,
-divided by the height of a body's arc; minimum length [m]; minimum number of points."""
+"""Test for flat clusters: assumed radius of a body [m]; maximum mean distance of points from the chord, divided by the
+height of a body's arc; minimum length [m]; minimum number of points."""
 ARC_DEPTH = 0.785
-"""Distance of a disc's centre from the mean of its visible points, divided by the radius."""
+"""Distance from the mean visible point of a disc to the disc's centre, divided by the radius."""
 
 
 @njit(cache=True, error_model="numpy")
 def _is_slope(edge, neighbour, p):
-    """Return True if the range `neighbour` is slightly less than the range `edge` [m] of the beam before.
-
-    This happens on surfaces at grazing incidence.
-    """
     return edge - p.slope < neighbour < edge
 
 
 @njit(cache=True, error_model="numpy")
 def _is_flat(x, y, first, last):
-    """Return True if scan points with mean (x, y) lie close to the line from `first` to `last` (x, y) [m]."""
     chord_x, chord_y = last[0] - first[0], last[1] - first[1]
     chord = math.hypot(chord_x, chord_y)
     if chord < MIN_FLAT_SIZE:
@@ -52,11 +45,6 @@ def _is_flat(x, y, first, last):
 
 @njit(cache=True, error_model="numpy")
 def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
-    """Append a cluster of scan points to `clusters` if person-sized; return the number of clusters.
-
-    `count`: number of clusters before; `first`, `last`, `total`: first point, last point and sum of points (x, y), base
-    frame [m]; `beams`: number of points.
-    """
     width = math.hypot(last[0] - first[0], last[1] - first[1])
     x, y = total[0] / beams, total[1] / beams
     ahead, left = x - p.mount_x, y - p.mount_y
@@ -85,11 +73,10 @@ def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
 
 @njit(cache=True, error_model="numpy")
 def find_clusters(ranges, directions, p, clusters):
-    """Split a scan at range jumps, write the person-sized clusters to `clusters`, and return their number.
+    """Split a scan at range jumps, write person-sized clusters, and return their number.
 
     Threshold of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
-    `directions`: cosine and sine of the beam angles, shape (2, num_beams); `clusters`: shape (n, CLUSTER_SIZE),
-    float64.
+    `clusters`: output, shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
     count = beams = np.int64(0)  # typed, to avoid a second compilation
@@ -119,7 +106,7 @@ def find_clusters(ranges, directions, p, clusters):
 
 @njit(cache=True, error_model="numpy")
 def join_legs(clusters, count, p):
-    """Merge each cluster of kind leg with the nearest other leg into a body; return the number of clusters."""
+    """Merge each leg with the nearest other leg into a body; return the number of clusters."""
     i = 0
     while i < count:
         nearest, best = -1, p.step
@@ -143,8 +130,7 @@ def join_legs(clusters, count, p):
 def look_at_disc(scan, pose, x, y, radius, margin, p):
     """Test a disc for free space with a scan; return `PASSED`, `HIT` or `HIDDEN` (occluded).
 
-    `x`, `y`, `radius`: disc [m]; `pose`: lidar pose (x, y, theta) in the frame of the disc [m, m, rad]; `margin`: range
-    tolerance [m].
+    `pose`: lidar pose (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """
     dx, dy = x - pose[0], y - pose[1]
     distance = math.hypot(dx, dy)

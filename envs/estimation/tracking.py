@@ -1,7 +1,6 @@
 """People tracking in lidar scans by Kalman filters with constant velocity, in the odometry frame.
 
-A cluster starts a track if stored scans do not show that the cluster is static. A track is confirmed as a person after
-significant motion.
+Clusters that are not known to be static start tracks. A track is confirmed as a person after significant motion.
 """
 
 import math
@@ -21,22 +20,22 @@ from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
-"""Array indices of a track: position [m] and velocity [m/s] in the odometry frame; variances and covariance of position
-and velocity, equal on both axes; radius [m]; number of matched clusters; misses since the last match; time of the
-last match [s]; start position [m]; 1 if confirmed as a person; identifier; number of matches in free space."""
+"""Array indices of a track: position [m], velocity [m/s] and their covariance per axis, odometry frame; radius [m];
+number of matched clusters; number of misses since the last match; time of the last match [s]; start position [m]; 1
+if confirmed as a person; identifier; number of matches in free space."""
 TRACK_SIZE = 16
 TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
 """Strictness of person detection: confirmed people only; also person-sized clusters not known to be static; or all
 person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], number of tracks, of stored scans, of
-tracks started since the reset, and of clusters."""
+"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], and number of tracks, of stored scans, of
+tracks since reset, and of clusters."""
 
 
 MAX_UNSEEN_TIME = 0.35
-"""Maximum time since the last match at which an unconfirmed track is reported [s]."""
+"""Maximum age of the last match of a reported unconfirmed track [s]."""
 MIN_BODY_RADIUS = 0.27
-"""Minimum radius reported for a person [m]. A scan shows only one side of a person."""
+"""Minimum reported radius of a person [m]. A scan shows only one side."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,11 +45,10 @@ class TrackerParams:
     max_range: float = 8.0
     """Maximum distance of clusters from the lidar [m]."""
     jump: float = 0.08
-    """Constant part of the distance between neighbouring points at which a cluster is split [m]. `jump_angle` adds a
-    part that grows with the range."""
+    """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to the range."""
     jump_angle: float = 0.35
-    """Minimum angle between beam and surface at which neighbouring points stay in one cluster [rad] (lambda of Borges
-    and Aldon, 2004)."""
+    """Minimum angle between beam and surface for neighbouring points in one cluster [rad] (lambda of Borges and Aldon,
+    2004)."""
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
     leg_size: float = 0.25
@@ -62,13 +60,13 @@ class TrackerParams:
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """Distance that a beam must pass beyond a position to prove free space there [m]."""
+    """Distance that a beam must pass beyond a position to prove free space [m]."""
     drift: float = 0.01
     """Growth of `margin` with the age of a stored scan, for odometry drift [m/s]."""
     slope: float = 0.4
     """Maximum decrease in range between neighbouring beams on one surface [m]."""
     memory: float = 16.0
-    """Duration of the stored scan history [s]. People may wait in a passage for about ten seconds."""
+    """Duration of the scan history [s]."""
     interval: float = 1.0
     """Time between stored scans [s]."""
     position_std: float = 0.08
@@ -89,26 +87,25 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed of a track to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance of a track from its start to confirm a person if no scan saw free space on the track [m]."""
+    """Minimum distance of a track from its start to confirm a person if no scan saw free space there [m]."""
     significance: float = 2.0
-    """Minimum ratio of a track's speed to the speed's standard deviation to confirm a person."""
+    """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
     """Maximum standard deviation of a reported person's position along an axis [m]."""
     stood_hits: int = 1
-    """Minimum number of stored scans that show an obstacle at a body-sized cluster to treat the cluster as static."""
+    """Minimum number of stored scans with an obstacle at a body-sized cluster to treat the cluster as static."""
     static_hits: int = 12
-    """Minimum number of stored scans that show an obstacle at a person-sized cluster to add the cluster to the map."""
+    """Minimum number of stored scans with an obstacle at a person-sized cluster to add the cluster to the map."""
     max_misses: int = 4
-    """Number of scans that show free space at a track before the track is deleted."""
+    """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
-    """Time after which the track of an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of
-    this time."""
+    """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth."""
 
 
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
-"""Lidar geometry and tracker parameters as floats, for functions compiled with Numba."""
+"""Lidar and tracker parameters as floats, for compiled functions."""
 
 
 def num_kept_scans(params: TrackerParams) -> int:
@@ -117,7 +114,7 @@ def num_kept_scans(params: TrackerParams) -> int:
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
-    """Return lidar geometry and tracker parameters as floats, for functions compiled with Numba."""
+    """Return lidar and tracker parameters as floats, for compiled functions."""
     increment, mount = lidar.angle_increment, lidar.mount
     gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
     is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
@@ -127,7 +124,7 @@ def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers
 
 @njit(cache=True, error_model="numpy")
 def predict(track, dt, p):
-    """Predict position, velocity and covariance of a track `dt` [s] ahead, in place (Kalman filter)."""
+    """Predict a track's position, velocity and covariance `dt` [s] ahead, in place."""
     q = p.acceleration
     track[X] += dt * track[VX]
     track[Y] += dt * track[VY]
@@ -138,7 +135,7 @@ def predict(track, dt, p):
 
 @njit(cache=True, error_model="numpy")
 def correct(track, x, y, p):
-    """Correct a track with a measured position (x, y), odometry frame [m], in place (Kalman filter)."""
+    """Correct a track with a measured position (x, y) [m] by a Kalman filter, in place."""
     s = track[P_XX] + p.position_std**2
     k_x, k_v = track[P_XX] / s, track[P_XV] / s
     dx, dy = x - track[X], y - track[Y]
@@ -165,10 +162,10 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks to clusters greedily, nearest pair first; return a mask of matched clusters: shape (count,), bool.
+    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters.
 
-    `matches` receives the cluster index of each track, or -1. `moved` is -1 for static clusters, which fast tracks
-    cannot match.
+    `matches`: output, cluster index of each track or -1; `moved`: -1 for static clusters, which fast tracks do not
+    match.
     """
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
@@ -205,7 +202,7 @@ def _is_doubled(i, tracks, num_tracks, matches, p):
 
 @njit(cache=True, error_model="numpy")
 def _judge(track, ranges, lidar, p):
-    """Return True if a track has moved far and fast enough, through free space, to be a person."""
+    """Return True if a track has moved like a person, through free space."""
     if track[HITS] < p.min_hits:
         return False
     born = look_at_disc(ranges, lidar, track[BORN_X], track[BORN_Y], track[RADIUS], p.margin, p)
@@ -220,9 +217,9 @@ def _judge(track, ranges, lidar, p):
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
     """Update all tracks of people with a scan.
 
-    `motion`: base pose (x, y, theta) relative to the last scan, by odometry; `period`: time since the last scan [s];
-    `memory`: stored scans, shape (n, num_beams), float32 [m], and their lidar poses (x, y, theta, time), shape (n, 4).
-    `state`, `tracks`, `memory` and `clusters` are updated in place.
+    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: stored
+    scans, shape (n, num_beams), float32 [m], and lidar poses (x, y, theta, time), shape (n, 4). Arrays are updated in
+    place.
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -287,7 +284,7 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 def write_bodies(state, tracks, p, bodies):
     """Write confirmed people and recently seen unconfirmed tracks to `bodies`; return their number.
 
-    `bodies`: x, y [m], velocity (x, y) [m/s], radius [m]; shape (n, 5), float64, base frame.
+    `bodies`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
     """
     count = 0
     c, s = math.cos(state[2]), math.sin(state[2])
@@ -304,9 +301,9 @@ def write_bodies(state, tracks, p, bodies):
 
 @njit(cache=True, error_model="numpy")
 def on_people(ranges, directions, people, margin, p, mask):
-    """Write True to `mask`, shape (num_beams,), for beams that end within `margin` [m] of a person's outline.
+    """Write the mask of beams that end within `margin` [m] of a person's outline to `mask`.
 
-    `people`: x, y [m], velocity (x, y) [m/s], radius [m]; shape (n, 5), base frame.
+    `people`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
     """
     for k in range(ranges.shape[0]):
         x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
@@ -331,7 +328,7 @@ class PeopleTracker:
         self._state[:] = 0.0
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan, shape (num_beams,), float32 [m], and return the confirmed people.
+        """Process a scan, shape (num_beams,), float32 [m]; return the confirmed people.
 
         `motion`: base pose relative to the last scan, by odometry.
         """
@@ -341,10 +338,7 @@ class PeopleTracker:
 
     @property
     def people(self) -> np.ndarray:
-        """Confirmed people as x, y [m], velocity (x, y) [m/s], radius [m]: shape (n, 5), float64, base frame.
-
-        The velocity is relative to the ground.
-        """
+        """Confirmed people as x, y [m], ground velocity (x, y) [m/s], radius [m]: shape (n, 5), float64, base frame."""
         tracks = self.tracks
         tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
@@ -359,14 +353,14 @@ class PeopleTracker:
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of all tracks: shape (n, TRACK_SIZE), float64. The constants `X` to `ON_FREE` index the columns."""
+        """View of all tracks: shape (n, TRACK_SIZE), float64, indexed by `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
-        """Return which beams end within `margin` [m] of people: shape (num_beams,), bool.
+        """Return the mask of beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `ranges`: shape (num_beams,), float32 [m]. `doubt`: `TRACKED` for confirmed people, `NOT_STANDING` also for
-        person-sized clusters not known to be static, or `LARGE_ENOUGH` for all person-sized clusters.
+        `doubt`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
+        `LARGE_ENOUGH` (all person-sized clusters).
         """
         bodies = np.empty((0, 5))
         if doubt > TRACKED:

@@ -27,12 +27,7 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Return the content of a file of at most `limit` bytes.
-
-    Raises:
-        OSError: the file cannot be read.
-        ValueError: the file is too large or not regular.
-    """
+    """Return the content of a regular file of at most `limit` bytes; ValueError for other files."""
     check_file(path, limit)
     return path.read_bytes()
 
@@ -41,11 +36,10 @@ def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
 def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
     """Open a NumPy archive (.npz) as a context manager.
 
-    `what` (expected content) and `hint` (advice) appear in error messages.
-
     Raises:
         OSError: the file cannot be read.
-        ValueError: the archive is damaged or too large, or the `with` block failed.
+        ValueError: the archive is damaged or too large, or the block failed. `what` (expected content) and `hint`
+            (advice) are part of the message.
     """
     try:
         check_file(path)

@@ -18,11 +18,11 @@ class LockedError(RuntimeError):
 class Lock:
     """Lock on a folder as a context manager, released when the process ends.
 
-    The lock has no effect on systems without file locks.
+    No effect on systems without file locks.
     """
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock on the file `.<name>` in a folder. Several processes can hold a `shared` lock at once."""
+        """Prepare a lock on the file `.<name>` in a folder. Several processes can hold a `shared` lock."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 

@@ -15,14 +15,14 @@ SHORT.maxstring = SHORT.maxother = 200
 
 
 def printable(text: object) -> str:
-    """Return a text with its control characters escaped, except newlines and tabs."""
+    """Return a text with escaped control characters, except newlines and tabs."""
     return "".join(c if c.isprintable() or c in "\n\t" else c.encode("unicode_escape").decode() for c in str(text))
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
-    """Return an error message for an unknown name, with the closest match and all allowed names.
+    """Return a message about an unknown name, with the closest match and the allowed names.
 
-    `shown` replaces the name in the message.
+    `shown` replaces the name.
     """
     allowed = list(allowed)
     parts = [one for one in allowed if len(name) > 2 and name in one]
@@ -32,9 +32,7 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
 
 
 def load_object(name: str) -> Any:
-    """Import and return the object `module:attribute`, also from the current directory.
-
-    Both parts may contain dots.
+    """Import and return `module:attribute`, also from the current directory; both parts may contain dots.
 
     Raises:
         ValueError: the form is invalid, or the module or attribute does not exist.
@@ -71,10 +69,9 @@ def _is_imported(value: Any, module: str) -> bool:
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
-    """Return the table entry of a name, or import `module:attribute`.
+    """Return the table entry of a name, or import `module:attribute`; return other objects unchanged.
 
-    Objects other than strings are returned unchanged. `what`: kind of object, for error messages. `files=True`: names
-    that end in .yaml or .yml are returned as a `Path`.
+    `what`: kind of object, for messages; `files=True`: return the path of a YAML file as a `Path`.
 
     Raises:
         ValueError: the name is unknown, or the import failed.

@@ -19,7 +19,7 @@ def write_file(path: Path, content: bytes | str) -> None:
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create a folder with files (content by name) atomically; OSError if the folder exists with content."""
+    """Create a folder with files (content by name) atomically; OSError if the folder has content."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -29,7 +29,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, which is renamed to `path` if the `with` block succeeds."""
+    """Yield a temporary path, renamed to `path` if the `with` block succeeds."""
     temporary = temporary_beside(path)
     _remove(temporary)
     try:
@@ -54,7 +54,7 @@ def own_folder(path: Path, name: str = "") -> Path:
     """Create the folder `path / name` for writing, and return its path.
 
     Raises:
-        ValueError: the folder, or an entry up to two levels below, is a symbolic link to any other file.
+        ValueError: the folder, or an entry up to two levels below, is a symbolic link.
     """
     folder = path / name
     if not (name and folder.is_symlink()):
@@ -88,7 +88,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files in a folder that ended processes of this machine have left."""
+    """Remove temporary files left in a folder by ended processes of this machine."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
         if match is not None and not _is_alive(int(match[1]), path):
@@ -97,7 +97,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Context manager that adds `path` to operating system errors without a file name."""
+    """Add `path` to operating system errors that name no file (context manager)."""
     try:
         yield
     except OSError as error:

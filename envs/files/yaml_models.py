@@ -20,18 +20,18 @@ MAX_BYTES = 8 * 2**20
 MAX_JSON_BYTES = 16 * 2**20
 """Maximum size of a JSON file [bytes]."""
 MAX_VALUES = 500_000
-"""Maximum number of values in a YAML file. An alias counts as all values of its target."""
+"""Maximum number of values in a YAML file, with aliases counted each time."""
 MAX_DEPTH = 50
 """Maximum nesting depth of a YAML file."""
 MAX_DIGITS = 100
-"""Maximum length of a number in a YAML file [characters]. Parsing time grows with the square of the length."""
+"""Maximum length of a number in a YAML file [characters], as parsing takes quadratic time."""
 MAX_MISTAKES = 10
 """Maximum number of mistakes listed in an error message."""
 _adapter = cache(TypeAdapter)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML loader that reads 3e-4 as a number, rejects duplicate keys, and limits the size."""
+    """YAML loader that reads 3e-4 as a number, rejects duplicate keys and limits the size."""
 
     num_merged = 0
 
@@ -99,7 +99,6 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_size(text: str) -> None:
-    """Raise ValueError if a YAML text is nested too deeply or has too many values, before loading the text."""
     depth = count = 0
     for event in yaml.parse(text, _Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -111,10 +110,6 @@ def _check_size(text: str) -> None:
 
 
 def _count_values(value: Any, counts: dict[int, int]) -> int:
-    """Return the number of values in nested lists and mappings; ValueError for too many values or large integers.
-
-    `counts` caches the numbers by object id.
-    """
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError(f"integer {value} has more than 64 bits")
     if not isinstance(value, dict | list):
@@ -129,7 +124,7 @@ def _count_values(value: Any, counts: dict[int, int]) -> int:
 
 
 def read_record(path: str | Path, kind: type[Record]) -> Record:
-    """Read a YAML file into a pydantic model or dataclass of type `kind`.
+    """Read a YAML file into a pydantic model or dataclass.
 
     Raises:
         FileNotFoundError: the file does not exist.
@@ -139,9 +134,9 @@ def read_record(path: str | Path, kind: type[Record]) -> Record:
 
 
 def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
-    """Convert nested mappings to a pydantic model or dataclass of type `kind`; ValueError if invalid.
+    """Convert nested mappings to a pydantic model or dataclass; ValueError if invalid.
 
-    `source`: file name in error messages.
+    `source`: file name in messages.
     """
     try:
         return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
@@ -182,11 +177,6 @@ def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
 
 
 def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[str]:
-    """Return the field names of a record inside another record, for error messages.
-
-    `kind`: type of the outer record; `parents`: keys and indices that lead to the inner record; `required`: return only
-    the fields of a dataclass without a default.
-    """
     for parent in parents:
         if isinstance(parent, str):
             record = _record_in(kind)
@@ -205,7 +195,6 @@ def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[s
 
 
 def _record_in(kind: Any) -> Any:
-    """Return the dataclass or pydantic model inside an annotation such as `list[Record] | None`."""
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
         return kind
     if isinstance(kind, type) and issubclass(kind, BaseModel):

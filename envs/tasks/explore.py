@@ -22,7 +22,7 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Distance to the start that counts as returned [m]."""
+"""Distance to the start at which the robot counts as returned [m]."""
 MAX_ROBOTS = 4
 """Maximum number of robots in a team."""
 

@@ -30,11 +30,12 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance to the aim point, and displacement that updates it, with `goal_given="bearing"` [m]."""
+"""If only the bearing of the goal is known: distance to an aim point in its direction, and displacement that updates
+the aim point [m]."""
 BENCHMARK_LIMIT = 100.0
-"""Time limit of BARN's worlds [s]."""
+"""Time limit in worlds of the BARN benchmark [s]."""
 BARN_SPEED = 2.0
-"""Speed of the ideal time in BARN's worlds [m/s]."""
+"""Robot speed of the ideal time in worlds of the BARN benchmark [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,
@@ -43,14 +44,14 @@ QUANTITIES = {
     "clearance": own_at.CLEARANCE,
     "people": own_at.PEOPLE,
 }
-"""Indices of reward quantities in the task's state array."""
+"""Reward terms and their indices in the task's state array."""
 METRICS = {
     "distance_to_goal": own_at.DISTANCE,
     "geodesic_distance": own_at.LEFT,
     "progress": own_at.SHARE,
     "is_success": own_at.SUCCESS,
 }
-"""Indices of metrics in the task's state array."""
+"""Metrics and their indices in the task's state array."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -164,7 +165,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal for controllers, map frame: the true goal, or an aim point with `goal_given="bearing"`."""
+        """Return the goal for controllers, map frame: the goal, or an aim point nearer if only its bearing is known."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)
