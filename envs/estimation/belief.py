@@ -79,9 +79,7 @@ class Belief:
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """Estimated pose and alternatives as x, y, heading [m, m, rad] and weight: shape (1 + k, 4), float64.
-
-        The weights sum to 1.
+        """Estimated and alternative poses as x, y, heading [m, m, rad], normalized weight: shape (1 + k, 4), float64.
         """
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()

@@ -128,7 +128,6 @@ def _write_through(path: Path, content: bytes | str) -> None:
 
 
 def _sync_folder(path: Path) -> None:
-    """Sync a folder to disk, so that renames survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

@@ -25,7 +25,7 @@ AHEAD = 0.8
 MAX_DESCENT = 6.0
 """Length of the shortest path searched for the farthest visible point [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Parameters of goal navigation without a limit of recovery behaviors or path searches."""
+"""Parameters of goal navigation without a limit of recovery behaviors or searches."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -71,10 +71,9 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write the lookahead observations of active environments to `out`: shape (n, 3), float32.
+    """Write the direction of the lookahead point and the share of the path to `out`, shape (n, 3), float32.
 
-    Columns: cosine and sine of the direction in the robot frame, and remaining path length divided by `ahead`, at most
-    1.
+    `active`: environments to process; columns: see `PlannedCarrot`.
     """
     for k in range(rows.shape[0]):
         if active[k]:
@@ -84,14 +83,14 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """Observation of a lookahead point on the planned path, or on the straight line to the goal without a plan.
+    """Observation of a lookahead point on the planned path, or on the straight line to the goal.
 
     Cosine and sine of the point's direction, robot frame; remaining path length divided by lookahead distance, at most
     1. Call `write` after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
-        """Set task and lookahead distance [m]; ValueError for a distance that is not positive."""
+        """Set task and lookahead distance [m]; ValueError if the distance is not positive."""
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
         self._reading: Reading | None = None
@@ -128,7 +127,7 @@ class ShortestCarrot(PlannedCarrot):
     uses_ground_truth = True
 
     def reset(self, robot: Robot) -> None:
-        """Do nothing, as the observation has no state."""
+        """Do nothing."""
 
     def write(self, robot: Robot, out: np.ndarray, truth: GroundTruth) -> None:  # type: ignore[override]
         rows = truth._rows
@@ -139,12 +138,9 @@ class ShortestCarrot(PlannedCarrot):
 
 
 CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
-"""Observations of a lookahead point by source of the path."""
+"""Classes of lookahead observations by source of the path."""
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Create the lookahead observation for a "plan" or "shortest" path; ValueError for other paths.
-
-    `ahead`: lookahead distance [m].
-    """
+    """Create the lookahead observation for a "plan" or "shortest" path; ValueError for other paths."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

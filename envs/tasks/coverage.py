@@ -46,9 +46,9 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
+    """Return True if a beam within `tolerance` [m] of a point (x, y) reaches the point, world frame [m].
 
-    If beams are less than two tolerances apart, adjacent beams count too.
+    Adjacent beams less than two tolerances apart count too.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -82,7 +82,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
     """Mark the world's cells under new map cells as known, and as explored if a scan observes them.
 
     `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`:
-    bits of the world's cells, shape (height, width), uint8; `pending`: `num_pending` cells (row, column) known but not
+    bits of the world's cells, shape (height, width), uint8; `pending`: `num_pending` known cells (row, column) not yet
     observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
@@ -117,10 +117,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells in `pending` that a scan observes as explored; arguments as for `mark_known`.
-
-    Returns the number of newly explored cells, and the new `num_pending`.
-    """
+    """Mark known cells in `pending` that a scan observes as explored; see `mark_known`."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -137,10 +134,10 @@ def mark_seen(cells, frame, scan, pending, num_pending):
 
 
 class Coverage:
-    """Explored cells of the explorable area, to measure the progress of exploration.
+    """Explored cells of the explorable area.
 
     A cell is explored if the map contains the cell at its true position, and the scan that added the cell, or a later
-    scan, observed it from the true pose.
+    one, observed it from the true pose.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
@@ -159,7 +156,7 @@ class Coverage:
         self._num_explored = 0
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
-        """Process a map update, and return the change of the explored area [m2], negative after corrections.
+        """Process a map update; return the change of the explored area [m2], negative after corrections.
 
         `resolution`: size of a map cell [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose, world
         frame.

@@ -22,7 +22,7 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Distance to the start at which the robot counts as returned [m]."""
+"""Maximum distance to the start of a returned robot [m]."""
 MAX_ROBOTS = 4
 """Maximum number of robots in a team."""
 
@@ -110,7 +110,10 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """Whether `update` can be skipped without a new scan; False with `return_home` and in user subclasses."""
+        """Whether `update` can be skipped without a new scan.
+
+        False with `return_home=True` and in user subclasses.
+        """
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:

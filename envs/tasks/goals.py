@@ -1,4 +1,4 @@
-"""Base class of tasks with a goal, geodesic distance to the goal, and localizers."""
+"""Base class of tasks with a goal, geodesic distance, and localizers."""
 
 import math
 from abc import abstractmethod
@@ -29,15 +29,15 @@ LOCALIZERS = ("amcl", "odometry", "truth")
 
 @dataclass(kw_only=True, eq=False)
 class GoalTask(WorldTask):
-    """Base class of tasks in which the robot drives to a goal."""
+    """Base class of tasks with a goal to drive to."""
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """Goal: `"random"`, `"world"` (goal of the world's nearest spawn), or (x, y, theta) or (x, y), map frame. During an
-    episode, the current goal pose."""
+    """Goal: `"random"`, `"world"` (the world's own goal), or (x, y, theta) or (x, y), map frame. During an episode, the
+    current goal."""
     goal_tolerance: float = 0.3
     """Maximum distance from a goal that counts as reached [m]."""
     min_distance: float = 1.0
@@ -64,7 +64,7 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return the usual time limit of its path [s].
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return the usual time limit [s].
 
         Raises:
             ValueError: the goal is not finite or not reachable.
@@ -91,7 +91,7 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Start to measure the distance to a new goal, and return the shortest path length [m]."""
+        """Compute and return the shortest path length to a new goal [m]."""
 
     def _usual_time(self, length: float) -> float:
         """Return the usual time limit [s] for a path length [m]: four times the time at maximum speed, plus 30 s."""
@@ -99,14 +99,14 @@ class GoalTask(WorldTask):
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Create a localizer; ValueError for an unknown name or preset of AMCL parameters."""
+    """Create a localizer; ValueError for an unknown name or AMCL preset."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:
-    """Return the map of a perfect exploration, with all free cells that the lidar can see."""
+    """Return the map of a perfect exploration: all that the lidar can see."""
     walls = area.walls
     data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
     data[walls.data > 0] = OCCUPIED
@@ -147,7 +147,7 @@ class GeodesicDistance:
         return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
-        """Return the distance from a pose, world frame, to the goal [m]; outside free space the last distance."""
+        """Return the distance from a pose, world frame, to the goal [m]; outside free space the last value."""
         cell = self.grid.cells(np.array(pose[:2]))
         if self.grid.contains(cell):
             length = float(self._field.cost(cell))

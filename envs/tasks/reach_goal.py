@@ -30,8 +30,7 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""If only the bearing of the goal is known: distance to an aim point in its direction, and displacement that updates
-the aim point [m]."""
+"""Distance to an aim point if only the goal's bearing is known, and displacement that updates the aim point [m]."""
 BENCHMARK_LIMIT = 100.0
 """Time limit in worlds of the BARN benchmark [s]."""
 BARN_SPEED = 2.0
@@ -59,9 +58,9 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """Drive to a goal in an unknown world.
 
     ## Description
-    A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
-    frame of its start. The pose estimate is odometry; with `slam`, map crops and plan can be observed too. Observations
-    contain no ground truth by default.
+    A differential-drive robot with a 2D lidar drives past walls and people to a goal, without a map. The map frame is
+    the start pose. The pose estimate is odometry; a `slam` adds observations of map and plan. Observations contain no
+    ground truth by default.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
@@ -165,7 +164,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal for controllers, map frame: the goal, or an aim point nearer if only its bearing is known."""
+        """Return the goal for controllers, map frame: the goal, or an aim point if only the bearing is known."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

@@ -17,8 +17,8 @@ TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Indices in the task's state array: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the
 distance field [m], initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices in the task's state array: progress [m], duration [s], and unweighted penalties for collision, small
-clearance and closeness to people in the last period."""
+"""Indices in the task's state array, last period: progress [m], duration [s], collision, closeness to obstacles and to
+people."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Indices in the task's state array: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at
 the goal."""
@@ -26,9 +26,8 @@ MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
 """Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3], last commanded forward
 speed [m/s] and acceleration [m/s2]."""
 SIZE = 24
-"""Length of the task's state array."""
 END_REASONS = (None, "reached", "wall", "person")
-"""Reasons for the end of an episode, indexed by the state `END`."""
+"""Reasons for the end of an episode, by index."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
 """Gap between robot and person below which the reward decreases [m]."""
@@ -40,11 +39,11 @@ MOVED = 0.1
 
 @njit(cache=True, error_model="numpy")
 def measure_goal(row, own, lengths):
-    """Update distances to the goal, driven fraction and success in a task's state array `own`.
+    """Update distances to the goal, driven fraction and success in the task's state array `own`.
 
     `row`: simulation state of the robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32
-    [m], inf outside free space. The geodesic distance is the minimum over neighbouring cells plus the straight line to
-    their centre. If all are inf, the last value stays.
+    [m], inf outside free space. The distance is the minimum over neighbouring cells plus the straight line to their
+    centre; if all are inf, the last value stays.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -65,8 +64,7 @@ def measure_goal(row, own, lengths):
 def update_goal(row, own, lengths, segments, circles):
     """Update the task's state array `own` after a control period.
 
-    `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m]. Other arguments as in
-    `measure_goal`.
+    `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
     """
     x, y, radius, period = row[at.X], row[at.Y], row[at.ROBOT], row[at.PERIOD]
     before, touched = own[LEFT], row[at.TOUCHED] > 0.0
@@ -90,7 +88,7 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the task's state arrays `owns` of active environments; `surroundings`: segments and circles of each."""
+    """Update the task's state arrays of active environments; `surroundings`: segments and circles of obstacles."""
     for i in range(active.shape[0]):
         if active[i]:
             update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

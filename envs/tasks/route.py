@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Remaining length at which a route counts as completed [m]."""
+"""Remaining length of a completed route [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
@@ -58,7 +58,7 @@ class Route:
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
-        """Return the route in another frame; `frame` is the pose of that frame in the current frame."""
+        """Return the route in another frame, given as a pose in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
@@ -66,8 +66,7 @@ class Route:
 def rectangle(start: Pose2D) -> np.ndarray:
     """Return the rectangle of Nguyen et al. (2021), 78 m long, counter-clockwise, shape (n, 2), float64 [m].
 
-    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start`: pose at the beginning of
-    the first long side.
+    Corners are arcs of 1 m radius. `start`: pose at the beginning of the first long side.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side
@@ -83,7 +82,7 @@ def rectangle(start: Pose2D) -> np.ndarray:
 
 
 class Progress:
-    """Progress of a robot along a route. Progress never decreases, and does not jump at crossings."""
+    """Progress of a robot along a route; never decreases or jumps at crossings."""
 
     def __init__(self, route: Route) -> None:
         self.route = route
@@ -91,7 +90,7 @@ class Progress:
         """Index of the route point nearest to the robot."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Return the arc length reached along the route and the offset of `pose` to the left of the route [m]."""
+        """Return the arc length reached on the route and the offset of `pose` to the left [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))

@@ -24,7 +24,7 @@ LOOKAHEAD = 0.6
 UPDATE_DISTANCE = 0.2
 """Distance between mapped scans [m]."""
 UPDATE_ANGLE = 0.15
-"""Turn between mapped scans [rad], an alternative to the distance."""
+"""Turn between mapped scans [rad]. Distance or turn is sufficient."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,14 +50,11 @@ def make_route_map(
     control_period: float,
     seed: int,
 ) -> RouteMap:
-    """Drive along a route by pure pursuit, map it with a SLAM, and return the map (cached).
+    """Drive along a route, map it with a SLAM, and return the map (cached).
 
     The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, since matching each scan to the
     previous one would follow its noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
-    `resolution`: map cell size [m].
-
-    Raises:
-        RuntimeError: the robot does not reach the end.
+    `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)

@@ -1,4 +1,4 @@
-"""Base tasks that choose the world and the start poses of an episode."""
+"""World and start poses of an episode."""
 
 import math
 from collections.abc import Iterable
@@ -21,7 +21,7 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Maximum start distance of teammates from the first robot [m]; up to eight times larger in narrow spaces."""
+"""Maximum start distance of teammates from the first robot [m]; eight times larger if space is narrow."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
 """Minimum gaps between footprints at the start [m], tried in order."""
 
@@ -31,10 +31,10 @@ class WorldTask(Task):
     """Base class of tasks with configurable worlds and start poses."""
 
     needs_explorable = True
-    """Whether the cells that the lidar can see are computed when a world is drawn."""
+    """Whether the area visible to the lidar is computed when a world is drawn."""
     world: Any = "turtlebot3_world"
-    """Name of a library world or procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of
-    these to draw from."""
+    """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
+    draw from."""
     split: Literal["train", "test"] = "train"
     """Seeds of a procedural family: `"train"` has even seeds, `"test"` odd seeds."""
     world_size: tuple[float, float] | None = None
@@ -44,8 +44,7 @@ class WorldTask(Task):
     num_worlds: int | None = None
     """Number of different worlds of a procedural family; None for no limit."""
     start: Any = "random"
-    """Start: `"random"`, `"spawn"` (default of the world), a pose (x, y, theta), or one pose per robot; world frame [m,
-    m, rad]."""
+    """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame [m, rad]."""
     map_resolution: float = 0.05
     """Side of a map cell [m]."""
     reward: Any = None
@@ -63,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """Function that samples worlds of later episodes in advance; None if sampling runs user code."""
+        """Function that samples later worlds in advance; None if sampling runs user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -76,15 +75,15 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Return the world reduced to the free map area that contains the first robot's start."""
+        """Return the world reduced to the free map area of the first robot's start."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return the start poses of all robots, world frame. Robots without a given pose start near the first robot.
+        """Return start poses, world frame. Robots without a given pose start near the first robot.
 
         Raises:
-            ValueError: a given pose is not collision-free, or there is no room for all robots.
+            ValueError: a given pose is not collision-free.
         """
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
         """Cells of the true world that the robot can reach or see."""
@@ -109,17 +108,17 @@ class WorldTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownWorldTask(WorldTask):
-    """Base class of tasks in an unknown world. A SLAM maps the world in the frame of the first robot's start."""
+    """Base class of tasks in an unknown world, mapped by a SLAM in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
-    """Name of a SLAM or your own SLAM, see `lidarnaut.envs.slam.make_slam`."""
+    """SLAM by name, or your own; see `lidarnaut.envs.slam.make_slam`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Create the SLAM; ValueError for an unknown name, or for a team if the SLAM cannot share a map."""
+        """Create the SLAM; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
@@ -160,10 +159,8 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw start poses of a team, world frame, in the line of sight of the first robot and apart from each other.
 
-    In narrow spaces starts are farther away, closer together, or out of sight.
-
-    Raises:
-        ValueError: there is no room within eight times `START_DISTANCE`.
+    If space is narrow, starts are farther away, closer together, or out of sight. ValueError if there is no room within
+    eight times `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start
     start_cells = area.walls.centers(np.argwhere(area.start_cells))

@@ -46,8 +46,8 @@ class Track(Task):
 
     ## Description
     A differential-drive robot follows a route on a map from an earlier manual drive. An extended Kalman filter fuses
-    AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults repeat the experiment of Nguyen
-    et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
+    wheel encoders, a compass, and delayed AMCL poses at a lower rate. The defaults repeat the experiment of Nguyen et
+    al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -147,7 +147,7 @@ class Track(Task):
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the world of the route; ValueError if an option names another world."""
+        """Return the world of the route; ValueError for another world."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
@@ -162,7 +162,7 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map of the route and the origin as initial pose. The first call makes the map."""
+        """Return the map, made at the first call, with its origin as the initial pose."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)
