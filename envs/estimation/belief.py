@@ -38,13 +38,13 @@ class MapUpdate(NamedTuple):
     new_cells: np.ndarray
     """Cells (row, column) that became known, counted from `origin`: shape (k, 2), int32. All known cells if redrawn."""
     window: Window | None
-    """Rectangle of cells that may have changed, or None."""
+    """Rectangle of cells that may have changed; None if the scan was not inserted."""
     redrawn: bool = False
     """True if the whole map was recomputed, after a loop closure or a change of the best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
     """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]."""
     correction: Correction | None = None
-    """Displacement of the map if it was redrawn; None if unknown."""
+    """Displacement of the old map if the whole map was recomputed; None if unknown."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
@@ -74,13 +74,12 @@ class Belief:
     """Mask of the last scan's beams that end at possible people and are not mapped: shape (num_beams,), bool; None
     without tracking."""
     path: np.ndarray | None = None
-    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per scan
-    or per integrated scan."""
+    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per used
+    scan."""
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """Estimated and alternative poses as x, y, heading [m, m, rad], normalized weight: shape (1 + k, 4), float64.
-        """
+        """Estimated and alternative poses as x, y, heading [m, m, rad], weight (sum 1): shape (1 + k, 4), float64."""
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()
         return rows

@@ -23,7 +23,6 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write free cells + 256 * occupied cells per column of the map rows `lines` to `sums`: shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -76,9 +75,9 @@ def _pool_blocks(finer, height, width, window, level):
 def crop_level(level, height, width, x, y, theta, pixel, crop):
     """Crop a pooled map around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: see `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks, blocks, rad];
-    `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255), fraction of free
-    cells times 255, visited (255).
+    `level`: words of the blocks, see `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks,
+    blocks, rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255),
+    fraction of free cells times 255, visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -106,7 +105,7 @@ class Level:
     """Map pooled into blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a map with blocks of side `block` [cells], pooled from the map `finer`, or from cells if None."""
+        """Create a map with blocks of side `block` [cells], pooled from the map `finer`, or from map cells if None."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW

@@ -27,7 +27,7 @@ def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
 
 @njit(cache=True, error_model="numpy")
 def update_bias(gyro, yaw_rate, variance):
-    """Update bias [rad/s] and variance of a gyroscope, `gyro`, in place, from a yaw rate measured at rest."""
+    """Update the bias estimate `gyro` (bias [rad/s] and variance) in place from a yaw rate measured at rest."""
     innovation, total = yaw_rate - gyro[0], gyro[1] + variance
     if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
         gain = gyro[1] / total

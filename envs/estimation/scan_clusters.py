@@ -17,7 +17,7 @@ BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
 PASSED, HIDDEN, HIT = 1, 0, -1
 """Results of a free-space test of a disc: beams pass the disc, the disc is occluded, or a beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Fraction of a disc's radius that beams must pass. Walls may be close to people."""
+"""Fraction of a disc's radius tested for free space, as walls may be close to people."""
 MAX_PART_SHARE = 0.75
 """Clusters below this fraction of a body's radius are partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
@@ -106,7 +106,7 @@ def find_clusters(ranges, directions, p, clusters):
 
 @njit(cache=True, error_model="numpy")
 def join_legs(clusters, count, p):
-    """Merge each leg with the nearest other leg into a body; return the number of clusters."""
+    """Merge each leg cluster with the nearest other leg cluster into a body; return the number of clusters."""
     i = 0
     while i < count:
         nearest, best = -1, p.step

@@ -28,12 +28,12 @@ TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
 """Strictness of person detection: confirmed people only; also person-sized clusters not known to be static; or all
 person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], and number of tracks, of stored scans, of
-tracks since reset, and of clusters."""
+"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], number of tracks, number of stored scans,
+number of tracks started since the reset, number of clusters."""
 
 
 MAX_UNSEEN_TIME = 0.35
-"""Maximum age of the last match of a reported unconfirmed track [s]."""
+"""Unconfirmed tracks are reported for this time after the last match [s]."""
 MIN_BODY_RADIUS = 0.27
 """Minimum reported radius of a person [m]. A scan shows only one side."""
 
@@ -45,7 +45,7 @@ class TrackerParams:
     max_range: float = 8.0
     """Maximum distance of clusters from the lidar [m]."""
     jump: float = 0.08
-    """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to the range."""
+    """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to range."""
     jump_angle: float = 0.35
     """Minimum angle between beam and surface for neighbouring points in one cluster [rad] (lambda of Borges and Aldon,
     2004)."""
@@ -77,7 +77,7 @@ class TrackerParams:
     """Spectral density of people's white-noise acceleration [m2/s3] (Bar-Shalom et al., "Estimation with Applications
     to Tracking and Navigation", 2001, section 6.2.2)."""
     gate: float = 3.0
-    """Maximum Mahalanobis distance between a track and its cluster."""
+    """Maximum Mahalanobis distance between a track and a matched cluster."""
     max_gap: float = 0.8
     """Maximum distance between a track and a matched cluster [m]."""
     min_hits: int = 4
@@ -87,7 +87,7 @@ class TrackerParams:
     min_speed: float = 0.2
     """Minimum speed of a track to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance of a track from its start to confirm a person if no scan saw free space there [m]."""
+    """Minimum distance of a track from its start to confirm a person never seen in free space [m]."""
     significance: float = 2.0
     """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
@@ -99,7 +99,7 @@ class TrackerParams:
     max_misses: int = 4
     """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
-    """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth."""
+    """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of the time."""
 
 
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
@@ -353,7 +353,7 @@ class PeopleTracker:
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of all tracks: shape (n, TRACK_SIZE), float64, indexed by `X` to `ON_FREE`."""
+        """View of all tracks: shape (n, TRACK_SIZE), float64, columns `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:

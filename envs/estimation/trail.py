@@ -27,7 +27,7 @@ class Trail:
         """Last stored position (x, y) [m]; infinite if the trail is empty."""
 
     def append(self, pose: Pose2D) -> bool:
-        """Append a position if its distance to the last is at least `TRAIL_SPACING`. Return True if appended."""
+        """Append a position at least `TRAIL_SPACING` away from the last position. Return True if appended."""
         dx, dy = pose.x - self.last[0], pose.y - self.last[1]
         if dx * dx + dy * dy < TRAIL_SPACING * TRAIL_SPACING:
             return False

@@ -9,7 +9,6 @@ from pathlib import Path
 
 _STARTED = time.time()
 _swept: set[Path] = set()
-"""Folders already cleaned of leftover temporary files."""
 
 
 def write_file(path: Path, content: bytes | str) -> None:

@@ -32,8 +32,8 @@ CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, sea
 def find_carrot(own, x, y, lengths, ahead):
     """Return the lookahead point (x, y) on the shortest path to the goal, world frame [m].
 
-    The point lies `ahead` [m] from (x, y), toward the farthest path cell with a collision-free straight line. `own` and
-    `lengths`: see `measure_goal`.
+    The point lies `ahead` [m] from (x, y), toward the farthest path cell with a collision-free straight line. `own`:
+    state array of the task; `lengths`: geodesic distances of cells to the goal [m].
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -71,9 +71,9 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write the direction of the lookahead point and the share of the path to `out`, shape (n, 3), float32.
+    """Write direction (cosine, sine) and relative distance of lookahead points to `out`: shape (n, 3), float32.
 
-    `active`: environments to process; columns: see `PlannedCarrot`.
+    `active`: environments to process.
     """
     for k in range(rows.shape[0]):
         if active[k]:

@@ -46,9 +46,9 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a beam within `tolerance` [m] of a point (x, y) reaches the point, world frame [m].
+    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches the point.
 
-    Adjacent beams less than two tolerances apart count too.
+    The beams on both sides of the point count if less than two tolerances apart.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -117,7 +117,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark known cells in `pending` that a scan observes as explored; see `mark_known`."""
+    """Mark known cells in `pending` that a scan observes as explored."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):

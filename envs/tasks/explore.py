@@ -22,7 +22,7 @@ from .coverage import Coverage, map_iou
 from .starts import UnknownWorldTask
 
 HOME_RADIUS = 0.3
-"""Maximum distance to the start of a returned robot [m]."""
+"""Distance to the start that counts as returned [m]."""
 MAX_ROBOTS = 4
 """Maximum number of robots in a team."""
 
@@ -206,7 +206,7 @@ class ExploreTeam(Explore):
     """Explore an unknown world with a team of lidar robots that share one map.
 
     ## Description
-    `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
+    The task `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
     Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Beams that end at a teammate's estimated pose
     are not mapped.
 

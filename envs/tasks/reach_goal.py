@@ -34,7 +34,7 @@ AIM_RANGE, AIM_STEP = 2.0, 0.5
 BENCHMARK_LIMIT = 100.0
 """Time limit in worlds of the BARN benchmark [s]."""
 BARN_SPEED = 2.0
-"""Robot speed of the ideal time in worlds of the BARN benchmark [m/s]."""
+"""Robot speed for the ideal time in worlds of the BARN benchmark [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,

@@ -17,8 +17,8 @@ TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
 """Indices in the task's state array: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the
 distance field [m], initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""Indices in the task's state array, last period: progress [m], duration [s], collision, closeness to obstacles and to
-people."""
+"""Indices in the task's state array: progress [m], duration [s], collision, closeness to obstacles and closeness to
+people in the last control period."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
 """Indices in the task's state array: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at
 the goal."""
@@ -88,7 +88,10 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the task's state arrays of active environments; `surroundings`: segments and circles of obstacles."""
+    """Update the task's state array of each environment with True in `active`.
+
+    `surroundings`: segments and circles of static obstacles.
+    """
     for i in range(active.shape[0]):
         if active[i]:
             update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Remaining length of a completed route [m]."""
+"""Remaining length below which a route is completed [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
@@ -99,7 +99,10 @@ class Progress:
         return float(route.along[self.index]), float(c * dy - s * dx)
 
     def ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the route points `distances` [m] ahead of the nearest point: shape (n, 2), at most the last point."""
+        """Return the route points `distances` [m] ahead of the nearest point: shape (n, 2).
+
+        Points beyond the end are the last point.
+        """
         target = self.route.along[self.index] + distances
         return points_at(self.route.points, self.route.along, target)
 

@@ -22,9 +22,9 @@ PRESET = Path(__file__).parent / "route_map.yaml"
 LOOKAHEAD = 0.6
 """Lookahead distance of pure pursuit in the mapping drive [m]."""
 UPDATE_DISTANCE = 0.2
-"""Distance between mapped scans [m]."""
+"""Distance after which the next scan is mapped [m]."""
 UPDATE_ANGLE = 0.15
-"""Turn between mapped scans [rad]. Distance or turn is sufficient."""
+"""Turn after which the next scan is mapped [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -52,9 +52,9 @@ def make_route_map(
 ) -> RouteMap:
     """Drive along a route, map it with a SLAM, and return the map (cached).
 
-    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, since matching each scan to the
-    previous one would follow its noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
-    `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
+    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, to limit the drift from scan
+    noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
+    RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
@@ -110,7 +110,6 @@ def _turned(motion: Pose2D, turn: float) -> Pose2D:
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
-    """Mark unknown cells within `radius` [m] of the driven poses as free."""
     reach = math.ceil(radius / grid.resolution)
     disc = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
     disc = disc[np.hypot(*disc.T) * grid.resolution <= radius]

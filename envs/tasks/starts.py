@@ -21,7 +21,7 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Maximum start distance of teammates from the first robot [m]; eight times larger if space is narrow."""
+"""Maximum start distance of teammates from the first robot [m]. Up to eight times larger in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
 """Minimum gaps between footprints at the start [m], tried in order."""
 
@@ -36,7 +36,7 @@ class WorldTask(Task):
     """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
     draw from."""
     split: Literal["train", "test"] = "train"
-    """Seeds of a procedural family: `"train"` has even seeds, `"test"` odd seeds."""
+    """Seeds of procedural worlds: `"train"` has even seeds, `"test"` odd seeds."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None
@@ -62,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """Function that samples later worlds in advance; None if sampling runs user code."""
+        """Function that samples worlds of later episodes; None if sampling runs user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -159,7 +159,7 @@ def draw_starts(
 ) -> list[Pose2D]:
     """Draw start poses of a team, world frame, in the line of sight of the first robot and apart from each other.
 
-    If space is narrow, starts are farther away, closer together, or out of sight. ValueError if there is no room within
+    In narrow spaces starts are farther away, closer together, or out of sight. ValueError if there is no room within
     eight times `START_DISTANCE`.
     """
     starts, circles = [first], world.circles_at_start

@@ -28,7 +28,7 @@ SAVED_UNKNOWN = 205
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 """Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Properties of images from map_saver: grey-value tolerance, and minimum fraction of pixels with `SAVED_VALUES`."""
+"""Criteria for images from map_saver: grey-value tolerance, minimum fraction of pixels with `SAVED_VALUES`."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
@@ -67,7 +67,7 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
-    """Save a grid in map_server format; return the path of the YAML file.
+    """Save an occupancy grid in map_server format; return the path of the YAML file.
 
     Args:
         grid: map to save.
@@ -116,8 +116,8 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 def load_map(path: str | Path) -> OccupancyGrid:
     """Load a map from a YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    Grey 205 is read as unknown in images from map_saver, and a warning is logged if `free_thresh` makes 205 free (older
-    Nav2 versions write 0.25, and map_server reads free).
+    Older Nav2 versions write a `free_thresh` of 0.25, which makes grey 205 (unknown) free in map_server. Here grey 205
+    stays unknown in images from map_saver, and a warning is logged.
 
     Raises:
         ValueError: the YAML or image is damaged, or the map is rotated.

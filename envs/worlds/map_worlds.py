@@ -137,7 +137,7 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of the free map area that contains a pose (cached), or `world` if no other area does."""
+    """Return the world of another free map area if that area contains the pose (cached), otherwise `world`."""
     if world.map is None:
         return world
     labels = _areas(world)

@@ -28,7 +28,6 @@ def _set(data, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _draw_segment(data, x0, y0, x1, y1):
-    """Mark all cells that a segment crosses as occupied, in cell units; at a corner, both neighbours."""
     walk = start_walk(x0, y0, x1, y1)
     _set(data, walk.row, walk.col)
     while walk.rows_left + walk.cols_left > 0:
@@ -88,7 +87,7 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 def reachable(
     world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
 ) -> tuple[OccupancyGrid, np.ndarray]:
-    """Return the raster of a world, and the mask of cells that a robot can reach from the first spawn.
+    """Return the raster of a world, and the mask of cells that a robot can reach from the first start pose.
 
     `resolution`: side of a cell [m]; `radius`: of the robot [m]. The mask has the shape of the raster, bool.
     """

@@ -45,7 +45,7 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the cells that can reach a goal cell with at most `reach` steps of two kinds through free cells.
+    """Return the cells that can reach a goal cell through free cells with at most `reach` straight or diagonal steps.
 
     Shape (height, width), bool.
     """
@@ -78,9 +78,10 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Return slope, number of steps, and cell offsets (row, column) of the steps for lines of sight in all directions.
+    """Compute lines of sight in all directions.
 
-    Shapes (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
+    Returns slopes (rows, columns), numbers of steps, and cell offsets (row, column) of the steps: shapes
+    (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
     """
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
@@ -112,9 +113,9 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Mark the `wanted` cells of rows `first` to `last` that see a goal in `visible`.
+    """Mark cells among `wanted`, in rows `first` to `last`, that have a line of sight to a goal in `visible`.
 
-    `plain` (free cells other than goals), `ends` (goals) and `wanted` are packed into bytes by `_pack`.
+    `plain` (free cells other than goals), `ends` (goals) and `wanted` are masks packed into bytes.
     """
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)

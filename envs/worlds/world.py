@@ -79,7 +79,7 @@ class World:
 
 
 def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Cache a function's results for the lifetime of the first argument, a world or its raster (decorator)."""
+    """Decorator that caches results for the lifetime of the first argument, a `World` or its raster."""
     kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
 
     @wraps(function)

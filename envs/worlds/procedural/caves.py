@@ -39,7 +39,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
-    """Grow a cave with a cellular automaton; return the mask of collision-free disc centres."""
+    """Grow a cave with a cellular automaton; return the mask of collision-free positions."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)
     for _ in range(4):

@@ -14,7 +14,7 @@ _WALL_DISTANCE = 5.0
 _START_DISTANCE = 3.0
 """Distance of the start from the rear wall [m]."""
 _RUN_IN_ROWS = 33
-"""Number of automaton rows between the rear wall and the field of cylinders."""
+"""Number of cell rows between the rear wall and the field of cylinders."""
 _GOAL_DISTANCE = 3.4
 """Distance of the goal beyond the field of cylinders [m]."""
 _CLEARANCE_RADIUS = 0.36
@@ -60,7 +60,6 @@ def _neighbors(cells: np.ndarray) -> np.ndarray:
 
 
 def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
-    """Grow a field with a cellular automaton; return the mask of cells with cylinders."""
     cells = np.pad(rng.random(shape) < fill, 1)
     cells[:, [0, 1, -2, -1]] = True
     for _ in range(smoothings):

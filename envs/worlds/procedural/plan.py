@@ -37,7 +37,7 @@ Wall = tuple[bool, int, int]
 
 
 def units(metres: float) -> int:
-    """Convert a length [m] to a whole number of grid cells."""
+    """Convert a length [m] to a whole number of grid cells of 0.05 m."""
     return round(metres / UNIT)
 
 
@@ -221,7 +221,7 @@ def shared_wall(a: Rect, b: Rect) -> Wall | None:
 
 
 def touching_pairs(rooms: list[Rect]) -> list[tuple[int, int, Wall]]:
-    """Return all pairs of rooms with a shared wall for a door as (i, j, wall), i < j."""
+    """Return all pairs of rooms with a shared wall long enough for a door: (i, j, wall), i < j."""
     x0, y0, x1, y1 = np.array(rooms, dtype=int).reshape(-1, 4).T
     touching = (x1[:, None] + INNER == x0) | (y1[:, None] + INNER == y0)
     pairs = np.argwhere(np.tril(touching | touching.T, -1)).tolist()

@@ -27,7 +27,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
-    """Split a room recursively into rooms about `typical` [grid cells] wide (binary space partition)."""
     x0, y0, x1, y1 = room
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5
