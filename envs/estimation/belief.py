@@ -74,8 +74,8 @@ class Belief:
     """Mask of the last scan's beams that end at possible people and are not mapped: shape (num_beams,), bool; None
     without tracking."""
     path: np.ndarray | None = None
-    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per used
-    scan."""
+    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per
+    processed scan."""
 
     @property
     def hypotheses(self) -> np.ndarray:

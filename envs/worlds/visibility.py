@@ -113,7 +113,7 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Mark cells among `wanted`, in rows `first` to `last`, that have a line of sight to a goal in `visible`.
+    """Set `visible` for cells of `wanted`, in rows `first` to `last`, with a line of sight to a goal cell.
 
     `plain` (free cells other than goals), `ends` (goals) and `wanted` are masks packed into bytes.
     """

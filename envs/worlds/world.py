@@ -49,7 +49,7 @@ class World:
     height: float = 1.0
     """Height of walls and bodies in the physics engine [m]."""
     source: str = ""
-    """Publication or file of the geometry."""
+    """Source of the geometry, such as a publication."""
     licence: str = ""
     notes: str = ""
     """Changes made to the source geometry, such as closed gaps."""

@@ -69,7 +69,7 @@ class WorldFile(BaseModel):
     model_config = ConfigDict(extra="forbid")
 
     source: str
-    """Publication or file of the geometry."""
+    """Source of the geometry, such as a publication."""
     licence: str
     """License of the source."""
     notes: str = ""
