@@ -32,9 +32,9 @@ CELL = 0.1
 AIM_RANGE, AIM_STEP = 2.0, 0.5
 """Distance to an aim point if only the goal's bearing is known, and displacement that updates the aim point [m]."""
 BENCHMARK_LIMIT = 100.0
-"""Time limit in worlds of the BARN benchmark [s]."""
+"""Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0
-"""Robot speed for the ideal time in worlds of the BARN benchmark [m/s]."""
+"""Robot speed for the ideal time in BARN benchmark worlds [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,
