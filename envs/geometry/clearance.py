@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy", inline="always")
 def segment_offset(x, y, segments, i):
-    """Return the vector from the nearest point of segment `i` to (x, y) [m]."""
+    """Return the vector from the nearest point of line segment `i` to the point (x, y) [m]."""
     x0, y0 = segments[i, 0], segments[i, 1]
     ex, ey = segments[i, 2] - x0, segments[i, 3] - y0
     px, py = x - x0, y - y0

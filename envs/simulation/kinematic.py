@@ -16,23 +16,23 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Maximum wheel slip, relative to maximum speed and yaw rate."""
+"""Maximum excess of speed and yaw rate due to wheel slip, as a fraction of the robot's maximum."""
 _MAX_SLIDE_RATIO = 1.1
-"""Maximum motion along obstacles, relative to free motion."""
+"""Maximum distance moved along obstacles in a physics step, divided by the distance without contact."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan the wheel rates of a control period, and return the twist (v, w) at its end.
+    """Compute the wheel rates of a control period, and return the twist (v, w) at the end of the period.
 
-    Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
-    equation 5.8.
+    Speed and acceleration are limited. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile
+    Robots, equation 5.8.
 
     Args:
-        reached: last twist (v, w) [m/s, rad/s].
+        reached: twist (v, w) at the start [m/s, rad/s].
         command: commanded twist (v, w) [m/s, rad/s].
-        normals: normal random numbers for the slip of both wheels.
-        robot: `RobotRecord`.
+        normals: standard normal numbers for the slip of the left and right wheel.
+        robot: robot parameters (`RobotRecord`).
         rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
         slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
     """
@@ -64,13 +64,14 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot by one control period; the footprint slides along obstacles.
+    """Move a robot by one control period. The footprint slides along obstacles.
 
-    `state`: row of the robot. `command`, `normals`: see `plan_wheels`. `robot`: `RobotRecord`. `segments`, `circles`:
-    obstacles, shapes (n, 4) and (m, 3), float64 [m].
+    `state`: state vector of the robot, updated. `command`: commanded twist (v, w) [m/s, rad/s]. `normals`: two standard
+    normal numbers for wheel slip. `robot`: robot parameters (`RobotRecord`). `segments`, `circles`: obstacles (x0, y0,
+    x1, y1) and (x, y, radius), shapes (n, 4) and (m, 3), float64 [m].
 
     Returns:
-        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
+        Whether the footprint touched anything, and which circles were touched: shape (m,), bool.
     """
     substeps = int(robot.substeps)
     dt = robot.period / substeps
@@ -113,10 +114,11 @@ def advance(state, command, normals, robot, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def step_robots(rows, draws, ranges, segments, circles, crowd):
-    """Move people and robots of a world by one control period, then sense.
+    """Move people and robots of a world by one control period, and simulate the sensors.
 
-    People move first and stop at robots. Robots move in turn; all others are static meanwhile. `rows`, `draws`,
-    `ranges`, `segments`: see `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`; None
+    People move first and stop at robots. Robots move one after another. `rows`: state vectors of the robots, updated.
+    `draws`: random numbers, see `Rows.draws`. `ranges`: output, lidar ranges, shape (num_robots, num_beams), float32
+    [m]. `segments`, `circles`: obstacles (x0, y0, x1, y1) and (x, y, radius) [m]. `crowd`: `People.arrays`; None
     without people, which saves compilation.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
@@ -147,7 +149,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
 
 
 class KinematicSimulator(Simulator):
-    """Robots with kinematic physics, without PyBullet."""
+    """Simulator that computes robot motion from wheel rates, without forces."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 

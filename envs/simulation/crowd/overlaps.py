@@ -9,28 +9,28 @@ from . import person_row as at
 from .walls import clearance, push_out
 
 MAX_OVERLAP = 0.02
-"""Maximum overlap of two people [m]."""
+"""Overlap above which two people return to their previous positions [m]."""
 _ROUNDS = 6
-"""Maximum number of separation passes."""
+"""Maximum number of passes that push overlapping people apart."""
 MAX_SPEED_RATIO = 1.5
-"""Maximum speed of a person when pushed, as a multiple of its desired speed."""
+"""Maximum speed of a pushed person, divided by the desired speed."""
 STOP_GAP = 1e-4
 """Gap between a person and the robot that stopped the person [m]."""
 _TOLERANCE = 2e-6
-"""Overlap with walls that is ignored [m]."""
+"""Overlap of a person with a wall that is ignored [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def resolve_overlaps(people, starts, robots, walls, dt):
     """Separate overlapping people, push people out of walls, and stop people at robots.
 
-    A person without room returns to its start. People on fixed routes do not avoid anyone.
+    A person that still overlaps returns to the start of the step. Only walking people are pushed.
 
     Args:
-        people: rows of people at their desired positions; `BLOCKED` is written.
+        people: state vectors, shape (n, PERSON_SIZE), float64, with desired positions; updated.
         starts: positions before the step, shape (n, 2), float64 [m].
-        robots: see `social_forces`.
-        walls: `Walls`.
+        robots: discs (x, y, vx, vy, radius), shape (m, 5), float64 [m, m/s].
+        walls: static obstacles.
         dt: time step [s].
 
     Returns:
@@ -93,7 +93,7 @@ def _push_apart(people):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _robot_ahead(people, i, starts, robots, dt):
-    """Return the index of the robot that person `i` would walk into, or -1."""
+    """Return the index of the robot that person `i` has walked into during the step, or -1."""
     for k in range(robots.shape[0]):
         dx, dy = robots[k, at.X] - people[i, at.X], robots[k, at.Y] - people[i, at.Y]
         reach = robots[k, at.RADIUS] + people[i, at.RADIUS]
@@ -117,7 +117,7 @@ def _share_until(person, start, robot):
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
-    """Reset people that penetrate walls or people; return True if any was moved."""
+    """Move people that overlap walls or people back to the start of the step. Return True if any person moved."""
     moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND

@@ -29,16 +29,16 @@ def draw_people(
     rng: np.random.Generator,
     world: World,
 ) -> np.ndarray:
-    """Sample people at rest in free space: rows, shape (n, PERSON_SIZE).
+    """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE), float64.
 
     Args:
         crowd: parameters of the crowd.
         routes: free space and destinations.
-        robots: poses of the robots, world frame.
-        robot_radius: radius of a robot [m].
-        others: rows of people on fixed routes.
+        robots: start poses of the robots, world frame.
+        robot_radius: footprint radius of a robot [m].
+        others: state vectors of people on fixed routes.
         rng: random generator.
-        world: world of the people.
+        world: world, named in errors.
 
     Raises:
         ValueError: not all people fit into the world.
