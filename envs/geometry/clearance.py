@@ -18,9 +18,9 @@ def segment_offset(x, y, segments, i):
 
 @njit(cache=True, error_model="numpy")
 def clearance(x, y, segments, circles):
-    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without any.
+    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without obstacles.
 
-    `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m]. `circles`: shape (m, 3), float64, (x, y, radius) [m].
+    `segments`: walls (x0, y0, x1, y1), shape (n, 4), float64 [m]. `circles`: (x, y, radius), shape (m, 3), float64 [m].
     """
     nearest2 = np.inf
     for i in range(segments.shape[0]):

@@ -18,7 +18,7 @@ class Walk(NamedTuple):
     rows_left: int
     cols_left: int
     next_row: float
-    """Fraction of the line's length at which the line enters the next row; inf after the last row."""
+    """Fraction of the line's length before the line enters the next row; inf after the last row."""
     next_col: float
     row_step: int
     col_step: int
@@ -56,7 +56,7 @@ def next_cell(walk):
 def cell_along(row, col, d_row, d_col, num_steps):
     """Return the cell (row, column) that is `num_steps` steps from the centre of cell (`row`, `col`).
 
-    A step of `d_row` rows and `d_col` columns, each in [-1, 1], may pass diagonally between cells.
+    Steps of `d_row` rows and `d_col` columns, each in [-1, 1], may pass diagonally between cells.
     """
     return math.floor(row + 0.5 + num_steps * d_row), math.floor(col + 0.5 + num_steps * d_col)
 

@@ -15,10 +15,6 @@ from numba.np.unsafe import ndarray
 
 @intrinsic
 def _load(typing_context: Any, array: Any, index: Any) -> Any:
-    """Read an array element by a scalar load, without bounds check.
-
-    `array`: shape (n,), C-contiguous. `index`: uint32 or uint64.
-    """
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
     if index not in (types.uint32, types.uint64):
@@ -33,7 +29,7 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
 
 
 load: Any = _load
-"""`load(array, index)` reads an array element by a scalar load instead of a gather instruction."""
+"""`load(array, index)` reads an array element by a scalar load, without bounds check."""
 as_tuple: Any = ndarray.to_fixed_tuple
 """`as_tuple(array, size)` returns the first `size` elements as a tuple. `size` is a compile-time constant."""
 if config.DISABLE_JIT:  # type: ignore[attr-defined]

@@ -27,7 +27,7 @@ class Beams(NamedTuple):
 def _polar(x: float, y: float) -> float:
     """Return the polar angle of the vector (x, y) in [0, 2 pi), with an error below 2e-5 rad.
 
-    Polynomial of Hastings (Abramowitz and Stegun 4.4.49), without branches.
+    Polynomial of Hastings (Abramowitz and Stegun 4.4.49).
     """
     # `min` and `max` treat NaN in ways that prevent vectorisation.
     ax, ay = abs(x), abs(y)
@@ -44,8 +44,7 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
     """Find the interval of beams that may hit each wall segment, for a sensor at (x, y).
 
-    The first beam has direction (`cos0`, `sin0`). `intervals`: output, shape (6, n): start and extent (x, y) of each
-    segment in a frame along the first beam [m], first beam and length of the interval [beams], -1 if out of range.
+    `intervals`: output, shape (6, n): start and extent [m], first beam, and number of beams or -1.
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

@@ -19,11 +19,11 @@ from .robot_params import (
 _LIBRARY = {path.stem: path for path in sorted((Path(__file__).parent / "library").glob("*.yaml"))}
 
 ROBOT_NAMES: tuple[str, ...] = tuple(_LIBRARY)
-"""Names of the robots that the package contains."""
+"""Names of the packaged robots."""
 
 
 def robots() -> tuple[str, ...]:
-    """Return the names of the robots that the package contains, for the argument `robot` of environments."""
+    """Return the names of the packaged robots, for the argument `robot` of environments."""
     return ROBOT_NAMES
 
 

@@ -15,12 +15,7 @@ def make_simulator(
 ) -> Simulator:
     """Create a physics simulator of `num_robots` identical robots.
 
-    Args:
-        physics: "kinematic", or "bullet" for rigid bodies in PyBullet.
-        robot: parameters of the robots.
-        control_period: time between commands [s].
-        num_robots: number of robots.
-        crowd: parameters of a pedestrian crowd; None for no crowd.
+    `physics`: "kinematic", or "bullet" for rigid bodies in PyBullet. `control_period`: time between commands [s].
 
     Raises:
         ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.

@@ -21,7 +21,7 @@ GRAVITY = 9.81
 """Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
 CONTACT_BREAKING = 0.1
-"""Gap at which PyBullet drops a contact point, divided by the size of the smaller shape."""
+"""Contact breaking distance of PyBullet, divided by the size of the smaller shape."""
 
 
 class BulletSimulator(Simulator):
@@ -40,7 +40,6 @@ class BulletSimulator(Simulator):
         self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        """Pickle the constructor arguments, without the state of PyBullet."""
         return _copy, (*self._arguments, self.is_copy or self._world is not None)
 
     def set_robot(self, robot: RobotParams) -> None:

@@ -22,26 +22,26 @@ CHASSIS_LINK = 2
 _LINK_MASS_RATIO = 1e-3
 """Mass of the base link and of each caster, divided by the mass of the body."""
 _PLATE_HEIGHT = 0.01
-"""Thickness of the flat collision shape of the chassis [m]."""
+"""Thickness of the collision shape of the chassis [m]."""
 _WHEEL_INERTIA_RATIO = 0.25
-"""Moment of inertia of a wheel with its motor, divided by the product of body mass and squared wheel radius."""
+"""Moment of inertia of a wheel with motor, divided by body mass times squared wheel radius."""
 _OTHER_BODY, _NORMAL_FORCE = 2, 9
 """Indices in a contact point of PyBullet: id of the other body, and normal force."""
 _LIFT_HEIGHT = 1e3
-"""Height to which a reset lifts the robot out of contact [m]."""
+"""Height of a robot that is lifted out of contact at a reset [m]."""
 _MIN_COS_TILT = math.cos(math.radians(20.0))
 """Cosine of the maximum tilt. A robot that tilts further is set upright."""
 _MAX_PENETRATION = 0.01
 """Tolerated penetration of a wall into the body, in addition to the travel during a physics step [m]."""
 _MAX_PENETRATION_RATIO = 0.25
-"""Upper limit of the tolerated wall penetration, divided by half the length, half the width or the radius of the body."""
+"""Upper limit of the tolerated wall penetration, divided by half the size of the body."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
     """Create a robot in PyBullet and return its body id.
 
-    Links 0 and 1 are the left and right wheel, link 2 is the chassis, and the casters follow. The base link lies at the
-    midpoint of the axle, since a base at the centre of mass would drift in turns on the spot.
+    Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle; a base at the centre of mass
+    would drift in turns on the spot.
     """
     body, drive = robot.body, robot.drive
     radius, half_track = drive.wheel_radius, 0.5 * drive.track
@@ -92,7 +92,6 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of a flat collision shape with the outline of the body. A tall shape would rock at walls."""
     size, radius = robot.body.size, robot.body.radius
     if size is None:
         return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE_HEIGHT)
@@ -100,7 +99,6 @@ def _plate(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _inertia(body: BodyParams) -> list[float]:
-    """Return the principal moments of inertia of the solid body [kg m2]."""
     if body.size is not None:
         x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
         return [y + z, x + z, x + y]
@@ -159,9 +157,8 @@ class BulletRobot:
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Compute the wheel rates of each physics step in a control period.
 
-        Args:
-            command: commanded twist (v, w), shape (2,), float64 [m/s, rad/s].
-            normals: standard normal numbers; the first two determine the slip of the left and right wheel.
+        `command`: twist (v, w), shape (2,), float64 [m/s, rad/s]. `normals`: standard normal numbers, the first two for
+        wheel slip.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
@@ -219,7 +216,6 @@ class BulletRobot:
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        """Return True if the body moved through a wall, or into a wall beyond the tolerated penetration."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
         # A body larger than its footprint may start inside a wall.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)

@@ -14,13 +14,12 @@ from lidarnaut.envs.worlds import World
 from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""PyBullet collision groups: ground, obstacles, wheels with casters, and chassis. Wheels and casters touch only the
-ground."""
+"""PyBullet collision groups. Wheels and casters (`ROLLING`) touch only the ground."""
 
 _MESH_RECTANGLES = 30_000
 """Maximum number of wall rectangles per collision mesh. PyBullet allows 131,072 vertices."""
 _MAX_RECTANGLES = 100_000
-"""Number of wall rectangles above which only walls near the robots are created in PyBullet."""
+"""Number of wall rectangles above which only walls near the robots are created."""
 _RECTANGLES_PER_CIRCLE = 32
 """Estimated number of rectangles that approximate a circular obstacle."""
 _REBUILD_DISTANCE = 2.0
@@ -28,7 +27,7 @@ _REBUILD_DISTANCE = 2.0
 
 
 def import_pybullet() -> ModuleType:
-    """Import PyBullet with standard error suppressed, and return the module.
+    """Import PyBullet with standard error suppressed.
 
     Raises:
         ImportError: PyBullet cannot be imported.
@@ -66,9 +65,9 @@ class BulletClient:
 
 
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
-    """Create ground, walls and people in PyBullet, and return the body ids of the people.
+    """Create ground, walls (unless too many) and people in PyBullet, and return the body ids of the people.
 
-    `radii`: radii of the people, shape (n,), float64 [m]. Walls are omitted if `has_many_walls` is True.
+    `radii`: radii of the people, shape (n,) [m].
     """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
@@ -97,7 +96,7 @@ def has_many_walls(world: World) -> bool:
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
     """Return all obstacles of a world as line segments (x0, y0, x1, y1), shape (n, 4), float64 [m].
 
-    Polygons replace circles. `sagitta`: maximum distance between a circle and its polygon [m].
+    Circles become polygons within `sagitta` [m].
     """
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
@@ -116,10 +115,7 @@ _TRIANGLES: list[int] = []
 
 
 def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> list[int]:
-    """Create upright rectangles over line segments as PyBullet meshes, and return the shape ids.
-
-    `segments`: (x0, y0, x1, y1), shape (n, 4), float64 [m]. `height`: height of the rectangles [m].
-    """
+    """Create PyBullet meshes of upright rectangles over line segments, shape (n, 4) [m], and return the shape ids."""
     meshes = []
     for first in range(0, len(segments), _MESH_RECTANGLES):
         part = segments[first : first + _MESH_RECTANGLES]
@@ -145,7 +141,6 @@ class NearbyWalls:
     """Wall bodies near the robots in PyBullet, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Store the walls. `reach`: distance from a robot within which walls are needed before the next update [m]."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height
@@ -155,10 +150,7 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Create nearby walls anew if a robot has moved far since the last update.
-
-        `positions`: positions (x, y) of the robots, shape (n, 2), float64 [m].
-        """
+        """Create nearby walls anew if a robot has moved far. `positions`: robots (x, y), shape (n, 2) [m]."""
         if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()

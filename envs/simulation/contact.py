@@ -18,9 +18,9 @@ _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
 """Overlap of a footprint with an obstacle that is ignored [m]."""
 CONTACT_GAP = 0.01
-"""Maximum gap between a colliding robot and an object that is reported as touched [m]."""
+"""Maximum gap from a colliding robot to objects that are reported as touched [m]."""
 FAULT_SPEED = 0.05
-"""Approach speed of a robot up to which contact with a person is not the robot's fault [m/s]."""
+"""Approach speed of a robot below which contact with a person is not the robot's fault [m/s]."""
 _MIN_GAP = 1e-4
 """Minimum gap between two robots at the start [m]."""
 
@@ -29,8 +29,7 @@ _MIN_GAP = 1e-4
 def select_near(x, y, reach, segments, near):
     """Find segments whose bounding boxes lie within `reach` [m] of the point (x, y), and return their number.
 
-    `segments`: (x0, y0, x1, y1), shape (n, 4), float64 [m]. `near`: output, indices of the segments, shape (n + 1,),
-    int64.
+    `segments`: (x0, y0, x1, y1), shape (n, 4) [m]. `near`: output, indices of the segments, shape (n + 1,), int64.
     """
     count = 0
     for i in range(segments.shape[0]):
@@ -46,9 +45,8 @@ def select_near(x, y, reach, segments, near):
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of overlapping obstacles, the deepest overlap first.
 
-    `segments`: walls (x0, y0, x1, y1), shape (n, 4), float64 [m]. `near`, `num_near`: indices of the walls to test, and
-    number of valid indices. `circles`: obstacles (x, y, radius), shape (m, 3), float64 [m]. `hits`: shape (m,), bool;
-    set to True for touched circles.
+    `segments`: walls, shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: (x, y,
+    radius), shape (m, 3), float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
 
     Returns:
         Centre x, y, whether the circle touched anything, and whether no overlap remains.
@@ -80,12 +78,8 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 def is_cut(pose, before, body, segments, circles):
     """Return True if a robot's body overlaps an obstacle or has moved through an obstacle.
 
-    Args:
-        pose: present pose of the base (x, y, theta).
-        before: previous pose of the base.
-        body: centre (x, y) in the base frame, then half length and half width of a box, or radius and 0 [m].
-        segments: walls (x0, y0, x1, y1), shape (n, 4) [m].
-        circles: obstacles (x, y, radius), shape (m, 3) [m].
+    `pose`, `before`: present and previous pose of the base. `body`: centre (x, y) in the base frame, then half length
+    and half width, or radius and 0 [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3) [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
@@ -136,7 +130,7 @@ def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
     """Check that robots with a footprint `radius` [m] do not collide at their start poses.
 
     Raises:
-        ValueError: a pose is not finite, or a footprint overlaps an obstacle, a person or another footprint.
+        ValueError: a pose is not finite, or a footprint overlaps an obstacle or footprint.
     """
     circles = world.circles_at_start
     for pose in poses:
@@ -168,25 +162,21 @@ class Contact(NamedTuple):
     kind: Kind
     """Touched object: "wall", "cylinder", "person" or "robot"."""
     which: int
-    """Index of the touched object: row of a wall in `World.segments`, of a cylinder in `World.circles` or of a person
-    in `Simulator.people`, or index of the other robot."""
+    """Index of the touched object in `World.segments`, `World.circles`, `Simulator.people` or the robots."""
     by: Literal["robot", "other"] = "robot"
     """Cause of the contact: the robot or the touched object, whichever approached faster."""
 
 
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
-    """Return the commanded speed of a robot towards the point (x, y) [m/s]. `row`: state vector of the robot."""
+    """Return the commanded speed of a robot towards the point (x, y) [m/s]. `row`: state vector."""
     dx, dy = x - row[X], y - row[Y]
     return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Return True if a robot caused the contact with a person by approaching faster than the person.
-
-    `row`, `person`: state vectors of robot and person.
-    """
+    """Return True if a robot caused contact with a person by approaching faster. `row`, `person`: state vectors."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
@@ -195,8 +185,7 @@ def drove_into(row, person):
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
     """Return the contacts of all robots in the last control period.
 
-    Each robot in contact touches the nearest object and all objects within 1 cm. `rows`: state vectors of robots, shape
-    (num_robots, ROW_SIZE). `people`: state vectors of people, shape (n, PERSON_SIZE).
+    A robot in contact touches the nearest object and all objects within 1 cm. `rows`, `people`: state vectors.
     """
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]

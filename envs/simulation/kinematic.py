@@ -23,18 +23,12 @@ _MAX_SLIDE_RATIO = 1.1
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Compute the wheel rates of a control period, and return the twist (v, w) at the end of the period.
+    """Compute the wheel rates of a control period, and return the twist (v, w) at the end.
 
-    Speed and acceleration are limited. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile
-    Robots, equation 5.8.
-
-    Args:
-        reached: twist (v, w) at the start [m/s, rad/s].
-        command: commanded twist (v, w) [m/s, rad/s].
-        normals: standard normal numbers for the slip of the left and right wheel.
-        robot: robot parameters (`RobotRecord`).
-        rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
-        slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
+    Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
+    equation 5.8. `reached`, `command`: twist (v, w) at the start and commanded twist [m/s, rad/s]. `normals`: standard
+    normal numbers for the slip of both wheels. `rates`, `slips`: outputs, shape (substeps, 2), float64: wheel rates
+    that encoders measure, and slip added to these [rad/s].
     """
     v, w = reached
     substeps = int(robot.substeps)
@@ -66,9 +60,8 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 def advance(state, command, normals, robot, segments, circles):
     """Move a robot by one control period. The footprint slides along obstacles.
 
-    `state`: state vector of the robot, updated. `command`: commanded twist (v, w) [m/s, rad/s]. `normals`: two standard
-    normal numbers for wheel slip. `robot`: robot parameters (`RobotRecord`). `segments`, `circles`: obstacles (x0, y0,
-    x1, y1) and (x, y, radius), shapes (n, 4) and (m, 3), float64 [m].
+    `state`: state vector, updated. `command`, `normals`: see `plan_wheels`. `segments`, `circles`: obstacles, shapes
+    (n, 4) and (m, 3), float64 [m].
 
     Returns:
         Whether the footprint touched anything, and which circles were touched: shape (m,), bool.
@@ -116,10 +109,8 @@ def advance(state, command, normals, robot, segments, circles):
 def step_robots(rows, draws, ranges, segments, circles, crowd):
     """Move people and robots of a world by one control period, and simulate the sensors.
 
-    People move first and stop at robots. Robots move one after another. `rows`: state vectors of the robots, updated.
-    `draws`: random numbers, see `Rows.draws`. `ranges`: output, lidar ranges, shape (num_robots, num_beams), float32
-    [m]. `segments`, `circles`: obstacles (x0, y0, x1, y1) and (x, y, radius) [m]. `crowd`: `People.arrays`; None
-    without people, which saves compilation.
+    People move first and stop at robots. Robots move one after another. `rows`, `draws`, `ranges`, `segments`: see
+    `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`, or None without people.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius

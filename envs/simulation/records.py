@@ -52,55 +52,50 @@ _SOURCES = {
 """Names of robot parameters for Numba functions, with their attribute paths in `RobotParams`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
-"""Robot parameters for Numba functions, all float. The last fields are the control period [s] and the number of physics
-substeps per control period."""
+"""Robot parameters for Numba functions, all float. Ends with control period [s] and substeps per control period."""
 RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
 """Columns of a robot's state vector with ground truth.
 
-Pose (x, y, theta) in the world frame [m, m, rad], twist commanded by the controller [m/s, rad/s], rotation of both
-wheels since the reset [rad], twist of the base [m/s, rad/s], mean yaw rate of the last control period [rad/s], and
-gyroscope bias [rad/s]."""
+World pose [m, m, rad], twist commanded by the controller [m/s, rad/s], wheel rotation since the reset [rad], twist of
+the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
 STATE_SIZE = 11
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
 """Columns of a robot's state vector with measurements.
 
-Encoder counts of both wheels, gyroscope yaw rate [rad/s], compass heading [rad], and contact. Contact is 0 for none, 1
-for an obstacle or robot, and 2 plus the index of a person."""
+Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. Contact: 0 for none, 1 for an obstacle
+or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of a robot's state vector: number of control periods and time [s] since the reset, index of the random
-numbers in use, and commanded twist [m/s, rad/s]."""
+"""Columns of a robot's state vector: control periods and time [s] since the reset, index of current random numbers, and
+commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
-"""Columns of a robot's state vector with the true pose (x, y, theta), encoder counts and contact of the previous
-control period."""
+"""Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""Columns of a robot's state vector with odometry.
+"""First columns of odometry in a robot's state vector.
 
-First columns of the last motion (x, y, theta) by odometry and as received by the estimator [m, m, rad], estimated twist
-[m/s, rad/s], and gyroscope bias estimate [rad/s] with variance."""
+Last motion (x, y, theta) by odometry and as received by the estimator, estimated twist [m/s, rad/s], and gyroscope bias
+estimate with variance."""
 POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""First columns of poses and points in a robot's state vector.
+"""First columns of poses in a robot's state vector.
 
 Estimated pose and pose of the last key scan (scan that is matched and integrated) in the map frame, pose of the map
 frame in the world, and last points of the estimated and true paths."""
 PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of a robot's state vector: driven distance [m], number of collisions, last action in [-1, 1], and bit flags
-of pending updates."""
+"""Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of pending
+updates."""
 PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Columns of a robot's state vector about people.
+"""Columns about people in a robot's state vector.
 
-Present and smallest gap to people [m], smallest time to collision [s], time spent in personal space [s], cause of the
-present contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and caused by people."""
+Present and smallest gap to people [m], smallest time to collision [s], time in personal space [s], cause of the present
+contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
 MOTION_SETTINGS, ROBOT = 63, 70
-"""First columns of the odometry settings (`MotionSettings`) and robot parameters (`RobotRecord`) in a robot's state
-vector."""
+"""First columns of odometry settings and of robot parameters in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """Column of the control period [s] in a robot's state vector."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Mask of a robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for columns that the robot can
-measure."""
+"""Mask of a robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for measurable columns."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
     np.nan
@@ -133,5 +128,5 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 @njit(cache=True)
 def unpack_robot(numbers):
-    """Convert an array of robot parameters, shape (30,), float64, to a record with named fields (`RobotRecord`)."""
+    """Convert an array of robot parameters, shape (30,), float64, to a `RobotRecord` with named fields."""
     return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

@@ -13,7 +13,7 @@ from . import records as at
 from .sensors import OTHER_NORMALS
 
 BLOCK = 16
-"""Number of control periods for which noise is sampled at once."""
+"""Number of control periods per block of sampled noise."""
 
 
 class Twist(NamedTuple):
@@ -69,10 +69,10 @@ class Rows:
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Random numbers of `BLOCK` control periods, shape (num_robots, BLOCK, n), float64.
+        """Random numbers, shape (num_robots, BLOCK, n), float64.
 
-        Standard normal numbers for the slip of both wheels, gyroscope, compass and each beam. With lidar dropout,
-        uniform numbers in [0, 1) for each beam follow."""
+        Standard normal numbers for wheel slip, gyroscope, compass and each beam. With lidar dropout, uniform numbers in
+        [0, 1) per beam follow."""
         self.memory: dict[Hashable, np.ndarray] = {}
         """Data that tasks and observations keep during an episode, by name, shape (num_robots, n) each."""
         self.set_robot(robot, control_period)
@@ -123,7 +123,6 @@ class Rows:
         self.numbers[:, at.DRAW] += 1.0
 
     def go_to(self, steps: int) -> None:
-        """Set the number of control periods since the reset, and the elapsed time."""
         self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
 
     def state(self, k: int) -> RobotState:
@@ -137,7 +136,7 @@ class Rows:
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move all data into the given arrays, which are parts of larger arrays of many environments."""
+        """Move all data into parts of larger arrays, for steps of many environments together."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

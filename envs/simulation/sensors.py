@@ -12,8 +12,7 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of the normal random numbers of a control period: slip of the left and right wheel, gyroscope, and compass.
-Numbers of the lidar beams follow."""
+"""Indices of normal random numbers in a control period: slip of both wheels, gyroscope, compass. Lidar beams follow."""
 OTHER_NORMALS = 4
 
 
@@ -21,8 +20,7 @@ OTHER_NORMALS = 4
 def tilt_ranges(ranges, robot):
     """Convert exact ranges of a level lidar to ranges of a tilted lidar, in place.
 
-    Walls have unlimited height. Beams may hit the floor. Changes of azimuth are neglected. `ranges`: shape
-    (num_beams,), float32 [m].
+    Walls have unlimited height; beams may hit the floor; changes of azimuth are neglected.
     """
     down_ahead, down_left = math.sin(robot.mount_pitch), -math.cos(robot.mount_pitch) * math.sin(robot.mount_roll)
     for k in range(ranges.shape[0]):
@@ -38,10 +36,8 @@ def tilt_ranges(ranges, robot):
 def disturb_ranges(ranges, draws, robot):
     """Add noise, rounding and dropout to exact lidar ranges, in place.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; inf without a hit.
-        draws: standard normal number per beam; with dropout, then a uniform number in [0, 1) per beam.
-        robot: robot parameters (`RobotRecord`).
+    `ranges`: shape (num_beams,), float32 [m]; inf without a hit. `draws`: standard normal number per beam; with
+    dropout, then a uniform number in [0, 1) per beam.
     """
     num_beams = ranges.shape[0]
     for k in range(num_beams):
@@ -61,10 +57,9 @@ def disturb_ranges(ranges, draws, robot):
 
 @njit(cache=True, error_model="numpy")
 def measure_ranges(pose, draws, robot, segments, circles, ranges):
-    """Simulate a lidar scan from the base pose (x, y, theta) of a robot in the world frame.
+    """Simulate a noisy lidar scan from the base pose (x, y, theta) of a robot in the world frame.
 
-    `draws`: random numbers of the beams, see `disturb_ranges`. `segments`, `circles`: obstacles (x0, y0, x1, y1) and
-    (x, y, radius) [m]. `ranges`: output, shape (num_beams,), float32 [m].
+    `segments`, `circles`: obstacles [m]. `ranges`: output, shape (num_beams,), float32 [m].
     """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * robot.mount_x - s * robot.mount_y
@@ -86,10 +81,7 @@ def with_room(circles, num_more):
 
 @njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
-    """Return obstacle circles (x, y, radius) [m], followed by the footprints of all robots except robot `index`.
-
-    `states`: state vectors of the robots. `radius`: footprint radius [m].
-    """
+    """Return obstacle circles (x, y, radius) [m], followed by the footprints of all robots except robot `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
     extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
@@ -104,9 +96,9 @@ def sense(rows, draws, ranges, segments, circles):
     """Simulate all sensors of all robots except contact.
 
     Args:
-        rows: state vectors of the robots, shape (num_robots, ROW_SIZE), float64; measurements are updated.
+        rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
         draws: random numbers, see `Rows.draws`.
-        ranges: output, lidar ranges, shape (num_robots, num_beams), float32 [m].
+        ranges: output, shape (num_robots, num_beams), float32 [m].
         segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
         circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].
     """

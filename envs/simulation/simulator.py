@@ -67,11 +67,8 @@ class Simulator(ABC):
     ) -> list[Reading]:
         """Place the robots at rest and return their first sensor readings.
 
-        Args:
-            world: world to simulate.
-            poses: start pose of each robot, world frame.
-            rngs: random generator of each robot's noise.
-            crowd_rng: random generator of the crowd.
+        `poses`: start poses, world frame. `rngs`, `crowd_rng`: random generators of each robot's noise and of the
+        crowd.
 
         Raises:
             ValueError: robots or people do not fit or overlap, or a list has the wrong length.
@@ -103,8 +100,7 @@ class Simulator(ABC):
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
         """Move the robots by one control period, with results in `rows`.
 
-        `commands`: twist (v, w) of each robot [m/s, rad/s]. `ahead`: number of control periods with noise sampled at
-        once.
+        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods with noise sampled at once.
         """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
@@ -120,14 +116,13 @@ class Simulator(ABC):
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Place the robots at rest at their start poses in the world frame."""
+        """Place the robots at rest at their start poses."""
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Move people and robots by one control period with the commands in `rows`, and simulate the sensors."""
+        """Move people and robots by the commands in `rows`, and simulate the sensors."""
 
     def sense(self) -> None:
-        """Simulate all sensors of the robots except contact."""
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)

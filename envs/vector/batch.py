@@ -73,7 +73,7 @@ class Batch:
         """Numba list with walls, circles and people of each sub-environment."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Take over states, worlds and time limits of sub-environments with new objects, for example after a reset."""
+        """Take over states, worlds and time limits of sub-environments after a reset."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -102,8 +102,8 @@ class Batch:
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
         """Step the active sub-environments by one control period, and return the mask of ended episodes.
 
-        Writes observations, and rewards and `info` of episodes that continue. `LidarEnv.outcome` completes ended
-        episodes. `is_last` marks sub-environments that this step truncates. Masks have shape (num_envs,), bool.
+        Writes rewards and `info` of episodes that continue. `LidarEnv.outcome` completes ended episodes. `is_last`
+        marks sub-environments that this step truncates. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -182,8 +182,7 @@ class Batch:
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
         """Return downscaled maps of all robots for image crops with pixels of side `resolution` [m].
 
-        Returns a Numba list of bit-packed maps; rows and columns of each map, shape (n, 2), int64; map origins (x, y),
-        shape (n, 2), float64 [m]; side of a downscaled cell [m].
+        Bit-packed maps; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; cell side [m].
         """
         side = 0.0
         if resolution not in self._levels:
@@ -205,11 +204,6 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """Compute rewards and common `info` entries of the sub-environments in the mask `going`.
-
-        `columns`: reward quantities and metrics; None reads quantities from the objects of the `chosen`
-        sub-environments.
-        """
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
         self._names = next(iter(rows.values()), self._names)
@@ -256,10 +250,6 @@ def _surroundings(env: Any) -> tuple[Any, ...]:
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
-    """Return True if the batched method `by_rows` replaces the methods `one_by_one` of an object.
-
-    The first class with one of these methods must define `by_rows`, in a module whose name begins with `of`.
-    """
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
     return by_rows in vars(kind) and kind.__module__.startswith(of)

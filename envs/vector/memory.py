@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import spaces
 
 Extras = dict[int, dict[str, Any]]
-"""Entries of `info` that structured arrays cannot hold, by index of the sub-environment."""
+"""Entries of `info` that structured arrays cannot hold, by sub-environment."""
 WHOLE = ""
 """Key of the only array of an observation that is not a dictionary."""
 
@@ -30,15 +30,10 @@ class Arrays(NamedTuple):
     """Inputs and outputs of a vector environment as arrays, one row per sub-environment."""
 
     observations: dict[str, np.ndarray]
-    """Observations by name, shape (num_envs, ...)."""
     actions: np.ndarray
-    """Actions, shape (num_envs, ...)."""
     rewards: np.ndarray
-    """Rewards, shape (num_envs,), float64."""
     terminated: np.ndarray
-    """Termination flags, shape (num_envs,), bool."""
     truncated: np.ndarray
-    """Truncation flags, shape (num_envs,), bool."""
 
     def rows(self, share: slice) -> "Arrays":
         observations = {name: array[share] for name, array in self.observations.items()}
@@ -49,7 +44,6 @@ class Memory:
     """Buffers of observations, actions, rewards and flags, shared between processes."""
 
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
-        """Allocate the buffers. Raises ValueError if an observation is not an array."""
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
         if any(shape is None for shape, _ in rows):
@@ -73,7 +67,7 @@ class Absent:
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""NumPy type codes of scalars in structured arrays. `np.bool_` is excluded because Gymnasium puts it in object arrays."""
+"""NumPy type codes of scalars in structured arrays, without `np.bool_`, which Gymnasium puts in object arrays."""
 
 
 def kind_of(value: Any) -> Any:

@@ -34,7 +34,7 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Create the sub-environments. `share`: rows of the shared arrays that belong to this process."""
+        """Create the sub-environments. `share`: rows of the shared arrays for this process."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
         for env in self._inner:  # separate spaces would each store pixel bounds
@@ -56,8 +56,8 @@ class Shard:
     ) -> tuple[np.ndarray, Extras]:
         """Start episodes in the sub-environments selected by `mask`.
 
-        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and other `info` entries as
-        dictionaries.
+        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and as dictionaries for other
+        entries.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
@@ -110,7 +110,6 @@ class Shard:
         return env.outcome(is_last)
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
-        """Call a method of every sub-environment, or return an attribute."""
         with self._objects():
             found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
@@ -174,6 +173,5 @@ class Shard:
 
 
 def _prepare(env: Any) -> None:
-    """Sample the next world of an environment in advance. After an error, `reset` samples another world."""
     with _preparing, contextlib.suppress(Exception):
         env.prepare()

@@ -92,7 +92,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
-        """NumPy type of the structured array of `info`; None before the first reset."""
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
@@ -155,8 +154,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         Raises:
             ValueError: wrong shape, or outside of the action space.
             gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
-            gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after an interrupted call.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
         self._check_open()
         if not self._has_begun:
@@ -179,25 +177,21 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self.call("render") if self.render_mode is not None else None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every sub-environment, or return an attribute."""
         self._check_open()
         return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
 
     @property
     def np_random_seed(self) -> Any:
-        """Seeds of the sub-environments."""
         return self.get_attr("np_random_seed")
 
     @property  # type: ignore[misc]
     def np_random(self) -> Any:
-        """Random generators of the sub-environments. Generators of worker processes are copied."""
         return self.get_attr("np_random")
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment. `values`: one value for all, or a list of values."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one value or a list of {self.num_envs}, got {len(values)}")
@@ -205,7 +199,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Refuse copying and pickling with a TypeError, since worker processes cannot be copied."""
+        """Refuse copying and pickling with a TypeError."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"
@@ -292,7 +286,7 @@ def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None,
 
 
 def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
-    """Return `gymnasium.make_vec(...)` with wrapped sub-environments."""
+    """Create a vector environment by `gymnasium.make_vec`. `wrappers`: wrappers of each sub-environment."""
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)

@@ -54,8 +54,8 @@ class _Team:
 class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     """Exploration by a robot team as a PettingZoo `ParallelEnv` with agents "robot_0", "robot_1", ...
 
-    Wraps `ExploreTeam-v0`. Each agent has its own actions, observations and per-robot `info`. All agents share reward
-    (see `info["rewards"]`) and episode end.
+    Wraps `ExploreTeam-v0`. Each agent has its own actions, observations and per-robot `info`. Agents share reward (see
+    `info["rewards"]`) and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
@@ -109,7 +109,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
         return split, dict.fromkeys(agents, float(reward)), *ended, infos
 
     def state(self) -> np.ndarray:
-        """Return the map of the team, shape (height, width), int8: -1 unknown, 0 to 100 % occupied. The shape may grow."""
+        """Return the map of the team, shape (height, width), int8: -1 unknown, 0 to 100 % occupied; may grow."""
         return self.env.belief.grid.data.copy()
 
     def _split(self, observation: Observation) -> dict[str, Observation]:
@@ -123,8 +123,8 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     """Exploration by a robot team as a PettingZoo `AECEnv`: robots choose frontiers in turn.
 
-    Wraps `ExploreTeamFrontiers-v0`. An agent is selected when its robot needs a frontier. An agent's observation is
-    from its last decision. All agents share reward and episode end.
+    Wraps `ExploreTeamFrontiers-v0`. An agent is selected when its robot needs a frontier. Observations are from an
+    agent's last decision. Agents share reward and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -154,7 +154,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Apply the selected agent's action (index of a frontier), and drive until the next decision of any robot.
+        """Apply the selected agent's action (index of a frontier), and drive until the next decision.
 
         Raises:
             ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.

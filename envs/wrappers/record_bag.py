@@ -34,11 +34,9 @@ class BagRecorder:
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Start recording an environment, whose next call must be `reset`.
+        """Start recording a (possibly wrapped) environment, whose next call must be `reset`.
 
-        Args:
-            env: environment, possibly wrapped.
-            path: bag file `NAME.mcap`, created when complete.
+        `path`: bag file `NAME.mcap`, created when complete.
 
         Raises:
             TypeError: the environment has no robot with a lidar.
@@ -59,7 +57,7 @@ class BagRecorder:
         inner.on_period = self._record
 
     def close(self) -> None:
-        """Write the last map and complete the bag. Without a reset, no bag is created. Repeated calls have no effect."""
+        """Write the last map and complete the bag. Without a reset, no bag is created. Idempotent."""
         if not (self._is_open and self._is_started):
             self.discard()
             return

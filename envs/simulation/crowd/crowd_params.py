@@ -62,15 +62,13 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Accepted types of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping
-of changed parameters.
+"""Argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of changed parameters.
 
-The key `crowd` of a mapping names the crowd to change. Mappings as text: `dense?attentive=0.5`,
-`20?attentive=0.5,model=orca`."""
+The key `crowd` names the crowd to change. Mappings as text: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
-    """Convert the argument `people` of an environment to crowd parameters; None stands for no people.
+    """Convert the argument `people` to crowd parameters; None stands for no people.
 
     Raises:
         ValueError: the crowd or a parameter is unknown, or a value is invalid.

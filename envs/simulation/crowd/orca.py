@@ -1,8 +1,8 @@
 """ORCA pedestrian model.
 
-Van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance" (2011). A half-plane of permitted velocities
-is stored as (x, y, along_x, along_y): a point on its border [m/s], and the unit vector along the border with the
-permitted velocities on the left.
+Van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance" (2011). Half-planes of permitted velocities
+are stored as (x, y, along_x, along_y): a border point [m/s], and the unit vector along the border with the permitted
+side on its left.
 """
 
 import math
@@ -26,7 +26,7 @@ class Orca(NamedTuple):
     wall_horizon: Positive = 0.5
     """Time horizon for avoiding walls [s]."""
     sight: Positive = 4.0
-    """Maximum distance between centres at which people avoid each other and robots [m]."""
+    """Distance between centres above which people ignore each other and robots [m]."""
     margin: Positive = 0.05
     """Clearance that people keep to other people and to robots [m]."""
     excess: Positive = 1.3
@@ -42,8 +42,7 @@ _EPSILON = 1e-9
 def walk_by_orca(people, directions, robots, walls, model, dt):
     """Move the walking people by one time step `dt` [s] with the ORCA model.
 
-    Two walking people share an avoiding velocity change. Avoiding walls has priority. `people`: state vectors, updated.
-    `directions`, `robots`, `walls`: see `social_forces`.
+    Two walking people share a velocity change. Walls have priority. Other arguments as in `social_forces`.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0
@@ -97,11 +96,11 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
-    """Compute the half-plane of velocities with which a person avoids a moving disc (equation 5).
+    """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5).
 
-    `lines`: half-planes, shape (n, 4); row `k` is set. `away`: position of the disc relative to the person [m]. `own`,
-    `other`: velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`: time horizon [s]; `dt` with
-    overlap. `share`: person's fraction of the velocity change.
+    `lines`: half-planes; row `k` is set. `away`: position of the disc relative to the person [m]. `own`, `other`:
+    velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with
+    overlap [s]. `share`: person's fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -128,8 +127,8 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 def best_velocity(lines, num_lines, num_hard, desired, limit):
     """Return the permitted velocity (vx, vy) closest to `desired` and not faster than `limit` [m/s].
 
-    If no velocity is permitted, the first `num_hard` half-planes hold, and the largest violation of the rest is
-    minimal. `lines`: half-planes, shape (n, 4), float64; the first `num_lines` are used.
+    If none is permitted, the first `num_hard` half-planes hold and the rest are violated least. Of `lines`, shape (n,
+    4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
@@ -140,10 +139,6 @@ def best_velocity(lines, num_lines, num_hard, desired, limit):
 
 @njit(cache=True, error_model="numpy")
 def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
-    """Solve the 2D linear program for the velocity closest to, or farthest along, `target`.
-
-    Returns the solution (x, y) and the index of the first infeasible half-plane, or `num_lines`.
-    """
     for i in range(num_lines):
         px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if ex * (py - y) - ey * (px - x) <= 0.0:
@@ -177,7 +172,6 @@ def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
 
 @njit(cache=True, error_model="numpy")
 def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
-    """Solve the 3D linear program of ORCA: minimize the largest violation of half-planes that cannot all be satisfied."""
     depth = 0.0
     equal = np.empty_like(lines)
     for i in range(first, num_lines):

@@ -24,14 +24,9 @@ _TOLERANCE = 2e-6
 def resolve_overlaps(people, starts, robots, walls, dt):
     """Separate overlapping people, push people out of walls, and stop people at robots.
 
-    A person that still overlaps returns to the start of the step. Only walking people are pushed.
-
-    Args:
-        people: state vectors, shape (n, PERSON_SIZE), float64, with desired positions; updated.
-        starts: positions before the step, shape (n, 2), float64 [m].
-        robots: discs (x, y, vx, vy, radius), shape (m, 5), float64 [m, m/s].
-        walls: static obstacles.
-        dt: time step [s].
+    People that still overlap return to `starts`, shape (n, 2), float64 [m]. People on fixed routes do not avoid anyone.
+    `people`: state vectors with desired positions, updated. `robots`: discs (x, y, vx, vy, radius), shape (m, 5),
+    float64 [m, m/s].
 
     Returns:
         Index of the robot that stopped each person, or -1: shape (n,), int64.
@@ -93,7 +88,6 @@ def _push_apart(people):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _robot_ahead(people, i, starts, robots, dt):
-    """Return the index of the robot that person `i` has walked into during the step, or -1."""
     for k in range(robots.shape[0]):
         dx, dy = robots[k, at.X] - people[i, at.X], robots[k, at.Y] - people[i, at.Y]
         reach = robots[k, at.RADIUS] + people[i, at.RADIUS]
@@ -117,7 +111,6 @@ def _share_until(person, start, robot):
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
-    """Move people that overlap walls or people back to the start of the step. Return True if any person moved."""
     moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND

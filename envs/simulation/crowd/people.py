@@ -31,11 +31,8 @@ class People:
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
         """Place people at the start of an episode.
 
-        Args:
-            world: world with fixed routes.
-            poses: start poses of the robots, world frame.
-            radius: footprint radius of a robot [m].
-            rng: random generator of the crowd; None for no crowd.
+        `poses`: start poses of the robots, world frame. `radius`: footprint radius of a robot [m]. `rng`: random
+        generator of the crowd.
 
         Raises:
             ValueError: not all people fit into the world.

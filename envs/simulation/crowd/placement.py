@@ -29,16 +29,10 @@ def draw_people(
     rng: np.random.Generator,
     world: World,
 ) -> np.ndarray:
-    """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE), float64.
+    """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE).
 
-    Args:
-        crowd: parameters of the crowd.
-        routes: free space and destinations.
-        robots: start poses of the robots, world frame.
-        robot_radius: footprint radius of a robot [m].
-        others: state vectors of people on fixed routes.
-        rng: random generator.
-        world: world, named in errors.
+    `robots`: start poses, world frame. `robot_radius`: footprint radius [m]. `others`: state vectors of people on fixed
+    routes.
 
     Raises:
         ValueError: not all people fit into the world.

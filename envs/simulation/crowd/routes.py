@@ -49,7 +49,7 @@ class Routes(NamedTuple):
     fields: np.ndarray
     """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
-    """Centres (x, y) of connected cells in which a person fits, shape (n, 2), float64, world frame [m]."""
+    """Centres (x, y) of connected cells that have room for a person, shape (n, 2), float64, world frame [m]."""
     walls: Walls
     """Static obstacles in a lookup grid with the origin of the cost-to-go fields."""
 
@@ -58,7 +58,7 @@ class Routes(NamedTuple):
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
     """Compute destinations and cost-to-go fields of a crowd in a world.
 
-    `radius`: radius of the largest person [m]. `flow`: walking directions, "anywhere", "along" or "across".
+    `radius`: radius of the largest person [m]. `flow`: walking directions, see `Crowd`.
 
     Raises:
         ValueError: people of this radius do not fit into the world.
@@ -139,7 +139,7 @@ def spread_costs(slowness, field):
 
     Args:
         slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
-        field: cost-to-go, shape (height, width), float32 [m]; finite only at destinations, completed in place.
+        field: cost-to-go, shape (height, width), float32 [m], updated; finite at destinations.
     """
     height, width = field.shape
     is_open = np.zeros((height, width), dtype=np.bool_)
@@ -197,7 +197,7 @@ def _clearances(free, walls):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def descent(fields, k, grid, x, y):
-    """Return the direction (unit vector) of steepest descent of cost-to-go field `k` at (x, y), and the cost-to-go [m]."""
+    """Return the unit vector of steepest descent of cost-to-go field `k` at (x, y), and the cost-to-go [m]."""
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
@@ -220,8 +220,8 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Compute walking directions of the crowd. People that have arrived or are stuck get new destinations.
 
-    `people`: state vectors, shape (n, PERSON_SIZE), updated. `points`, `fields`: see `People`. `grid`: see `Walls`.
-    `dt`: time step [s]. `directions`: output, shape (n, 2), float64, unit vectors; zero for people that do not walk.
+    `people`: state vectors, updated. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`: time step [s].
+    `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):
@@ -245,7 +245,6 @@ def choose_directions(people, points, fields, grid, dt, directions):
 
 @njit(cache=True, error_model="numpy")
 def _next_goal(person, goal, draw, points, fields, grid, away):
-    """Return the row of a person's next destination in `points`. A person blocked in direction `away` turns back."""
     count = fields.shape[0]
     first = points.shape[0] - count
     if points[goal, 2] != NEXT_BY_DRAW:

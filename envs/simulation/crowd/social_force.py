@@ -30,8 +30,8 @@ class SocialForce(NamedTuple):
     sideways: Share = 0.3
     """Sideways force to the right, divided by the repulsion."""
     braking: Positive = 1.0
-    """Maximum braking by the repulsion of people, divided by the driving force to the destination. The value 1 can stop
-    a person (speed-density relation of Weidmann, 1993)."""
+    """Maximum braking by repulsion of people, divided by the driving force; 1 stops a person (speed-density relation of
+    Weidmann, 1993)."""
     wall_strength: Positive = 6.0
     """Repulsion of a wall on a person in contact [m/s2]."""
     wall_reach: Positive = 0.12
@@ -55,13 +55,8 @@ MIN_PUSH_RATIO = 1e-3
 def social_forces(people, directions, robots, walls, model, forces):
     """Compute the accelerations of people by the social force model.
 
-    Args:
-        people: state vectors, shape (n, PERSON_SIZE), float64.
-        directions: walking directions, shape (n, 2), float64, unit vectors.
-        robots: discs (x, y, vx, vy, radius), shape (m, 5), float64 [m, m/s].
-        walls: static obstacles.
-        model: parameters.
-        forces: output, shape (n, 2), float64, world frame [m/s2].
+    `people`: state vectors. `directions`: walking directions, shape (n, 2), float64, unit vectors. `robots`: discs (x,
+    y, vx, vy, radius), shape (m, 5), float64 [m, m/s]. `forces`: output, shape (n, 2), float64, world frame [m/s2].
     """
     count, (near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(MIN_PUSH_RATIO)
@@ -113,7 +108,7 @@ def _add(forces, i, push, nx, ny, people, directions, model):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wall_force(near, grid, x, y, radius, model):
-    """Return the acceleration (ax, ay) by which walls repel a person at (x, y) [m/s2].
+    """Return the repulsion (ax, ay) of walls on a person at (x, y), as an acceleration [m/s2].
 
     Only the strongest repulsion towards +x, -x, +y and -y counts.
     """
@@ -129,9 +124,9 @@ def wall_force(near, grid, x, y, radius, model):
 
 @njit(cache=True, error_model="numpy")
 def walk_by_forces(people, directions, robots, walls, model, dt):
-    """Move the walking people by one time step `dt` [s] with the social force model (semi-implicit Euler).
+    """Move the walking people by one time step `dt` [s] (semi-implicit Euler).
 
-    `people`: state vectors, updated. `directions`, `robots`, `walls`, `model`: see `social_forces`.
+    Other arguments as in `social_forces`.
     """
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)

@@ -26,8 +26,8 @@ LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    `people`, `points`, `fields`, `setup`: arrays of `People`; `people` is updated. `robots`: state vectors of the
-    robots; column `TOUCHED` is set if a person walks into a robot.
+    `people`, `points`, `fields`, `setup`: see `People`; `people` is updated. `robots`: state vectors; `TOUCHED` is set
+    for robots that people walk into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -96,7 +96,7 @@ def _follow_route(person, points, dt):
 
 @njit(cache=True, error_model="numpy")
 def with_people(circles, people):
-    """Return obstacle circles (x, y, radius), shape (m, 3) [m], followed by one circle per person."""
+    """Return obstacle circles (x, y, radius) [m], followed by one circle per person."""
     count = circles.shape[0]
     extended = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
@@ -107,7 +107,7 @@ def with_people(circles, people):
 
 @njit(cache=True, error_model="numpy")
 def with_bodies(circles, people, setup):
-    """Return circles, shape (m, 3) [m], followed by the circles of people for lidars: bodies or swinging legs."""
+    """Return obstacle circles (x, y, radius) [m], followed by the bodies or swinging legs of people."""
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]

@@ -19,8 +19,8 @@ class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Start index of each cell's list and end of the last list, then the lists of obstacle indices, then the obstacles
-    (x0, y0, x1, y1, radius) [m]: shape (k,), float64."""
+    """Start of each cell's list of obstacle indices and end of the last, these lists, and obstacles (x0, y0, x1, y1,
+    radius) [m]: shape (k,), float64."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -30,11 +30,8 @@ def list_walls(
 ) -> Walls:
     """Return a lookup table of the obstacles near each cell of a grid.
 
-    Args:
-        segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
-        circles: obstacles (x, y, radius), shape (m, 3), float64 [m].
-        bounds: bounds of the grid (x_min, y_min, x_max, y_max) [m].
-        radius: radius of the largest person [m].
+    `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `bounds`: grid area (x_min, y_min, x_max,
+    y_max) [m]. `radius`: radius of the largest person [m].
     """
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
