@@ -11,8 +11,8 @@ MAX_REACH = 180
 def squared_distances(occupied, reach):
     """Return the squared distance from each cell to the nearest occupied cell, uint16 [squared cells].
 
-    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). Exact up to `reach**2` and
-    greater elsewhere.
+    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). Values are exact up to
+    `reach**2`, and greater in farther cells.
 
     Args:
         occupied: shape (height, width), bool.
@@ -52,8 +52,8 @@ def squared_distances(occupied, reach):
 def deepest_cell(area):
     """Return the cell (row, column) of an area that is farthest from all cells outside the area.
 
-    `area`: shape (height, width), bool. Distance transform of Meijster, Roerdink and Hesselink (2000). Cells beyond the
-    array do not count.
+    `area`: shape (height, width), bool. Space beyond the array does not count as outside. Distance transform of
+    Meijster, Roerdink and Hesselink (2000).
     """
     height, width = area.shape
     # Distance to the nearest cell outside in the same column, or `nowhere`.

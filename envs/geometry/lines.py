@@ -56,7 +56,7 @@ def next_cell(walk):
 def cell_along(row, col, d_row, d_col, num_steps):
     """Return the cell (row, column) that is `num_steps` steps from the centre of cell (`row`, `col`).
 
-    Steps of `d_row` rows and `d_col` columns, each in [-1, 1], may pass diagonally between cells.
+    `d_row`, `d_col`: rows and columns per step, each in [-1, 1].
     """
     return math.floor(row + 0.5 + num_steps * d_row), math.floor(col + 0.5 + num_steps * d_col)
 

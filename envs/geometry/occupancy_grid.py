@@ -16,7 +16,7 @@ OCCUPIED_FROM = 50
 
 @dataclass(slots=True)
 class OccupancyGrid:
-    """Occupancy grid. Row 0 has the lowest y, column 0 the lowest x. Image files are flipped on reading and writing."""
+    """Occupancy grid. Row 0 has the lowest y, column 0 the lowest x. Images are flipped on reading and writing."""
 
     data: np.ndarray
     """Occupancy probability, shape (height, width), int8: 0 to 100 [percent], -1 for unknown."""

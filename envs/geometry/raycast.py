@@ -7,9 +7,9 @@ import numpy as np
 from numba import njit
 
 _ANGLE_PADDING = 1e-3
-"""Margin of the angular interval that an obstacle covers, for approximation errors of angles [rad]."""
+"""Angle added at both ends of the interval that an obstacle covers, against approximation errors [rad]."""
 _TOUCH_TOLERANCE = 1e-9
-"""Distance below which a sensor lies on a wall and all ranges are zero [m]."""
+"""Distance below which a sensor counts as lying on a wall, and all ranges are zero [m]."""
 
 
 class Beams(NamedTuple):
@@ -44,7 +44,7 @@ def _polar(x: float, y: float) -> float:
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
     """Find the interval of beams that may hit each wall segment, for a sensor at (x, y).
 
-    `intervals`: output, shape (6, n): start and extent [m], first beam, and number of beams or -1.
+    `intervals`: output, shape (6, n): start and extent [m], first beam, and number of beams (-1: out of range).
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]

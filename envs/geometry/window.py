@@ -52,7 +52,7 @@ class Window(NamedTuple):
         return Window(row, col, max(height, 0), max(min(self.col + self.width + cells, shape[1]) - col, 0))
 
     def blocks(self, size: int) -> "Window":
-        """Return the rectangle, in blocks of `size` x `size` cells, of all blocks that overlap this rectangle."""
+        """Convert the rectangle to blocks of `size` x `size` cells, including partly covered blocks."""
         row, col = self.row // size, self.col // size
         height = (self.row + self.height - 1) // size - row + 1
         return Window(row, col, height, (self.col + self.width - 1) // size - col + 1)

@@ -156,7 +156,7 @@ class OdometryParams:
     uses_gyro: bool = False
     """Whether odometry measures turns with the gyroscope instead of the wheels."""
     open_loop: bool = False
-    """Whether odometry counts commanded instead of measured steps (stepper motors without encoders)."""
+    """Whether odometry counts commanded instead of measured motor steps (stepper motors without encoders)."""
     noise: OdometryNoise = OdometryNoise()
     """Odometry noise model for SLAM."""
 

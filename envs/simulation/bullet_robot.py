@@ -126,7 +126,7 @@ class BulletRobot:
         self._core = (*body.center[:2], *(side - min(depth, _MAX_PENETRATION_RATIO * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched: set[int] = set()
-        """PyBullet ids of the bodies that the robot touched during the control period."""
+        """PyBullet ids of the bodies touched during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -157,8 +157,7 @@ class BulletRobot:
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
         """Compute the wheel rates of each physics step in a control period.
 
-        `command`: twist (v, w), shape (2,), float64 [m/s, rad/s]. `normals`: standard normal numbers, the first two for
-        wheel slip.
+        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, the first two for wheel slip.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])

@@ -23,7 +23,7 @@ _MAX_RECTANGLES = 100_000
 _RECTANGLES_PER_CIRCLE = 32
 """Estimated number of rectangles that approximate a circular obstacle."""
 _REBUILD_DISTANCE = 2.0
-"""Distance that a robot moves before nearby walls are created anew [m]."""
+"""Distance that a robot moves before nearby walls are updated [m]."""
 
 
 def import_pybullet() -> ModuleType:
@@ -96,7 +96,7 @@ def has_many_walls(world: World) -> bool:
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
     """Return all obstacles of a world as line segments (x0, y0, x1, y1), shape (n, 4), float64 [m].
 
-    Circles become polygons within `sagitta` [m].
+    Polygons approximate circles with an error of at most `sagitta` [m].
     """
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
@@ -138,7 +138,7 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
 
 
 class NearbyWalls:
-    """Wall bodies near the robots in PyBullet, for worlds with too many walls."""
+    """Walls near the robots in PyBullet, for worlds with too many walls to create all."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
         self._bullet = bullet
@@ -150,7 +150,7 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Create nearby walls anew if a robot has moved far. `positions`: robots (x, y), shape (n, 2) [m]."""
+        """Update nearby walls if a robot has moved far. `positions`: (x, y) of the robots, shape (n, 2) [m]."""
         if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()

@@ -162,21 +162,21 @@ class Contact(NamedTuple):
     kind: Kind
     """Touched object: "wall", "cylinder", "person" or "robot"."""
     which: int
-    """Index of the touched object in `World.segments`, `World.circles`, `Simulator.people` or the robots."""
+    """Index of the touched object in `World.segments`, `World.circles`, `Simulator.people` or among the robots."""
     by: Literal["robot", "other"] = "robot"
     """Cause of the contact: the robot or the touched object, whichever approached faster."""
 
 
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
-    """Return the commanded speed of a robot towards the point (x, y) [m/s]. `row`: state vector."""
+    """Return the commanded speed of a robot towards the point (x, y) [m/s]."""
     dx, dy = x - row[X], y - row[Y]
     return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Return True if a robot caused contact with a person by approaching faster. `row`, `person`: state vectors."""
+    """Return True if a robot caused contact with a person by approaching faster."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
@@ -185,7 +185,8 @@ def drove_into(row, person):
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
     """Return the contacts of all robots in the last control period.
 
-    A robot in contact touches the nearest object and all objects within 1 cm. `rows`, `people`: state vectors.
+    A robot in contact is reported to touch the nearest object and all objects within 1 cm. `rows`, `people`: state
+    vectors.
     """
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]

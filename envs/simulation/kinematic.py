@@ -60,8 +60,8 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 def advance(state, command, normals, robot, segments, circles):
     """Move a robot by one control period. The footprint slides along obstacles.
 
-    `state`: state vector, updated. `command`, `normals`: see `plan_wheels`. `segments`, `circles`: obstacles, shapes
-    (n, 4) and (m, 3), float64 [m].
+    `state`: state vector, updated. `command`: twist (v, w) [m/s, rad/s]. `normals`: random numbers for wheel slip.
+    `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m].
 
     Returns:
         Whether the footprint touched anything, and which circles were touched: shape (m,), bool.
@@ -109,8 +109,9 @@ def advance(state, command, normals, robot, segments, circles):
 def step_robots(rows, draws, ranges, segments, circles, crowd):
     """Move people and robots of a world by one control period, and simulate the sensors.
 
-    People move first and stop at robots. Robots move one after another. `rows`, `draws`, `ranges`, `segments`: see
-    `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`, or None without people.
+    People move first and stop at robots. Robots move one after another. `rows`: state vectors, updated. `ranges`:
+    output, lidar ranges [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `crowd`:
+    `People.arrays`, or None without people.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius

@@ -49,10 +49,9 @@ _SOURCES = {
     "compass_std": "imu.compass_std",
     "compass_resolution": "imu.compass_resolution",
 }
-"""Names of robot parameters for Numba functions, with their attribute paths in `RobotParams`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
-"""Robot parameters for Numba functions, all float. Ends with control period [s] and substeps per control period."""
+"""Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""
 RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
 """Columns of a robot's state vector with ground truth.
@@ -88,9 +87,9 @@ PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, 
 """Columns about people in a robot's state vector.
 
 Present and smallest gap to people [m], smallest time to collision [s], time in personal space [s], cause of the present
-contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
+contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and caused by people."""
 MOTION_SETTINGS, ROBOT = 63, 70
-"""First columns of odometry settings and of robot parameters in a robot's state vector."""
+"""First columns of the odometry settings and the robot parameters in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
 """Column of the control period [s] in a robot's state vector."""
 ROW_SIZE = ROBOT + RECORD_SIZE

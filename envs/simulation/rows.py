@@ -13,7 +13,7 @@ from . import records as at
 from .sensors import OTHER_NORMALS
 
 BLOCK = 16
-"""Number of control periods per block of sampled noise."""
+"""Number of control periods whose noise is sampled at once."""
 
 
 class Twist(NamedTuple):
@@ -65,7 +65,7 @@ class Rows:
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
         self.numbers = np.zeros((num_robots, at.ROW_SIZE))
-        """State vectors of the robots, shape (num_robots, ROW_SIZE), float64, with the columns of `records`."""
+        """State vectors of the robots, shape (num_robots, ROW_SIZE), float64; columns: see module `records`."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
         """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
@@ -136,7 +136,7 @@ class Rows:
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move all data into parts of larger arrays, for steps of many environments together."""
+        """Move all data into parts of larger arrays that many environments share."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

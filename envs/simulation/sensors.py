@@ -12,7 +12,8 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of normal random numbers in a control period: slip of both wheels, gyroscope, compass. Lidar beams follow."""
+"""Indices of normal random numbers in a control period: slip of both wheels, gyroscope, compass. Numbers of lidar beams
+follow."""
 OTHER_NORMALS = 4
 
 
@@ -57,7 +58,7 @@ def disturb_ranges(ranges, draws, robot):
 
 @njit(cache=True, error_model="numpy")
 def measure_ranges(pose, draws, robot, segments, circles, ranges):
-    """Simulate a noisy lidar scan from the base pose (x, y, theta) of a robot in the world frame.
+    """Simulate a noisy lidar scan from the robot's base pose (x, y, theta) in the world frame.
 
     `segments`, `circles`: obstacles [m]. `ranges`: output, shape (num_beams,), float32 [m].
     """

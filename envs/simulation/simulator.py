@@ -33,12 +33,11 @@ class Simulator(ABC):
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
         self.robot = robot
-        """Parameters of the robots in this episode."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Change the robot parameters from the next reset on. Footprint radius and number of beams stay the same."""
+        """Change the robot parameters from the next reset on, except footprint and lidar beams."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 

@@ -18,7 +18,7 @@ from lidarnaut.envs.transition import pose_errors, record_positions, step_rows
 from .memory import SCALARS, Arrays, Records
 
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
-"""Keys of `info` that all tasks have."""
+"""Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
 """Number of positions buffered per robot before recorded paths are extended."""
 
@@ -45,7 +45,7 @@ class Batch:
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """Robots of all sub-environments in order."""
+        """Robots of all sub-environments, ordered by environment."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
@@ -100,7 +100,7 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step the active sub-environments by one control period, and return the mask of ended episodes.
+        """Step the active sub-environments, and return the mask of ended episodes.
 
         Writes rewards and `info` of episodes that continue. `LidarEnv.outcome` completes ended episodes. `is_last`
         marks sub-environments that this step truncates. Masks have shape (num_envs,), bool.
@@ -136,7 +136,7 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Update the Python objects of sub-environments whose last steps were computed in arrays alone."""
+        """Update the Python objects of sub-environments that only Numba functions have stepped."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 

@@ -56,8 +56,7 @@ class Shard:
     ) -> tuple[np.ndarray, Extras]:
         """Start episodes in the sub-environments selected by `mask`.
 
-        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and as dictionaries for other
-        entries.
+        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and other entries as dictionaries.
         """
         self._records.extras = {}
         for i, seed in enumerate(seeds):

@@ -55,8 +55,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             num_workers: number of processes, including the current one; 0 equals 1, None is the number of available
                 cores.
             context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
-            env_wrappers: wrappers of each sub-environment, innermost first. `lidarnaut.envs.vector.make_vec` takes them
-                as `wrappers`.
+            env_wrappers: wrappers of each sub-environment, innermost first; called `wrappers` by `make_vec`.
             **arguments: arguments of the sub-environments.
 
         Raises:
@@ -117,8 +116,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         Raises:
             ValueError: wrong number of seeds, or an empty mask.
             gymnasium.error.ResetNeeded: the mask excludes sub-environments without an episode.
-            gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after an interrupted call.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
         seeds: list[Any] = [None] * self.num_envs
         if is_whole(seed):
@@ -173,7 +171,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return an image of each sub-environment, shape (height, width, 3), uint8."""
         return self.call("render") if self.render_mode is not None else None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:

@@ -26,8 +26,6 @@ OPTIONS = ("world", "start")
 
 
 class _Team:
-    """Common methods of the PettingZoo environments."""
-
     env: Any
     agents: list[str]
     observation_spaces: dict[str, spaces.Space]
@@ -40,7 +38,6 @@ class _Team:
         return self.action_spaces[agent]
 
     def render(self) -> np.ndarray | None:
-        """Render the environment; for `rgb_array`, return an image (height, width, 3), uint8."""
         return self.env.render()
 
     def close(self) -> None:
@@ -54,14 +51,13 @@ class _Team:
 class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     """Exploration by a robot team as a PettingZoo `ParallelEnv` with agents "robot_0", "robot_1", ...
 
-    Wraps `ExploreTeam-v0`. Each agent has its own actions, observations and per-robot `info`. Agents share reward (see
-    `info["rewards"]`) and episode end.
+    Wraps `ExploreTeam-v0` and takes the same arguments. Each agent has its own actions, observations and per-robot
+    `info`. Agents share reward (see `info["rewards"]`) and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
 
     def __init__(self, **arguments: Any) -> None:
-        """Create the environment. `arguments`: arguments of `ExploreTeam-v0`."""
         self.env = LidarEnv(ExploreTeam, **arguments)
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(self.env.task.num_robots)]
@@ -123,8 +119,8 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     """Exploration by a robot team as a PettingZoo `AECEnv`: robots choose frontiers in turn.
 
-    Wraps `ExploreTeamFrontiers-v0`. An agent is selected when its robot needs a frontier. Observations are from an
-    agent's last decision. Agents share reward and episode end.
+    Wraps `ExploreTeamFrontiers-v0` and takes the same arguments. An agent is selected when its robot needs a frontier.
+    Agents share reward and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -134,7 +130,6 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     }
 
     def __init__(self, **arguments: Any) -> None:
-        """Create the environment. `arguments`: arguments of `ExploreTeamFrontiers-v0`."""
         super().__init__()
         self.env = ExploreTeamFrontiersEnv(**arguments)
         self.render_mode = self.env.render_mode

@@ -40,7 +40,7 @@ class BagRecorder:
 
         Raises:
             TypeError: the environment has no robot with a lidar.
-            ValueError: several robots, a running recording, or another suffix.
+            ValueError: several robots, a running recording, or another file suffix.
             OSError: the bag cannot be written.
         """
         inner = lidar_env_of(env)
@@ -67,7 +67,7 @@ class BagRecorder:
         self._writer.close()
 
     def discard(self) -> None:
-        """Stop recording and remove the bag. No effect after `close`."""
+        """Stop recording and remove the bag, unless complete."""
         if self._is_open:
             self._stop()
             self._writer.discard()

@@ -62,7 +62,8 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of changed parameters.
+"""Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of
+changed parameters.
 
 The key `crowd` names the crowd to change. Mappings as text: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 

@@ -42,7 +42,7 @@ _EPSILON = 1e-9
 def walk_by_orca(people, directions, robots, walls, model, dt):
     """Move the walking people by one time step `dt` [s] with the ORCA model.
 
-    Two walking people share a velocity change. Walls have priority. Other arguments as in `social_forces`.
+    Two walking people share the velocity change. Avoiding walls has priority. `people`: state vectors, updated.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0
@@ -96,7 +96,7 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
-    """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5).
+    """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5 of the ORCA paper).
 
     `lines`: half-planes; row `k` is set. `away`: position of the disc relative to the person [m]. `own`, `other`:
     velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with
@@ -125,10 +125,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the permitted velocity (vx, vy) closest to `desired` and not faster than `limit` [m/s].
+    """Return the velocity (vx, vy) in all half-planes closest to `desired` and not faster than `limit` [m/s].
 
-    If none is permitted, the first `num_hard` half-planes hold and the rest are violated least. Of `lines`, shape (n,
-    4), float64, the first `num_lines` are used.
+    If no velocity lies in all half-planes, the result lies in the first `num_hard` and violates the rest least. Of
+    `lines`, shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)

@@ -19,7 +19,7 @@ class People:
     def __init__(self, crowd: Crowd | None = None) -> None:
         self.crowd = crowd
         self.rows = np.empty((0, at.PERSON_SIZE))
-        """State vectors of the people, shape (n, PERSON_SIZE), float64, with the columns of `person_row`."""
+        """State vectors of the people, shape (n, PERSON_SIZE), float64; columns: see module `person_row`."""
         self.points = np.empty((0, 3))
         """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the following destination or
         -1 (random)."""

@@ -13,4 +13,4 @@ ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
 """Kinds of people: avoiding robots, ignoring robots, standing, and on a fixed route. All kinds stop at robots."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
 """Indices in `People.setup`: flags of the ORCA model and of legs, origin, rows and columns of the obstacle grid, and
-starts of pedestrian parameters and of obstacles."""
+first indices of pedestrian parameters and of obstacles."""

@@ -27,7 +27,7 @@ MEAN_STUCK_TIME = 3.0
 SLOW_FRACTION = 0.2
 """Speed towards the destination below which progress is slow, divided by the desired speed."""
 NEXT_BY_DRAW = -1.0
-"""Value for a randomly chosen next destination, in the last column of `Routes.points`."""
+"""Entry in the last column of `Routes.points` for a randomly chosen next destination."""
 _PRECISION = 1e-3
 """Smallest decrease of a cell's cost-to-go that is propagated to other cells [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
@@ -220,8 +220,8 @@ def descent(fields, k, grid, x, y):
 def choose_directions(people, points, fields, grid, dt, directions):
     """Compute walking directions of the crowd. People that have arrived or are stuck get new destinations.
 
-    `people`: state vectors, updated. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`: time step [s].
-    `directions`: output, shape (n, 2), float64, unit vectors.
+    `people`: state vectors, updated. `points`, `fields`: destinations and cost-to-go. `grid`: origin of `fields`. `dt`:
+    time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
     for i in range(people.shape[0]):

@@ -48,7 +48,7 @@ NUM_FORCES = len(SocialForce._fields)
 SIDE_SWITCH_TIME = 0.5
 """Time of slow progress after which a person evades to the left instead of the right [s]."""
 MIN_PUSH_RATIO = 1e-3
-"""Repulsion that is neglected, divided by the repulsion in contact."""
+"""Largest neglected repulsion between two bodies, divided by the repulsion in contact."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -124,10 +124,7 @@ def wall_force(near, grid, x, y, radius, model):
 
 @njit(cache=True, error_model="numpy")
 def walk_by_forces(people, directions, robots, walls, model, dt):
-    """Move the walking people by one time step `dt` [s] (semi-implicit Euler).
-
-    Other arguments as in `social_forces`.
-    """
+    """Move the walking people by one time step `dt` [s] (semi-implicit Euler). `people`: state vectors, updated."""
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)
     for i in range(people.shape[0]):

@@ -26,8 +26,8 @@ LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    `people`, `points`, `fields`, `setup`: see `People`; `people` is updated. `robots`: state vectors; `TOUCHED` is set
-    for robots that people walk into.
+    `people`, `points`, `fields`, `setup`: arrays of `People`; `people` is updated. `robots`: state vectors; `TOUCHED`
+    is set for robots that people walk into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -107,7 +107,7 @@ def with_people(circles, people):
 
 @njit(cache=True, error_model="numpy")
 def with_bodies(circles, people, setup):
-    """Return obstacle circles (x, y, radius) [m], followed by the bodies or swinging legs of people."""
+    """Return obstacle circles (x, y, radius) [m], followed by circles for people's bodies or swinging legs."""
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]

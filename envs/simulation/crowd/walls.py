@@ -19,8 +19,8 @@ class Walls(NamedTuple):
     """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Start of each cell's list of obstacle indices and end of the last, these lists, and obstacles (x0, y0, x1, y1,
-    radius) [m]: shape (k,), float64."""
+    """Packed lists, shape (k,), float64: start index of each cell's list and end of the last, obstacle indices of all
+    lists, and obstacles (x0, y0, x1, y1, radius) [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
