@@ -138,7 +138,7 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
 
 
 class NearbyWalls:
-    """Walls near the robots in PyBullet, for worlds with too many walls to create all."""
+    """Walls near the robots in PyBullet, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
         self._bullet = bullet

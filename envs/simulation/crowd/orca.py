@@ -125,10 +125,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the velocity (vx, vy) in all half-planes closest to `desired` and not faster than `limit` [m/s].
+    """Return the permitted velocity (vx, vy) closest to `desired` and not faster than `limit` [m/s].
 
-    If no velocity lies in all half-planes, the result lies in the first `num_hard` and violates the rest least. Of
-    `lines`, shape (n, 4), float64, the first `num_lines` are used.
+    Permitted velocities lie in all half-planes. If there is none, the result lies in the first `num_hard` and violates
+    the rest least. Of `lines`, shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)

@@ -29,7 +29,7 @@ SLOW_FRACTION = 0.2
 NEXT_BY_DRAW = -1.0
 """Entry in the last column of `Routes.points` for a randomly chosen next destination."""
 _PRECISION = 1e-3
-"""Smallest decrease of a cell's cost-to-go that is propagated to other cells [m]."""
+"""Smallest decrease of a cell's cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 """Golden ratio (0.618). Its multiples modulo 1 are evenly spread."""
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
