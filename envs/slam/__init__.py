@@ -1,4 +1,4 @@
-"""Simultaneous localization and mapping, and mapping with known poses."""
+"""SLAM algorithms for 2D lidar, and mapping at known poses."""
 
 import copy
 from collections.abc import Callable
@@ -29,11 +29,11 @@ from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
-    """Builder of a SLAM and loader of its parameters."""
+    """Entry of the table of SLAM algorithms: constructor and loader of parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
     load: Callable[..., Any]
-    """Function that returns parameters of a preset; see `load_params`."""
+    """Function that returns the parameters for a preset name, YAML file or parameter object."""
 
 
 SLAMS: dict[str, Kind] = {
@@ -44,10 +44,10 @@ SLAMS: dict[str, Kind] = {
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
-"""SLAM algorithms by name. "odometry" and "truth" build a map at odometry or ground-truth poses."""
+"""SLAM algorithms by name. "odometry" and "truth" only build a map, at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""Default SLAM of the environments: fast, deterministic, shareable by teams."""
+"""Name of the default SLAM algorithm, which is fast and deterministic and lets several robots share a map."""
 
 
 def make_slam(
@@ -57,15 +57,16 @@ def make_slam(
     preset: str | Path | Params = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
-    """Build a SLAM.
+    """Create a SLAM algorithm, which updates a pose and a map from lidar scans and odometry.
 
     Args:
-        name: one of `SLAM_NAMES`; an `Estimator`, which is copied; or `module:attribute` or a callable that takes lidar
-            (`LidarParams`) and resolution [m] and returns an `Estimator`.
-        lidar: geometry of the scans.
-        resolution: side of a map cell [m]; overrides the preset.
-        preset: preset name, YAML file, or parameters.
-        odometry_noise: overrides the preset; None keeps it.
+        name: one of `SLAM_NAMES`, for example "hector"; an `Estimator` object, which is copied; a callable with the
+            arguments lidar and resolution that returns an `Estimator`; or an import path "module:attribute" of an
+            object or callable.
+        lidar: beam geometry of the scans.
+        resolution: side of a map cell [m]. It overrides the preset.
+        preset: preset name, YAML file, or parameter object.
+        odometry_noise: odometry noise model that overrides the preset; None keeps the preset.
 
     Raises:
         ValueError: if the name, the preset or the resolution is invalid.

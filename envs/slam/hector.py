@@ -14,15 +14,15 @@ from .relocalization import FOUND_STD, LocalizationMonitor
 from .slam_params import HectorParams
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""Minimum matching score among people; a group of people looks like an unmapped wall."""
+"""Minimum mean occupancy of known map cells at the scan points among people, who look like unmapped walls."""
 
 
 class Hector(KeyScanSlam):
-    """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
+    """SLAM by Gauss-Newton scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. Loops are not closed.
-    `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. Mismatched scans are not
-    integrated; a lost robot is searched on the whole map (`relocalization`).
+    Unlike in the paper, odometry is a weighted pose prior, unless `uses_odometry=False`. Loops are not closed.
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A scan
+    that does not fit is not inserted into the map. A lost robot is searched on the whole map.
     """
 
     params: HectorParams
@@ -34,7 +34,7 @@ class Hector(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose with a new or shared map."""
+        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given."""
         self._monitor.reset()
         self._monitor.meets_people = self.meets_people
         if self.meets_people:  # mismatches near people are expected

@@ -1,4 +1,4 @@
-"""Key scans: selection, storage, and base class of SLAMs."""
+"""Key scans (scans after a minimum motion): storage, and base class of SLAM algorithms."""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
@@ -19,28 +19,28 @@ from .scans import ScanGeometry, check_scan, project_hits
 
 @njit(cache=True, error_model="numpy")
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
-    """Return True if two poses differ by at least `min_distance` [m] or `min_angle` [rad]."""
+    """Return True if two poses [m, m, rad] differ by at least `min_distance` [m] or `min_angle` [rad]."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
 MAX_LOG_ODDS_WITH_PEOPLE = 3.5
-"""Maximum log-odds of cells among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a
-cell."""
+"""Maximum absolute log-odds of a map cell when people are near. Nine free observations then clear a cell (Hornung et
+al., "OctoMap", 2013, section 3.4)."""
 POINT_CELL = 0.1
-"""Cell side for thinning points of joined scans: one point per cell [m]."""
+"""Cell side of the grid that thins merged scans to one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
-    """Robot pose relative to a key scan, which map corrections may move later."""
+    """Robot pose relative to a key scan (scan in the map), whose own pose may be corrected later."""
 
     key_scan: int
-    """Index of the key scan in `Belief.path`."""
+    """Index of the key scan in the trajectory `Belief.path`."""
     relative: Pose2D
-    """Pose in the frame of the key scan."""
+    """Robot pose in the base frame of the key scan [m, m, rad]."""
 
 
 class KeyScans:
-    """Stored scans and their poses."""
+    """Store of lidar scans and their base poses."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._geometry = ScanGeometry.of(lidar, 1.0)
@@ -57,24 +57,25 @@ class KeyScans:
 
     @property
     def poses(self) -> np.ndarray:
-        """Uncorrected base poses by scan matching or odometry, shape (n, 3), float64 [m, m, rad]."""
+        """Base poses of the scans, without later corrections, shape (n, 3), float64 [m, m, rad]."""
         return self._poses.rows
 
     def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
-        """Add a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
+        """Store a scan, shape (num_beams,), float32 [m], with its base pose; return the index of the scan."""
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
     def points(self, index: int) -> np.ndarray:
-        """Return the hits of a scan, shape (n, 2), float32, base frame [m]."""
+        """Return the points of a stored scan, shape (n, 2), float32, base frame [m]."""
         out = np.empty((2, self.ranges.shape[1]), dtype=np.float32)
         count = project_hits(self.ranges[index], self._geometry, out)
         return out[:, :count].T
 
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the joined hits of scans `first` to `last`, base frame of scan `last`, shape (n, 2), float32 [m].
+        """Merge the points of scans `first` to `last`, shape (n, 2), float32, base frame of scan `last` [m].
 
-        Points within `max_range` [m] are thinned to one per `POINT_CELL`, and to `max_points`.
+        Points beyond `max_range` [m] are dropped. The remaining points are thinned to one per cell of side
+        `POINT_CELL`, and then to at most `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
@@ -88,44 +89,47 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
+    """Base class of SLAM that matches and maps only key scans (scans after a minimum motion).
 
-    A scan is a key scan at `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
-    `params.match_every_scan`, all scans are matched, but only key scans are integrated. Simulations may call
-    `process_key_scan` directly with the composed motion.
+    Between key scans, the pose follows odometry. A key scan is at least `params.min_travel_distance` [m] or
+    `params.min_travel_angle` [rad] from the last one. With `params.match_every_scan`, every scan is matched, but only
+    key scans are inserted into the map. A simulation may call `process_key_scan` directly with a pose predicted by
+    odometry.
     """
 
     meets_people = False
-    """Whether people are near; limits cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
+    """Whether people move around the robot. If True, log-odds of cells are limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Beams of the next scan to integrate but not match, shape (num_beams,), bool; None for no beams."""
+    """Mask of beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses all
+    beams."""
     shares_maps = True
     """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Build a SLAM; `params` are `SlamParams` with `match_every_scan`."""
+        """Create a SLAM algorithm; `params` is a `SlamParams` with an additional field `match_every_scan`."""
         self.params = params
         self._lidar = lidar
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Start at a known pose, map frame, with a new or shared map."""
+        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Pose of the last key scan, map frame; None before the first key scan."""
+        """Base pose at the last key scan (scan in the map), map frame; None before the first."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
+        """Update pose and map by a lidar scan.
 
-        `motion` is the base motion since the previous scan.
+        `reading.ranges` has shape (num_beams,) [m]; +inf means no return, NaN an ignored beam. `motion` is the odometry
+        motion of the base since the previous scan [m, m, rad].
 
         Raises:
             ValueError: if the number of beams is wrong, or the motion is not finite.
@@ -138,12 +142,15 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Return True if a pose is far enough from the last key pose."""
+        """Return True if a pose is far enough from the last key scan to insert another scan into the map."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match and integrate a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose."""
+        """Match a scan, shape (num_beams,), float32 [m], to the map and insert it; return pose and map.
+
+        `predicted` is the base pose predicted by odometry, map frame [m, m, rad].
+        """
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
@@ -166,8 +173,11 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _make_map(self) -> Any:
-        """Return a new map."""
+        """Create the unknown map of a new run."""
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the matched pose and the scan's map weight from 0 to 1; None to skip integration."""
+        """Return the matched base pose, map frame, and the weight of the scan in the map from 0 to 1.
+
+        The weight is None if the scan must not be inserted. `predicted` is the pose predicted by odometry.
+        """

@@ -1,7 +1,7 @@
 """Log-odds occupancy maps at several resolutions.
 
-A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and, in the lower 16, the number of the last
-observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
+A cell is packed into 32 bits: signed log-odds in the upper 16 bits, of which 9 are fractional, and a stamp in the lower
+16. The stamp is the number of the last scan that observed the cell, or 0 for none. A scan changes each cell only once.
 """
 
 import math
@@ -19,24 +19,24 @@ from .scans import SIDE_START, beam_ends, walk
 from .slam_params import MatchingParams
 
 STAMP_BITS = 16
-"""Bits of a cell word for the scan number."""
+"""Number of bits of a packed 32-bit map cell that store the number of the last scan that observed the cell."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
-"""Largest scan number before numbering restarts."""
+"""Largest scan number that fits into a packed map cell; numbering restarts after it."""
 LOG_ODDS_UNIT = 1 << 9
-"""Log-odds of 1 in fixed-point representation."""
+"""Integer that represents log-odds of 1 in a packed map cell (9 fractional bits)."""
 _HALF = 6 * LOG_ODDS_UNIT
 _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
 
 
 class LogOddsModel(NamedTuple):
-    """Log-odds increments of a scan."""
+    """Inverse sensor model: log-odds that a scan adds to map cells, as integers in units of 1/512."""
 
     hit: int
-    """Log-odds increment of a cell with a hit, fixed-point."""
+    """Log-odds added to a cell that contains a beam endpoint, in units of 1/512."""
     passed: int
-    """Log-odds increment of a cell passed by a beam, fixed-point; negative."""
+    """Negative log-odds added to a cell that a beam passes, in units of 1/512."""
     bound: int
-    """Maximum absolute log-odds of a cell, fixed-point."""
+    """Maximum absolute log-odds of a cell, in units of 1/512."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -47,22 +47,27 @@ class LogOddsModel(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def percent(value):
-    """Return the occupancy of fixed-point log-odds [percent]."""
+    """Convert log-odds in units of 1/512 to an occupancy probability [percent]."""
     return _PERCENTS[np.uint64(min(max(value, -_HALF), _HALF) + _HALF)]
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, change, bound, stamp):
-    """Return the cell word after adding `change` to its log-odds."""
+    """Return the packed int32 map cell `word` after a scan observed the cell.
+
+    `change` is added to the log-odds, whose absolute value is limited to `bound` (both in units of 1/512). `stamp` is
+    the number of the scan.
+    """
     value = min(max((word >> STAMP_BITS) + change, -bound), bound)
     return (value << STAMP_BITS) | stamp
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Integrate a scan into one level; return the number of new known cells.
+    """Insert a scan into one map resolution; return the number of cells that are observed for the first time.
 
-    Hits come first, and passing beams do not change them. (Kohlbrecher et al., 2011, undo free observations instead.)
+    Beam endpoints are inserted first. Beams that pass an endpoint cell do not change it. (Kohlbrecher et al., 2011,
+    undo free observations instead.)
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
@@ -97,12 +102,12 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into all levels; return the number of cells that the last scan made known.
+    """Insert scans into all map resolutions; return the number of cells that the last scan is the first to observe.
 
-    `words` and `levels` (occupancies [percent]) are tuples of arrays, finest first. `ranges` has shape (n, num_beams),
-    float32 [m]; `poses` are base poses, shape (n, 3), map frame [m, m, rad]. `stamp` is the number of the first scan;
-    numbers must be unused. `new_cells` receives row and column of new known cells, shape (n, 2), int32. See
-    `beam_ends`.
+    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest resolution
+    first. `ranges` has shape (n, num_beams), float32 [m]. `poses` are base poses, shape (n, 3), map frame [m, m, rad].
+    `stamp` is the number of the first scan; no earlier scan may have this or a later number. `new_cells` receives row
+    and column of first observed cells, shape (n, 2), int32.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
@@ -118,7 +123,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Reset stamps of observed cells to 1, to reuse stamps from 2."""
+    """Reset the scan numbers in packed int32 cells to 1, so that numbers from 2 can be used again."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:
@@ -126,9 +131,9 @@ def forget_stamps(words):
 
 
 class LogOddsMap(GrowingMap):
-    """Multi-resolution log-odds map for scan matching (Kohlbrecher et al., 2011, section IV.C).
+    """Log-odds occupancy map at several resolutions for scan matching (Kohlbrecher et al., 2011, section IV.C).
 
-    Scans are integrated into every level; coarse levels are not averages.
+    Scans are inserted into every resolution. Coarse resolutions are not averages of fine ones.
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
@@ -138,24 +143,24 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Cell words by level, shape (height, width) / 2^level, int32."""
+        """Packed cells (log-odds and scan number) by resolution, shape (height / 2^level, width / 2^level), int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
     def levels(self) -> tuple[np.ndarray, ...]:
-        """Occupancies by level, finest first, int8: -1 unknown, 0 to 100 percent."""
+        """Occupancy grids by resolution, finest first, int8 [percent], -1 unknown."""
         return (self.grid.data, *self._coarser)
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose."""
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame; return the changed cells."""
         window, count = self.integrate_all(ranges[None], np.array([pose]))
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Integrate 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
+        """Insert at least 1 and at most `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
 
-        `poses` are base poses, shape (n, 3), float64, map frame. Returns the window of observed cells and the number of
-        new known cells of the last scan.
+        `poses` are base poses, shape (n, 3), float64, map frame [m, m, rad]. Returns the block of cells that contains
+        all scans, and the number of cells that the last scan is the first to observe.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
@@ -168,7 +173,7 @@ class LogOddsMap(GrowingMap):
         return window, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
-        """Take the cells of another map, which becomes invalid; `grid` stays the same object."""
+        """Replace the cells by those of another map, without a copy. The other map must not be used afterwards."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
 

@@ -1,4 +1,4 @@
-"""Monte Carlo scan matching of TinySLAM, and its observers."""
+"""Monte Carlo scan matching of TinySLAM, and observers of the sampled poses."""
 
 import math
 from collections.abc import Sequence
@@ -16,7 +16,7 @@ from .slam_params import TinySlamParams
 
 
 class SearchParams(NamedTuple):
-    """Spread and limits of a Monte Carlo search."""
+    """Sampling spread, limits and penalties of Monte Carlo scan matching."""
 
     sigma_xy: float
     """Initial standard deviation of candidate positions [cells]."""
@@ -24,59 +24,62 @@ class SearchParams(NamedTuple):
     max_failed: int
     max_tries: int
     unvisited: int
-    """Cell word of an unobserved cell."""
+    """Packed 32-bit state of a map cell without observations."""
     position_penalty: float = 0.0
-    """Score penalty per squared distance from the prediction, fixed-point [1/cells^2]."""
+    """Score penalty per squared distance of a sampled pose from the predicted pose [2^-18 / cells^2]."""
     heading_penalty: float = 0.0
-    """Score penalty per squared turn from the prediction, fixed-point [1/rad^2]."""
+    """Score penalty per squared heading difference between sampled and predicted pose [2^-18 / rad^2]."""
 
 
 class Search(NamedTuple):
-    """Best pose of a search, from the map's corner [cells, cells, rad]."""
+    """Result of Monte Carlo scan matching: best pose from the map's first cell [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """Best score minus its penalty, fixed-point."""
+    """Score of the best pose: sum of map occupancies at the scan points, minus the penalty, in units of 2^-18."""
     tried: int
     accepted: int
 
 
 class MatcherObserver(Protocol):
-    """Observer of the poses tested by the matcher.
+    """Observer that receives the poses tested in Monte Carlo scan matching.
 
-    Cost is the number of hits minus the sum of their occupancies, plus the prior penalty.
+    The cost of a pose is the number of scan points minus the sum of map occupancies at these points, plus a penalty for
+    the distance from the predicted pose.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """Handle the predicted pose."""
+        """Receive the predicted pose, map frame [m, m, rad], before scan matching."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Handle a tested pose."""
+        """Receive a tested pose, map frame [m, m, rad], and its matching cost."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """Handle a new best pose."""
+        """Receive a tested pose, map frame [m, m, rad], with the lowest cost so far."""
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Handle the result of the search."""
+        """Receive the final pose, map frame [m, m, rad], and its matching cost."""
         ...
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
-    """Return the search parameters in map cells."""
+    """Convert TinySLAM parameters to sampling parameters, with lengths in map cells."""
     spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
     return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
 
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the summed occupancy under the hits, fixed-point; see `match`.
+    """Return the sum of map occupancies at the scan points for a pose x, y [cells], `theta` [rad], in units of 2^-18.
 
-    Cells outside are unobserved. `indices` is scratch space.
+    `words` are packed map cells, shape (height, width), int32. `points` are scan points, shape (2, >= num_points),
+    float32, base frame [cells]. Points outside the map count as the packed cell `unvisited`. `indices` is scratch
+    space.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -106,19 +109,20 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return a candidate's penalty by its distance from the predicted pose, fixed-point."""
+    """Return the penalty for the distance of a sampled pose from the predicted pose, in units of 2^-18."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Search the best pose of a scan in a map by sampling around the best pose.
+    """Find the best pose of a scan in a map by random sampling around the best pose so far.
 
-    An improvement after a third of the allowed failures halves the spread and resets the failures. `points` are hits,
-    shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner [cells] and heading
-    [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags, shape
-    (max_tries + 1, 5).
+    An improvement after more than a third of the allowed failures halves the sampling spread and resets the failures.
+    `words` are packed map cells. `points` are scan points, shape (2, >= num_points), float32, base frame [cells].
+    `pose` is the predicted x, y from the map's first cell [cells] and heading [rad]. `noise` holds standard normal
+    samples, shape (max_tries, 3). `trace`, shape (max_tries + 1, 5), receives pose, score and improvement flag of each
+    sample.
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -147,9 +151,10 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match`.
+    """Match a scan to a map by random sampling around a predicted base pose, map frame [m, m, rad].
 
-    Returns pose, number of candidates, improvement flag, and number of hits.
+    `ranges` has shape (num_beams,), float32 [m]. Returns the best pose, the number of samples, whether a sample
+    improved the predicted pose, and the number of scan points.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)
@@ -164,7 +169,11 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
 def notify(
     observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
 ) -> None:
-    """Notify observers from a search `trace`; `predicted` is in metres."""
+    """Report the sampled poses of a scan matching to observers, after it has ended.
+
+    `predicted` is the predicted base pose, map frame [m, m, rad]. `trace` has pose [cells, cells, rad], score and
+    improvement flag of each sample. `num_hits` is the number of scan points.
+    """
 
     def send(event: str, *arguments: Pose2D | float) -> None:
         for observer in observers:

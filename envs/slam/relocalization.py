@@ -1,7 +1,7 @@
 """Relocalization of a lost or kidnapped robot on its own map.
 
-Scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al., Real-time
-loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
+Scans since the loss are merged by odometry, because a single scan is ambiguous. Branch and bound matches the merged
+points to the whole map (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 """
 
 import math
@@ -23,75 +23,81 @@ from .scans import ScanGeometry
 from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
-"""Number of recent key scans matched together."""
+"""Maximum number of recent scans that are merged for a search on the map."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans before the first search, interval of searches, and limit of the interval, which doubles after failures: a
-search costs a hundred matches."""
+"""Number of scans before the first search on the map and between searches, and maximum between searches. The interval
+doubles after a failed search, because a search takes as long as a hundred scan matches."""
 COARSE_CELL = 0.1
-"""Cell side of the coarse search over the whole map [m]."""
+"""Cell side of the coarse grid for the search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Levels of the coarse pyramid; the top level has maxima over 32 cells."""
+"""Number of branch-and-bound levels on the coarse grid. A top-level cell is the maximum of 32 x 32 grid cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Maximum and minimum number of points for a search."""
+"""Maximum and minimum number of merged scan points for a search on the map."""
 MAX_EVALUATIONS = 500_000
-"""Maximum branch-and-bound nodes scored per search."""
+"""Maximum number of nodes (blocks of poses) scored in one branch-and-bound search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
-"""Half width [m] and half angle [rad] of the fine search around a coarse result."""
+"""Half width [m] and half angle [rad] of the fine search around the result of the coarse search."""
 NEAR_DISTANCE = 2.0
-"""Distance from the odometry pose with lower required evidence [m]; maps bend more often than robots are kidnapped."""
+"""Distance from the odometry pose up to which a found pose counts as nearby and needs less evidence [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Accumulated score margin over rivals to accept a nearby and a distant pose, and maximum margin counted per search."""
+"""Minimum evidence to accept a nearby and a distant pose, and maximum evidence of one search. Evidence is the score
+margin over the best alternative pose, summed over searches that agree."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""Maximum difference of two poses that agree [m], [rad]."""
+"""Maximum distance [m] and angle [rad] between two found poses that agree."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Minimum distance [m] and angle [rad] of rivals from a coarse pose, and their maximum score deficit."""
+"""Definition of an alternative pose in the coarse search: minimum distance [m] or minimum angle [rad] from a found
+pose, and maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum margin in fit quality of the best pose over its best rival."""
+"""Minimum margin of the best pose over the best alternative pose to be unambiguous, in fit quality (at most 1)."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Fraction of at least `LEAST_JUDGED` beams that may pass through occupied cells; above it in `CROSSING_SCANS`
-consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures."""
+"""Loss detection: maximum fraction of beams that pass through occupied cells, minimum number of beams to judge, and
+number of consecutive scans above the maximum that mean a lost robot. Recorded logs reach 0.5 before loop closures."""
 RECOVERY_SCANS = 4
-"""Consecutive key scans matching at the odometry pose that end a loss, for example after people leave."""
+"""Number of consecutive scans that fit the map without relocalization and thus end the lost state, for example after
+people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of four map searches [rad]; opposite sides of a room look alike on coarse cells."""
+"""Central headings of the four coarse searches on the map [rad]. Each search gives one pose, because opposite sides of
+a room look alike on coarse cells."""
 FOUND_STD = (0.1, 0.1, 0.03)
-"""Standard deviation of a relocalized pose [m, m, rad]."""
+"""Standard deviations assigned to a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""Acceptance criteria for a relocalized pose."""
+"""Minimum agreement of scan points with the map to accept a relocalized pose."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Maximum fraction of beams through occupied cells at an accepted pose."""
+"""Maximum fraction of beams that pass through occupied cells at a relocalized pose."""
 
 
 class LocalizationMonitor:
-    """Monitor that detects a lost robot by mismatched scans and relocalizes it."""
+    """Monitor that detects a lost robot by consecutive scans that do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Create a monitor; `lost_scans` consecutive mismatches mean a lost robot.
+        """Create a monitor. `lost_scans` consecutive scans that do not fit the map mean a lost robot.
 
-        Relocalization or consecutive matches end a loss; without odometry, one match.
+        Relocalization or several consecutive fitting scans end the lost state. Without odometry, one fitting scan is
+        enough.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether to ignore beams through occupied cells, because people may have left."""
+        """Whether people move around the robot. If True, beams through occupied cells do not count as errors, because
+        people may have left these cells."""
         self.reset()
 
     def reset(self) -> None:
-        """Set the state to localized."""
+        """Forget all scans; the robot counts as localized."""
         self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last key scan relocalized the robot."""
+        """Whether the last scan ended the lost state by relocalization or by fitting the map."""
         self._relocalizer.reset()
 
     @property
     def has_mismatch(self) -> bool:
-        """Whether a scan mismatched and no later scan has matched."""
+        """Whether a scan did not fit the map and no later scan has fitted."""
         return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether consecutive mismatches reached the limit."""
+        """Whether the number of consecutive scans that do not fit the map has reached the limit."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -102,10 +108,11 @@ class LocalizationMonitor:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a key scan; return a pose to use instead of the match, or None to accept the match.
+        """Process a scan; return a pose that replaces the matched pose, or None to keep the matched pose.
 
-        `ranges` has shape (num_beams,), float32 [m]; `predicted` is the odometry pose and `pose` the matched pose, map
-        frame. `fits` is None if too few cells are known.
+        `ranges` has shape (num_beams,), float32 [m]. `predicted` is the base pose by odometry and `pose` the matched
+        base pose, map frame [m, m, rad]. `fits` is whether the scan fits the map at `pose`, or None if too few cells
+        are known.
         """
         self.is_found = False
         if self.meets_people:
@@ -144,7 +151,7 @@ class LocalizationMonitor:
 
 
 class Relocalizer:
-    """Search for the pose of a lost robot on its map, by the scans since the loss."""
+    """Search for the pose of a lost robot on its map, with the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
@@ -156,9 +163,10 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, when due.
+        """Add a scan, shape (num_beams,), float32 [m], and its base pose by odometry; search the map at intervals.
 
-        Returns the pose, map frame, once consecutive searches agree without rivals; otherwise None.
+        Without `grid`, there is no search. Returns the base pose, map frame, when consecutive searches agree on an
+        unambiguous pose; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -177,9 +185,9 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose at the last key scan, map frame, and its margin over rivals.
+        """Return the base pose at the last scan, map frame, and its margin over the best alternative pose.
 
-        The pose is None if unacceptable or ambiguous.
+        The margin is in fit quality. The pose is None if the fit is not acceptable or the margin is too small.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
@@ -227,7 +235,7 @@ class _Fit(NamedTuple):
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad]."""
+    """Return a function that searches the coarse map for poses within 45 degrees of its argument `heading` [rad]."""
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape
     padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)

@@ -10,12 +10,12 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position in `walk`, just below half a cell (32 fractional bits): ties go to the cell nearer to the
-start."""
+"""Initial sideways position in a grid line traversal, just below half a cell (32 fractional bits). At ties, the line
+takes fewer sideways steps."""
 
 
 class ScanGeometry(NamedTuple):
-    """Beam geometry and map resolution."""
+    """Lidar beam directions, mounting position and maximum range, with the map cell size."""
 
     directions: np.ndarray
     """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
@@ -23,11 +23,11 @@ class ScanGeometry(NamedTuple):
     """Lidar position along x in the base frame [m]."""
     mount_y: float
     range_max: float
-    """Maximum range [m]; readings from this range on mean no return."""
+    """Maximum range [m]. A reading of at least this range means no return."""
     resolution: float
     """Side of a map cell [m]."""
     skip_exceeding: bool = False
-    """Ignore beams without a return in mapping."""
+    """Whether mapping ignores beams without a return. Otherwise, these beams clear cells up to `range_max`."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
@@ -36,7 +36,7 @@ class ScanGeometry(NamedTuple):
 
 
 def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.ndarray:
-    """Return `ranges` as float32.
+    """Validate a scan and an odometry motion; return the ranges [m] as float32.
 
     Raises:
         ValueError: if the number of beams is wrong, or `motion` is not finite.
@@ -51,9 +51,10 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Write the hits of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
+    """Write the points of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
 
-    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
+    `ranges` has shape (num_beams,), float32 [m]. Ranges outside (0, `geometry.range_max`) give no point. A cell has the
+    side `geometry.resolution`.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -67,11 +68,12 @@ def project_hits(ranges, geometry, points):
 
 @njit(cache=True, error_model="numpy")
 def beam_ends(ranges, pose, geometry, corner, ends):
-    """Return lidar position (x, y) [cells] and extent (col_min, row_min, col_max, row_max) of a scan in a map.
+    """Compute the beam endpoints of a scan in a map; return the lidar position (x, y) [cells] and the scan's extent.
 
-    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams; `pose` is the base pose, map frame [m, m, rad];
-    `corner` is column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and hit
-    flag, shape (num_beams, 3), float64.
+    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams. `pose` is the base pose, map frame [m, m, rad].
+    `corner` is column and row of the map's first cell, relative to the map frame's origin. `ends`, shape (num_beams,
+    3), float64, receives endpoint x, y [cells from the first cell] and 1 for a return, else 0. The extent is (col_min,
+    row_min, col_max, row_max).
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -96,9 +98,10 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_window(ranges, poses, geometry, corner, ends):
-    """Return the `Window` of the cells that scans at `poses`, shape (n, 3), touch.
+    """Return the block of map cells that contains the beams of scans at base poses, shape (n, 3) [m, m, rad].
 
-    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
+    `ranges` has shape (n, num_beams), float32 [m], or (1, num_beams) for one scan at all poses. `corner` is column and
+    row of the map's first cell. `ends` is scratch space, shape (num_beams, 3), float64.
     """
     col_min = row_min = 1 << 40
     col_max = row_max = -(1 << 40)

@@ -19,16 +19,17 @@ from .scans import project_hits
 from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
-"""Consecutive mismatched key scans after which the robot is lost."""
+"""Number of consecutive key scans that do not fit the map after which the robot counts as lost."""
 WIDE_SPREAD = (0.3, 0.2)
-"""Standard deviation of candidates [m], [rad] in the second search, after a mismatch (wheel slip)."""
+"""Standard deviations of candidate poses [m], [rad] in a second search. It runs if the first result does not fit the
+map, for example after wheel slip."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Minimum hits on known cells to judge a scan, and minimum mean occupancy of these cells in the first and second
-search."""
+"""Acceptance of a matched scan: minimum number of scan points in known cells, and minimum mean occupancy of these cells
+after the first and after the second search."""
 
 
 class KnownPoses(KeyScanSlam):
-    """Mapping at odometry or ground-truth poses, with the map parameters of `TinySlamParams`."""
+    """Mapping without scan matching: scans are inserted at odometry or ground-truth poses."""
 
     params: TinySlamParams
 
@@ -40,14 +41,15 @@ class KnownPoses(KeyScanSlam):
 
 
 class TinySlam(KnownPoses):
-    """TinySLAM of OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025); Steux and El Hamzaoui (2010).
+    """SLAM by Monte Carlo scan matching on one occupancy grid (Steux and El Hamzaoui, tinySLAM, 2010).
 
-    If only key scans are matched, `belief.is_lost` is set after consecutive mismatches. Mismatched scans are not
-    integrated; a lost robot is searched on the whole map (`relocalization`).
+    Further sources are the program OSLL/tiny-slam-ros-cpp (2017) and Nguyen et al. (2025). If only key scans (scans
+    after a minimum motion) are matched, several consecutive scans that do not fit the map set `belief.is_lost`. Such
+    scans are not inserted into the map. A lost robot is searched on the whole map.
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM; `observers` are notified of each search."""
+        """Create a SLAM; `observers` receive the candidate poses of every scan matching."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(
@@ -58,7 +60,10 @@ class TinySlam(KnownPoses):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start at a known pose with a new or shared map; candidates are sampled from `rng`."""
+        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given.
+
+        Candidate poses are sampled from `rng`.
+        """
         self._odometry = pose
         self._monitor.reset()
         return super().reset(rng, pose, map)
@@ -95,7 +100,7 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
-        """Return the best pose; the object `predicted` if no candidate is better."""
+        """Return the best sampled pose, or the object `predicted` if no sampled pose is better."""
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
         work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)

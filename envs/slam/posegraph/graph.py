@@ -1,6 +1,6 @@
 """Pose graph of nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-A node is the base pose at a scan; a submap is the frame of a map from some tens of scans.
+A node is the base pose at a scan; a submap is the frame of a map of some tens of scans.
 """
 
 from dataclasses import dataclass
@@ -11,34 +11,34 @@ from numpy.typing import ArrayLike, DTypeLike
 
 
 class Constraints(NamedTuple):
-    """Measured node poses in submap frames."""
+    """Constraints of a pose graph: node poses measured in submap frames."""
 
     node: np.ndarray
-    """Node indices, shape (n,), int32."""
+    """Node index of each constraint, shape (n,), int32."""
     submap: np.ndarray
-    """Submap indices, shape (n,), int32."""
+    """Submap index of each constraint, shape (n,), int32."""
     relative: np.ndarray
     """Measured node poses, shape (n, 3), float64, submap frame [m, m, rad]."""
     information: np.ndarray
-    """Inverse covariances of `relative`, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
+    """Inverse covariances of the measured poses, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
     is_loop: np.ndarray
-    """Loop-closure flags, shape (n,), bool; loop closures have robust weights, because of outliers."""
+    """Whether a constraint is a loop closure, which gets a robust weight against outliers, shape (n,), bool."""
     is_active: np.ndarray
-    """False for dropped constraints, shape (n,), bool."""
+    """False for constraints excluded as outliers, shape (n,), bool."""
 
 
 class Graph(NamedTuple):
-    """Arrays of a pose graph, map frame [m, m, rad]; the optimiser updates poses."""
+    """Poses and constraints of a pose graph, map frame [m, m, rad]. The optimiser updates the poses."""
 
     submaps: np.ndarray
-    """Submap poses, shape (num_submaps, 3), float64; the first is fixed."""
+    """Submap poses, shape (num_submaps, 3), float64. The optimiser does not move the first."""
     nodes: np.ndarray
     """Node poses, shape (num_nodes, 3), float64."""
     constraints: Constraints
 
 
 class GrowingArray:
-    """Array with appendable rows and doubling capacity."""
+    """Array to which rows are appended; its capacity doubles when full."""
 
     def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike, capacity: int) -> None:
         self._rows = np.zeros((capacity, *row_shape), dtype=dtype)
@@ -56,12 +56,12 @@ class GrowingArray:
 
     @property
     def rows(self) -> np.ndarray:
-        """View of the rows, valid until the next append."""
+        """View of the appended rows, valid until the next append."""
         return self._rows[: self._count]
 
 
 class PoseGraph:
-    """Pose graph that grows; poses are in the map frame [m, m, rad]."""
+    """Pose graph to which nodes, submaps and constraints are added, map frame [m, m, rad]."""
 
     def __init__(self, capacity: int = 64) -> None:
         self._submaps = GrowingArray((3,), np.float64, capacity)
@@ -72,7 +72,7 @@ class PoseGraph:
 
     @property
     def arrays(self) -> Graph:
-        """Writable views of all arrays, valid until the graph grows."""
+        """Poses and constraints as writable views, valid until the graph grows."""
         return Graph(self._submaps.rows, self._nodes.rows, Constraints(*(each.rows for each in self._constraints)))
 
     @property
@@ -92,7 +92,9 @@ class PoseGraph:
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
     ) -> int:
-        """Add a constraint; return its index. See `Constraints`.
+        """Add a node pose measured in a submap frame [m, m, rad] as a constraint; return its index.
+
+        `covariance` has shape (3, 3) [m^2, rad^2].
 
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
@@ -116,7 +118,7 @@ class PoseGraph:
 
 @dataclass(frozen=True, slots=True)
 class PoseGraphView:
-    """Pose graph without dropped constraints, for files and plots."""
+    """Pose graph without excluded outliers, for files and plots."""
 
     graph: Graph
 
@@ -127,7 +129,8 @@ class PoseGraphView:
 
     @property
     def edges(self) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
-        """Edges from submaps to nodes for `lidarnaut.envs.logs.runs.save_g2o`."""
+        """Constraints as g2o edges: submap index, node index, relative pose, and information matrix in the node frame.
+        """
         constraints, num_submaps = self.graph.constraints, len(self.graph.submaps)
         edges = []
         for k in np.flatnonzero(constraints.is_active).tolist():
@@ -141,7 +144,7 @@ class PoseGraphView:
 
     @property
     def loops(self) -> np.ndarray:
-        """Submap and node position of each loop closure, shape (k, 2, 2), float64, map frame [m]."""
+        """Positions of submap and node of each loop closure, shape (k, 2, 2), float64, map frame [m]."""
         constraints = self.graph.constraints
         found = constraints.is_loop & constraints.is_active
         ends = self.graph.submaps[constraints.submap[found], :2], self.graph.nodes[constraints.node[found], :2]

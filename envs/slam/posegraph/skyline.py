@@ -1,8 +1,8 @@
-"""Cholesky factorisation of symmetric 3 x 3 block matrices in skyline storage.
+"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks in skyline storage.
 
-Block row i stores its lower triangle from the first nonzero block `first[i]`, as three scalar rows of `3 * (i + 1 -
-first[i])` numbers from `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981,
-chapter 4). The fixed order of sums gives equal results on all processors.
+Each row of the lower triangle is stored from its first nonzero block on (George and Liu, Computer Solution of Large
+Sparse Positive Definite Systems, 1981, chapter 4). Block row i has three scalar rows of `3 * (i + 1 - first[i])`
+numbers, from index `starts[i]` on. The fixed order of sums gives equal results on all processors.
 """
 
 import math
@@ -11,11 +11,14 @@ import numpy as np
 from numba import njit
 
 LEAST_PIVOT = 1e-11
-"""Pivot threshold for undetermined unknowns, relative to the diagonal entry."""
+"""Pivot, divided by the diagonal entry, below which an unknown is undetermined."""
 
 
 def row_starts(first: np.ndarray) -> np.ndarray:
-    """Return start indices of block rows and total length, shape (n + 1,), int64."""
+    """Return start indices of block rows in skyline storage, and the total length, shape (n + 1,), int64.
+
+    `first` is the first nonzero block of each row.
+    """
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
@@ -96,7 +99,10 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Solve for the right-hand side `x`, shape (3 n,), float64, in place; undetermined unknowns are 0."""
+    """Replace the right-hand side `x`, shape (3 n,), float64, by the solution of the factorised equations.
+
+    Undetermined unknowns are 0.
+    """
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
