@@ -1,4 +1,4 @@
-"""SLAM algorithms for 2D lidar, and mapping at known poses."""
+"""SLAM algorithms, and mapping at known poses."""
 
 import copy
 from collections.abc import Callable
@@ -29,11 +29,10 @@ from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
-    """Entry of the table of SLAM algorithms: constructor and loader of parameters."""
+    """SLAM algorithm: constructor and function that loads parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
     load: Callable[..., Any]
-    """Function that returns the parameters for a preset name, YAML file or parameter object."""
 
 
 SLAMS: dict[str, Kind] = {
@@ -47,7 +46,7 @@ SLAMS: dict[str, Kind] = {
 """SLAM algorithms by name. "odometry" and "truth" only build a map, at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""Name of the default SLAM algorithm, which is fast and deterministic and lets several robots share a map."""
+"""Default SLAM algorithm: fast, deterministic, and able to share a map between robots."""
 
 
 def make_slam(
@@ -60,13 +59,12 @@ def make_slam(
     """Create a SLAM algorithm, which updates a pose and a map from lidar scans and odometry.
 
     Args:
-        name: one of `SLAM_NAMES`, for example "hector"; an `Estimator` object, which is copied; a callable with the
-            arguments lidar and resolution that returns an `Estimator`; or an import path "module:attribute" of an
-            object or callable.
-        lidar: beam geometry of the scans.
-        resolution: side of a map cell [m]. It overrides the preset.
+        name: one of `SLAM_NAMES`; an `Estimator` object, which is copied; or a callable, or import path
+            `module:attribute`, that returns an `Estimator` from `lidar` and `resolution`.
+        lidar: beam geometry.
+        resolution: side of a map cell [m]; overrides the preset.
         preset: preset name, YAML file, or parameter object.
-        odometry_noise: odometry noise model that overrides the preset; None keeps the preset.
+        odometry_noise: overrides the preset; None keeps it.
 
     Raises:
         ValueError: if the name, the preset or the resolution is invalid.

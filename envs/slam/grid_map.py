@@ -1,7 +1,7 @@
-"""Occupancy grid of TinySLAM: each cell stores the mean of its observed occupancies.
+"""Occupancy grid of TinySLAM: a cell stores the mean of its observations.
 
-A cell is packed into 32 bits: signed fixed-point occupancy in the upper 20 bits, of which 18 are fractional, and the
-number of observations in the lower 12. Sums of integer occupancies are exact.
+A cell is packed into 32 bits: signed fixed-point occupancy in the upper 20 (18 fractional), and number of observations
+in the lower 12. Sums of occupancies are exact.
 """
 
 import math
@@ -19,41 +19,37 @@ from .scans import SIDE_START, beam_ends, walk
 from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
-"""Number of bits of a packed 32-bit map cell that store the number of observations."""
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Maximum stored number of observations of a cell. Each later observation has weight 1 / (`MAX_COUNT` + 1) in the mean."""
+"""Maximum number of observations that a cell stores; later observations keep the weight 1 / (`MAX_COUNT` + 1)."""
 FULL_OCCUPANCY = 1 << 18
-"""Integer that represents occupancy 1 in a packed map cell (18 fractional bits)."""
+"""Fixed-point integer for occupancy 1 (18 fractional bits)."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
 
 
 class InverseSensorModel(NamedTuple):
-    """Inverse sensor model: occupancies observed by a beam at its endpoint, in front of it, and along the beam."""
+    """Inverse sensor model: occupancies that a beam assigns to cells."""
 
     occupied_prob: float
     empty_prob: float
     hole: float
-    """Length before a beam endpoint over which the observed occupancy rises from free to occupied [cells]; 0 for none."""
+    """Length over which occupancy rises before a beam endpoint [cells]."""
     add_blur: bool
 
 
 def unvisited_word(value: float) -> int:
-    """Return the packed 32-bit state of an unobserved cell that scan matching treats as occupancy `value`, -1 to 1."""
+    """Return the packed state of an unobserved map cell, which scan matching reads as occupancy `value`, -1 to 1."""
     return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
 def probabilities(words: np.ndarray) -> np.ndarray:
-    """Return the occupancies stored in packed int32 map cells, as float64 of the same shape."""
+    """Return the occupancies of packed int32 map cells, same shape, float64."""
     return (words >> COUNT_BITS) / FULL_OCCUPANCY
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return the packed int32 map cell `word` after one more observation of the cell.
-
-    `target` is the observed occupancy times 2^18.
-    """
+    """Return a packed int32 map cell after another observation: `target` is the observed occupancy times 2^18."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
@@ -66,13 +62,12 @@ def _weighted(prob, quality):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Insert a scan into an occupancy grid; return the number of cells that are observed for the first time.
+    """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
 
-    Cells along a beam are observed as free, and the endpoint of a return as occupied. Before the endpoint, occupancy
-    rises along a ramp; a beam shorter than the ramp has none. `words` are packed cells (mean and count), shape (height,
-    width), int32. `occupancy` has the same shape, int8 [percent]. `ranges` has shape (num_beams,), float32 [m]. `pose`
-    is the base pose, map frame [m, m, rad]. `quality`, from 0 to 1, is the weight of the scan. `new_cells` receives row
-    and column of first observed cells, shape (n, 2), int32.
+    Cells along a beam are observed as free, and the endpoint of a return as occupied. Before it, occupancy rises along
+    a ramp, unless the beam is shorter. `words`: packed cells, shape (height, width), int32. `occupancy`: same shape,
+    int8 [percent]. `quality`: weight of the scan from 0 to 1. `new_cells` receives row and column, shape (n, 2), int32.
+    Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]
@@ -114,7 +109,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
 
 
 class GridMap(GrowingMap):
-    """Occupancy grid in which each cell stores the mean of its observed occupancies."""
+    """Occupancy grid whose cells store mean observed occupancies."""
 
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar)
@@ -122,13 +117,10 @@ class GridMap(GrowingMap):
         self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
-        """Packed cells (mean occupancy and number of observations), shape (height, width), int32."""
+        """Packed cells (mean occupancy and count), shape (height, width), int32."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame; return the changed cells.
-
-        `quality`, from 0 to 1, is the weight of the scan.
-        """
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, with weight `quality` from 0 to 1."""
         window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)

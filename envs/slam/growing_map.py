@@ -1,4 +1,3 @@
-"""Occupancy grid that grows when a scan leaves it."""
 
 import math
 
@@ -11,21 +10,21 @@ from .scans import ScanGeometry, scans_window
 from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27
-"""Maximum number of map cells, which limits memory use if the pose estimate diverges."""
+"""Maximum number of map cells, which limits memory if the pose estimate diverges."""
 
 
 class GrowingMap:
-    """Occupancy grid that starts around the origin of the map frame and is enlarged when a scan leaves it.
+    """Occupancy grid that starts around the map frame's origin and grows when a scan leaves it.
 
-    Width and height grow by powers of two. Growth replaces `grid.data` and `grid.origin`. A subclass pads its own cell
-    arrays in `_pad`.
+    Width and height grow by powers of two. Growth replaces `grid.data` and `grid.origin`; subclasses pad their cells in
+    `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Create an unknown map. Its width, height and first column and row are multiples of `block` cells.
+        """Create an unknown map whose sides and corner are multiples of `block` cells.
 
         Raises:
-            ValueError: if the initial map exceeds `MAX_CELLS`.
+            ValueError: if the map exceeds `MAX_CELLS`.
         """
         resolution, size = params.resolution, (params.map_width, params.map_height)
         if not (size[0] / resolution) * (size[1] / resolution) <= MAX_CELLS:
@@ -45,11 +44,11 @@ class GrowingMap:
         return self.corner[0] * resolution, self.corner[1] * resolution
 
     def to_cells(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position in the map frame [m] to fractional column and row from the map's first cell."""
+        """Convert a position in the map frame [m] to cells from the map's corner."""
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Convert fractional column and row from the map's first cell to a position in the map frame [m]."""
+        """Convert a position in cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> Window:
@@ -59,7 +58,7 @@ class GrowingMap:
         return window
 
     def grow_to_hold(self, window: Window) -> bool:
-        """Enlarge the map if the block of cells `window` is not inside; return True if the map was enlarged."""
+        """Enlarge the map to contain a block of cells, if necessary; return True if enlarged."""
         height, width = self.grid.data.shape
         left, right = _growth(width, window.col, window.col + window.width - 1)
         low, high = _growth(height, window.row, window.row + window.height - 1)
@@ -91,7 +90,7 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
 
 
 def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of all cells with known occupancy, shape (n, 2), int32."""
+    """Return row and column of all known cells, shape (n, 2), int32."""
     known = np.flatnonzero(occupancy != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
     np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")

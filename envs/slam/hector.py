@@ -1,4 +1,3 @@
-"""Hector SLAM: Gauss-Newton scan matching on a log-odds map."""
 
 import numpy as np
 
@@ -14,15 +13,15 @@ from .relocalization import FOUND_STD, LocalizationMonitor
 from .slam_params import HectorParams
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""Minimum mean occupancy of known map cells at the scan points among people, who look like unmapped walls."""
+"""Minimum mean occupancy of known cells at the scan points among people, who resemble unmapped walls."""
 
 
 class Hector(KeyScanSlam):
     """SLAM by Gauss-Newton scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
     Unlike in the paper, odometry is a weighted pose prior, unless `uses_odometry=False`. Loops are not closed.
-    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A scan
-    that does not fit is not inserted into the map. A lost robot is searched on the whole map.
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. Such scans
+    are not inserted. A lost robot is searched on the whole map.
     """
 
     params: HectorParams
@@ -34,7 +33,6 @@ class Hector(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given."""
         self._monitor.reset()
         self._monitor.meets_people = self.meets_people
         if self.meets_people:  # mismatches near people are expected

@@ -1,4 +1,3 @@
-"""Key scans (scans after a minimum motion): storage, and base class of SLAM algorithms."""
 
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
@@ -24,10 +23,10 @@ def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
 
 
 MAX_LOG_ODDS_WITH_PEOPLE = 3.5
-"""Maximum absolute log-odds of a map cell when people are near. Nine free observations then clear a cell (Hornung et
-al., "OctoMap", 2013, section 3.4)."""
+"""Maximum log-odds of map cells among people (Hornung et al., "OctoMap", 2013, section 3.4). Nine free observations
+clear a cell."""
 POINT_CELL = 0.1
-"""Cell side of the grid that thins merged scans to one point per cell [m]."""
+"""Cell side for thinning merged scans to one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
@@ -36,7 +35,7 @@ class Anchor(NamedTuple):
     key_scan: int
     """Index of the key scan in the trajectory `Belief.path`."""
     relative: Pose2D
-    """Robot pose in the base frame of the key scan [m, m, rad]."""
+    """Robot pose relative to the key scan [m, m, rad]."""
 
 
 class KeyScans:
@@ -61,12 +60,12 @@ class KeyScans:
         return self._poses.rows
 
     def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
-        """Store a scan, shape (num_beams,), float32 [m], with its base pose; return the index of the scan."""
+        """Store a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
     def points(self, index: int) -> np.ndarray:
-        """Return the points of a stored scan, shape (n, 2), float32, base frame [m]."""
+        """Return the points of a scan, shape (n, 2), float32, base frame [m]."""
         out = np.empty((2, self.ranges.shape[1]), dtype=np.float32)
         count = project_hits(self.ranges[index], self._geometry, out)
         return out[:, :count].T
@@ -74,8 +73,7 @@ class KeyScans:
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
         """Merge the points of scans `first` to `last`, shape (n, 2), float32, base frame of scan `last` [m].
 
-        Points beyond `max_range` [m] are dropped. The remaining points are thinned to one per cell of side
-        `POINT_CELL`, and then to at most `max_points`.
+        Points within `max_range` [m] are thinned to one per cell of side `POINT_CELL`, and to `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
@@ -98,22 +96,20 @@ class KeyScanSlam(ABC):
     """
 
     meets_people = False
-    """Whether people move around the robot. If True, log-odds of cells are limited to `MAX_LOG_ODDS_WITH_PEOPLE`."""
+    """Whether people are near; limits log-odds of map cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Mask of beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses all
-    beams."""
+    """Beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses all beams."""
     shares_maps = True
     """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Create a SLAM algorithm; `params` is a `SlamParams` with an additional field `match_every_scan`."""
         self.params = params
         self._lidar = lidar
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given."""
+        """Restart at a known pose, map frame, with a new map, or with a given shared map."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
@@ -126,10 +122,9 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Update pose and map by a lidar scan.
+        """Update pose and map by a lidar scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
 
-        `reading.ranges` has shape (num_beams,) [m]; +inf means no return, NaN an ignored beam. `motion` is the odometry
-        motion of the base since the previous scan [m, m, rad].
+        `motion`: odometry since the previous scan.
 
         Raises:
             ValueError: if the number of beams is wrong, or the motion is not finite.
@@ -142,7 +137,7 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Return True if a pose is far enough from the last key scan to insert another scan into the map."""
+        """Return True if a pose is far enough from the last key scan (scan in the map)."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
@@ -173,7 +168,7 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _make_map(self) -> Any:
-        """Create the unknown map of a new run."""
+        """Return a new, unknown map."""
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:

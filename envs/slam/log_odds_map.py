@@ -1,7 +1,7 @@
 """Log-odds occupancy maps at several resolutions.
 
-A cell is packed into 32 bits: signed log-odds in the upper 16 bits, of which 9 are fractional, and a stamp in the lower
-16. The stamp is the number of the last scan that observed the cell, or 0 for none. A scan changes each cell only once.
+A cell is packed into 32 bits: signed log-odds in the upper 16 (9 fractional) and, in the lower 16, the number of the
+last observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
 """
 
 import math
@@ -19,24 +19,23 @@ from .scans import SIDE_START, beam_ends, walk
 from .slam_params import MatchingParams
 
 STAMP_BITS = 16
-"""Number of bits of a packed 32-bit map cell that store the number of the last scan that observed the cell."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
-"""Largest scan number that fits into a packed map cell; numbering restarts after it."""
+"""Largest scan number that a map cell can store."""
 LOG_ODDS_UNIT = 1 << 9
-"""Integer that represents log-odds of 1 in a packed map cell (9 fractional bits)."""
+"""Fixed-point integer for log-odds 1 (9 fractional bits)."""
 _HALF = 6 * LOG_ODDS_UNIT
 _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
 
 
 class LogOddsModel(NamedTuple):
-    """Inverse sensor model: log-odds that a scan adds to map cells, as integers in units of 1/512."""
+    """Inverse sensor model: log-odds that a scan adds to map cells, in units of 1/512."""
 
     hit: int
-    """Log-odds added to a cell that contains a beam endpoint, in units of 1/512."""
+    """Log-odds added to a cell with a beam endpoint."""
     passed: int
-    """Negative log-odds added to a cell that a beam passes, in units of 1/512."""
+    """Negative log-odds added to a cell that a beam passes."""
     bound: int
-    """Maximum absolute log-odds of a cell, in units of 1/512."""
+    """Maximum absolute log-odds of a cell."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -47,16 +46,15 @@ class LogOddsModel(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def percent(value):
-    """Convert log-odds in units of 1/512 to an occupancy probability [percent]."""
+    """Convert log-odds in units of 1/512 to occupancy [percent]."""
     return _PERCENTS[np.uint64(min(max(value, -_HALF), _HALF) + _HALF)]
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, change, bound, stamp):
-    """Return the packed int32 map cell `word` after a scan observed the cell.
+    """Return a packed map cell (int32) after an observation that adds `change` to the log-odds.
 
-    `change` is added to the log-odds, whose absolute value is limited to `bound` (both in units of 1/512). `stamp` is
-    the number of the scan.
+    `bound`: maximum absolute log-odds. `stamp`: scan number.
     """
     value = min(max((word >> STAMP_BITS) + change, -bound), bound)
     return (value << STAMP_BITS) | stamp
@@ -64,10 +62,10 @@ def observe(word, change, bound, stamp):
 
 @njit(cache=True, error_model="numpy")
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Insert a scan into one map resolution; return the number of cells that are observed for the first time.
+    """Insert a scan into one map resolution; return the number of cells observed for the first time.
 
-    Beam endpoints are inserted first. Beams that pass an endpoint cell do not change it. (Kohlbrecher et al., 2011,
-    undo free observations instead.)
+    Beam endpoints come first, and passing beams do not change their cells. (Kohlbrecher et al., 2011, undo free
+    observations instead.)
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
@@ -102,12 +100,12 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Insert scans into all map resolutions; return the number of cells that the last scan is the first to observe.
+    """Insert scans into all map resolutions; return the number of cells that only the last scan has observed.
 
-    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest resolution
-    first. `ranges` has shape (n, num_beams), float32 [m]. `poses` are base poses, shape (n, 3), map frame [m, m, rad].
-    `stamp` is the number of the first scan; no earlier scan may have this or a later number. `new_cells` receives row
-    and column of first observed cells, shape (n, 2), int32.
+    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first.
+    `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad]. `stamp`:
+    number of the first scan; numbers must be unused. `new_cells` receives row and column, shape (n, 2), int32. See
+    `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
     for i in range(ranges.shape[0]):
@@ -123,7 +121,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Reset the scan numbers in packed int32 cells to 1, so that numbers from 2 can be used again."""
+    """Reset the scan numbers in packed map cells to 1, to reuse numbers from 2."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:
@@ -133,7 +131,7 @@ def forget_stamps(words):
 class LogOddsMap(GrowingMap):
     """Log-odds occupancy map at several resolutions for scan matching (Kohlbrecher et al., 2011, section IV.C).
 
-    Scans are inserted into every resolution. Coarse resolutions are not averages of fine ones.
+    Scans are inserted into every resolution; coarse cells are not averages.
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
@@ -143,7 +141,7 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Packed cells (log-odds and scan number) by resolution, shape (height / 2^level, width / 2^level), int32."""
+        """Packed cells (log-odds and scan number) by resolution, shape (height, width) / 2^level, int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
@@ -152,15 +150,15 @@ class LogOddsMap(GrowingMap):
         return (self.grid.data, *self._coarser)
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
-        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame; return the changed cells."""
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame."""
         window, count = self.integrate_all(ranges[None], np.array([pose]))
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Insert at least 1 and at most `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
+        """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
 
-        `poses` are base poses, shape (n, 3), float64, map frame [m, m, rad]. Returns the block of cells that contains
-        all scans, and the number of cells that the last scan is the first to observe.
+        `poses`: base poses, shape (n, 3), float64, map frame. Returns the window of observed cells, and the number of
+        cells that only the last scan has observed.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
@@ -173,7 +171,7 @@ class LogOddsMap(GrowingMap):
         return window, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
-        """Replace the cells by those of another map, without a copy. The other map must not be used afterwards."""
+        """Replace the cells by those of another map, which becomes invalid; `grid` stays the same object."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
 

@@ -1,4 +1,4 @@
-"""Monte Carlo scan matching of TinySLAM, and observers of the sampled poses."""
+"""Monte Carlo scan matching of TinySLAM."""
 
 import math
 from collections.abc import Sequence
@@ -19,67 +19,65 @@ class SearchParams(NamedTuple):
     """Sampling spread, limits and penalties of Monte Carlo scan matching."""
 
     sigma_xy: float
-    """Initial standard deviation of candidate positions [cells]."""
+    """Initial standard deviation of sampled positions [cells]."""
     sigma_theta: float
     max_failed: int
     max_tries: int
     unvisited: int
-    """Packed 32-bit state of a map cell without observations."""
+    """Packed state (int32) of an unobserved map cell."""
     position_penalty: float = 0.0
-    """Score penalty per squared distance of a sampled pose from the predicted pose [2^-18 / cells^2]."""
+    """Score penalty per squared distance from the predicted pose [2^-18 / cells^2]."""
     heading_penalty: float = 0.0
-    """Score penalty per squared heading difference between sampled and predicted pose [2^-18 / rad^2]."""
+    """Score penalty per squared turn from the predicted pose [2^-18 / rad^2]."""
 
 
 class Search(NamedTuple):
-    """Result of Monte Carlo scan matching: best pose from the map's first cell [cells, cells, rad]."""
+    """Result of Monte Carlo scan matching: best pose, from the map's corner [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """Score of the best pose: sum of map occupancies at the scan points, minus the penalty, in units of 2^-18."""
+    """Best sum of map occupancies at the scan points, minus the penalty, in units of 2^-18."""
     tried: int
     accepted: int
 
 
 class MatcherObserver(Protocol):
-    """Observer that receives the poses tested in Monte Carlo scan matching.
+    """Observer of the poses tested in Monte Carlo scan matching, map frame [m, m, rad].
 
-    The cost of a pose is the number of scan points minus the sum of map occupancies at these points, plus a penalty for
-    the distance from the predicted pose.
+    Cost is the number of scan points minus the sum of map occupancies at the points, plus the prior penalty.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """Receive the predicted pose, map frame [m, m, rad], before scan matching."""
+        """Receive the predicted pose before the search."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Receive a tested pose, map frame [m, m, rad], and its matching cost."""
+        """Receive a tested pose."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """Receive a tested pose, map frame [m, m, rad], with the lowest cost so far."""
+        """Receive a new best pose."""
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Receive the final pose, map frame [m, m, rad], and its matching cost."""
+        """Receive the best pose after the search."""
         ...
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
-    """Convert TinySLAM parameters to sampling parameters, with lengths in map cells."""
+    """Convert TinySLAM parameters to scan-matching parameters in map cells."""
     spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
     return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
 
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the sum of map occupancies at the scan points for a pose x, y [cells], `theta` [rad], in units of 2^-18.
+    """Return the sum of map occupancies at the scan points, in units of 2^-18, for a pose [cells, cells, rad].
 
-    `words` are packed map cells, shape (height, width), int32. `points` are scan points, shape (2, >= num_points),
-    float32, base frame [cells]. Points outside the map count as the packed cell `unvisited`. `indices` is scratch
-    space.
+    Points outside the map count as unobserved. `words`: packed map cells. `points`: shape (2, >= num_points), float32,
+    base frame [cells]. `indices` is scratch space.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -109,20 +107,19 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return the penalty for the distance of a sampled pose from the predicted pose, in units of 2^-18."""
+    """Return the penalty of a pose for its distance from the predicted pose, in units of 2^-18."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Find the best pose of a scan in a map by random sampling around the best pose so far.
+    """Find the best pose of a scan in a map by sampling around the best pose so far.
 
-    An improvement after more than a third of the allowed failures halves the sampling spread and resets the failures.
-    `words` are packed map cells. `points` are scan points, shape (2, >= num_points), float32, base frame [cells].
-    `pose` is the predicted x, y from the map's first cell [cells] and heading [rad]. `noise` holds standard normal
-    samples, shape (max_tries, 3). `trace`, shape (max_tries + 1, 5), receives pose, score and improvement flag of each
-    sample.
+    An improvement after a third of the allowed failures halves the spread and resets the failures. `points`: scan
+    points, shape (2, >= num_points), float32, base frame [cells]. `pose`: x, y from the map's corner [cells] and
+    heading [rad]. `noise`: standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags,
+    shape (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -151,10 +148,9 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Match a scan to a map by random sampling around a predicted base pose, map frame [m, m, rad].
+    """Match a scan, shape (num_beams,), float32 [m], to a map by sampling around a predicted pose, map frame.
 
-    `ranges` has shape (num_beams,), float32 [m]. Returns the best pose, the number of samples, whether a sample
-    improved the predicted pose, and the number of scan points.
+    Returns pose, number of samples, improvement flag, and number of scan points.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)
@@ -169,11 +165,7 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
 def notify(
     observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
 ) -> None:
-    """Report the sampled poses of a scan matching to observers, after it has ended.
-
-    `predicted` is the predicted base pose, map frame [m, m, rad]. `trace` has pose [cells, cells, rad], score and
-    improvement flag of each sample. `num_hits` is the number of scan points.
-    """
+    """Report a finished search to observers: predicted pose, map frame [m, m, rad], and sampled poses in `trace`."""
 
     def send(event: str, *arguments: Pose2D | float) -> None:
         for observer in observers:

@@ -1,7 +1,7 @@
 """Relocalization of a lost or kidnapped robot on its own map.
 
-Scans since the loss are merged by odometry, because a single scan is ambiguous. Branch and bound matches the merged
-points to the whole map (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
+Scans since the loss, merged by odometry, are matched to the whole map by branch and bound (Hess et al., Real-time loop
+closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
 """
 
 import math
@@ -23,71 +23,65 @@ from .scans import ScanGeometry
 from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
-"""Maximum number of recent scans that are merged for a search on the map."""
+"""Maximum number of recent scans merged for a map search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Number of scans before the first search on the map and between searches, and maximum between searches. The interval
-doubles after a failed search, because a search takes as long as a hundred scan matches."""
+"""Number of scans before the first map search and between searches, and maximum between searches. The interval doubles
+after failures, because a search costs a hundred matches."""
 COARSE_CELL = 0.1
-"""Cell side of the coarse grid for the search over the whole map [m]."""
+"""Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Number of branch-and-bound levels on the coarse grid. A top-level cell is the maximum of 32 x 32 grid cells."""
+"""Number of branch-and-bound levels; a top-level cell is the maximum of 32 x 32 coarse cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Maximum and minimum number of merged scan points for a search on the map."""
+"""Maximum and minimum number of scan points for a map search."""
 MAX_EVALUATIONS = 500_000
-"""Maximum number of nodes (blocks of poses) scored in one branch-and-bound search."""
+"""Maximum number of branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
-"""Half width [m] and half angle [rad] of the fine search around the result of the coarse search."""
+"""Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from the odometry pose up to which a found pose counts as nearby and needs less evidence [m]."""
+"""Distance from the odometry pose below which a found pose needs less evidence [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Minimum evidence to accept a nearby and a distant pose, and maximum evidence of one search. Evidence is the score
-margin over the best alternative pose, summed over searches that agree."""
+"""Evidence to accept a nearby and a distant pose, and maximum evidence per search. Evidence is the score margin over
+the best alternative pose, summed over searches."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""Maximum distance [m] and angle [rad] between two found poses that agree."""
+"""Maximum distance [m] and angle [rad] between found poses that agree."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Definition of an alternative pose in the coarse search: minimum distance [m] or minimum angle [rad] from a found
-pose, and maximum score deficit."""
+"""Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and its maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum margin of the best pose over the best alternative pose to be unambiguous, in fit quality (at most 1)."""
+"""Minimum margin in fit quality of the best pose over the best alternative pose."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Loss detection: maximum fraction of beams that pass through occupied cells, minimum number of beams to judge, and
-number of consecutive scans above the maximum that mean a lost robot. Recorded logs reach 0.5 before loop closures."""
+"""Maximum fraction of beams through occupied cells, minimum number of beams to judge it, and number of consecutive
+scans above it that mean a lost robot. Real logs reach 0.5 before loop closures."""
 RECOVERY_SCANS = 4
-"""Number of consecutive scans that fit the map without relocalization and thus end the lost state, for example after
-people leave."""
+"""Number of consecutive fitting scans that end the lost state without relocalization, for example after people leave."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of the four coarse searches on the map [rad]. Each search gives one pose, because opposite sides of
-a room look alike on coarse cells."""
+"""Central headings of four separate map searches [rad]; opposite sides of a room look alike on coarse cells."""
 FOUND_STD = (0.1, 0.1, 0.03)
-"""Standard deviations assigned to a relocalized pose [m, m, rad]."""
+"""Standard deviations of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""Minimum agreement of scan points with the map to accept a relocalized pose."""
+"""Minimum agreement of scan points with the map at a relocalized pose."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Maximum fraction of beams that pass through occupied cells at a relocalized pose."""
+"""Maximum fraction of beams through occupied cells at a relocalized pose."""
 
 
 class LocalizationMonitor:
-    """Monitor that detects a lost robot by consecutive scans that do not fit the map, and relocalizes the robot."""
+    """Monitor that detects a lost robot by scans that do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Create a monitor. `lost_scans` consecutive scans that do not fit the map mean a lost robot.
+        """Create a monitor; `lost_scans` consecutive scans that do not fit the map mean a lost robot.
 
-        Relocalization or several consecutive fitting scans end the lost state. Without odometry, one fitting scan is
-        enough.
+        Relocalization or consecutive fitting scans end the lost state; without odometry, one fitting scan.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether people move around the robot. If True, beams through occupied cells do not count as errors, because
-        people may have left these cells."""
+        """Whether to ignore beams through occupied cells, which people may have left."""
         self.reset()
 
     def reset(self) -> None:
-        """Forget all scans; the robot counts as localized."""
         self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last scan ended the lost state by relocalization or by fitting the map."""
+        """Whether the last scan ended the lost state."""
         self._relocalizer.reset()
 
     @property
@@ -97,7 +91,7 @@ class LocalizationMonitor:
 
     @property
     def is_lost(self) -> bool:
-        """Whether the number of consecutive scans that do not fit the map has reached the limit."""
+        """Whether enough consecutive scans did not fit the map."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -110,9 +104,8 @@ class LocalizationMonitor:
     ) -> Pose2D | None:
         """Process a scan; return a pose that replaces the matched pose, or None to keep the matched pose.
 
-        `ranges` has shape (num_beams,), float32 [m]. `predicted` is the base pose by odometry and `pose` the matched
-        base pose, map frame [m, m, rad]. `fits` is whether the scan fits the map at `pose`, or None if too few cells
-        are known.
+        `ranges`: shape (num_beams,), float32 [m]. `predicted`: odometry pose; `pose`: matched pose; map frame. `fits`:
+        whether the scan fits the map, None if too few cells are known.
         """
         self.is_found = False
         if self.meets_people:
@@ -163,10 +156,9 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a scan, shape (num_beams,), float32 [m], and its base pose by odometry; search the map at intervals.
+        """Add a scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, at intervals.
 
-        Without `grid`, there is no search. Returns the base pose, map frame, when consecutive searches agree on an
-        unambiguous pose; otherwise None.
+        Returns the pose, map frame, once consecutive searches agree; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -185,9 +177,9 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the base pose at the last scan, map frame, and its margin over the best alternative pose.
+        """Return the pose at the last scan, map frame, and its margin over the best alternative pose.
 
-        The margin is in fit quality. The pose is None if the fit is not acceptable or the margin is too small.
+        The pose is None if unacceptable or ambiguous.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)
@@ -235,7 +227,6 @@ class _Fit(NamedTuple):
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a function that searches the coarse map for poses within 45 degrees of its argument `heading` [rad]."""
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape
     padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)

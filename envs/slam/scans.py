@@ -1,4 +1,3 @@
-"""Lidar scans: validation, hits as points, and beam end points in a map."""
 
 import math
 from typing import NamedTuple, Self
@@ -11,11 +10,11 @@ from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
 """Initial sideways position in a grid line traversal, just below half a cell (32 fractional bits). At ties, the line
-takes fewer sideways steps."""
+stays in its row or column."""
 
 
 class ScanGeometry(NamedTuple):
-    """Lidar beam directions, mounting position and maximum range, with the map cell size."""
+    """Lidar beam geometry and map resolution."""
 
     directions: np.ndarray
     """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
@@ -23,11 +22,11 @@ class ScanGeometry(NamedTuple):
     """Lidar position along x in the base frame [m]."""
     mount_y: float
     range_max: float
-    """Maximum range [m]. A reading of at least this range means no return."""
+    """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
     """Side of a map cell [m]."""
     skip_exceeding: bool = False
-    """Whether mapping ignores beams without a return. Otherwise, these beams clear cells up to `range_max`."""
+    """Whether mapping ignores beams without a return."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
@@ -36,7 +35,7 @@ class ScanGeometry(NamedTuple):
 
 
 def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.ndarray:
-    """Validate a scan and an odometry motion; return the ranges [m] as float32.
+    """Validate a scan and an odometry motion; return the ranges as float32.
 
     Raises:
         ValueError: if the number of beams is wrong, or `motion` is not finite.
@@ -53,8 +52,7 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 def project_hits(ranges, geometry, points):
     """Write the points of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
 
-    `ranges` has shape (num_beams,), float32 [m]. Ranges outside (0, `geometry.range_max`) give no point. A cell has the
-    side `geometry.resolution`.
+    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) give points.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -68,12 +66,11 @@ def project_hits(ranges, geometry, points):
 
 @njit(cache=True, error_model="numpy")
 def beam_ends(ranges, pose, geometry, corner, ends):
-    """Compute the beam endpoints of a scan in a map; return the lidar position (x, y) [cells] and the scan's extent.
+    """Compute beam endpoints in a map; return lidar position (x, y) [cells] and extent of the scan.
 
-    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams. `pose` is the base pose, map frame [m, m, rad].
-    `corner` is column and row of the map's first cell, relative to the map frame's origin. `ends`, shape (num_beams,
-    3), float64, receives endpoint x, y [cells from the first cell] and 1 for a return, else 0. The extent is (col_min,
-    row_min, col_max, row_max).
+    `ranges`: shape (num_beams,), float32 [m], NaN for ignored beams. `pose`: base pose, map frame [m, m, rad].
+    `corner`: column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and
+    return flag, shape (num_beams, 3), float64. The extent is (col_min, row_min, col_max, row_max).
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -100,8 +97,7 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 def scans_window(ranges, poses, geometry, corner, ends):
     """Return the block of map cells that contains the beams of scans at base poses, shape (n, 3) [m, m, rad].
 
-    `ranges` has shape (n, num_beams), float32 [m], or (1, num_beams) for one scan at all poses. `corner` is column and
-    row of the map's first cell. `ends` is scratch space, shape (num_beams, 3), float64.
+    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
     """
     col_min = row_min = 1 << 40
     col_max = row_max = -(1 << 40)
@@ -114,9 +110,9 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return number of steps, sideways motion per step, and forward and sideways index increments of a line.
+    """Return the number of steps, sideways motion per step, and index increments of a line between grid cells.
 
-    Sideways motion has 32 fractional bits; indices are those of a flattened map.
+    Sideways motion has 32 fractional bits. The increments of the flat cell index are for forward and sideways steps.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

@@ -30,16 +30,16 @@ def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Return particle indices by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
-    `weights` have sum 1, shape (n,); `offset` is uniform in [0, 1). The indices have shape (n,), int64, ascending.
+    `weights` have sum 1, shape (n,); `offset` is uniform in [0, 1). Indices have shape (n,), int64, ascending.
     """
     n = len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
 
 
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the covariance of weighted poses, shape (3, 3), float64 [m^2, rad^2].
+    """Return the covariance of weighted poses, shape (n, 3), as shape (3, 3), float64 [m^2, rad^2].
 
-    `poses` has shape (n, 3) [m, m, rad]. Headings are taken relative to the pose `reference` against wrap-around.
+    Headings are relative to the pose `reference` against wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
@@ -52,13 +52,13 @@ class GMapping(KeyScanSlam):
     """SLAM by a Rao-Blackwellised particle filter.
 
     Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
-    A particle is a trajectory with its map. At key scans (scans after a minimum motion), particle poses are sampled
-    around scan matches and weighted by the scan likelihood. A low effective sample size triggers resampling.
+    A particle is a trajectory with its map. After a minimum motion, particle poses are sampled around scan matches and
+    weighted by the scan likelihood. A low effective sample size triggers resampling.
 
-    Pose and map in `belief` are those of the best particle, which has the most likely trajectory. This particle takes
-    the mean of its proposal instead of a sample. When another particle becomes best, the map is redrawn, and
-    `belief.path` is its trajectory. `belief.is_lost` is set after consecutive scans that do not fit the map, or at high
-    position spread. A lost robot is searched on the best map.
+    `belief` has pose and map of the best particle, which has the most likely trajectory and takes proposal means
+    instead of samples. When another particle becomes best, the map is redrawn, and `belief.path` is its trajectory.
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position spread. A lost robot is
+    searched on the best map.
     """
 
     params: GMappingParams
@@ -71,7 +71,7 @@ class GMapping(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
-        """Restart at a known pose, map frame [m, m, rad], with a new map.
+        """Restart at a known pose, map frame, with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -80,11 +80,11 @@ class GMapping(KeyScanSlam):
             raise ValueError("gmapping has a map for each particle, and cannot continue a given map")
         count = self.params.num_particles
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
-        """Particle poses at the last matched scan, shape (num_particles, 3), float64, map frame [m, m, rad]."""
+        """Particle poses at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]."""
         self.log_weights = np.zeros(count)
-        """Log importance weights since the last resampling, shape (num_particles,), float64."""
+        """Log importance weights since the last resampling."""
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of particle trajectories since the start, shape (num_particles,), float64."""
+        """Log likelihoods of the particles' trajectories since the start."""
         self.best = 0
         """Index of the particle with the most likely trajectory."""
         self.num_switches = self.num_resamplings = 0
@@ -97,7 +97,7 @@ class GMapping(KeyScanSlam):
         return super().reset(rng, pose)
 
     def finish(self) -> None:
-        """Write the trajectory of the best particle, one pose per matched scan, to `belief.path`."""
+        """Write the best particle's trajectory, one pose per matched scan, to `belief.path`."""
         particles, particle = np.empty(len(self._poses), dtype=np.int64), self.best
         for k in range(len(particles) - 1, -1, -1):
             particles[k], particle = particle, self._parents.rows[k, particle]
@@ -138,7 +138,6 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Compute the proposals of all particles; return whether the scan fits the best map, None if unknown."""
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
         stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)

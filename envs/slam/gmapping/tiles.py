@@ -1,7 +1,7 @@
-"""Grid maps as tiles (square blocks of cells), with copy-on-write.
+"""Tiled maps with copy-on-write.
 
-A pool with reference counts stores the tiles of all maps in numbered slots. A map is an array of slot numbers. A tile
-holds `TILE` x `TILE` cells of the finest resolution, then the coarser resolutions of the same square.
+A pool with reference counts stores tiles (square blocks of cells) in numbered slots. A map is an array of slot numbers.
+A tile holds `TILE` x `TILE` cells of the finest resolution, then the coarser resolutions of the same square.
 """
 
 from typing import NamedTuple
@@ -16,36 +16,36 @@ from ..matching.gauss_newton import at_level, neighbours
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS
-"""Side of a square map tile [cells of the finest resolution]."""
+"""Side of a map tile [cells of the finest resolution]."""
 EMPTY = 0
-"""Slot number of the map tile without known cells, shared and read-only."""
+"""Slot number of the tile of unknown cells, shared and read-only."""
 
 
 class TilePool(NamedTuple):
-    """Pool that stores map tiles (square blocks of cells) in numbered slots."""
+    """Storage of map tiles (square blocks of cells) in numbered slots."""
 
     words: np.ndarray
     """Packed cells (log-odds and scan number) of each tile, shape (capacity, cells), int32."""
     occupancy: np.ndarray
-    """Occupancies of each tile, shape (capacity, cells), int8: -1 unknown, 0 to 100 percent."""
+    """Occupancies of each tile, shape (capacity, cells), int8 [percent]."""
     references: np.ndarray
-    """Number of maps that use each slot, shape (capacity,), int32; 0 for the unknown tile."""
+    """Number of maps that use each slot, shape (capacity,), int32; 0 for `EMPTY`."""
     written: np.ndarray
     """Number of the last scan inserted into each slot, shape (capacity,), int64."""
     free: np.ndarray
-    """Stack of unused slot numbers, shape (capacity,), int32. The first `num_free[0]` entries are valid."""
+    """Stack of unused slot numbers, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return the index of the first cell of a map resolution in a tile."""
+    """Return the index of a map resolution's first cell in a tile."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
 
 def make_pool(capacity: int, num_levels: int) -> TilePool:
-    """Create a pool for `capacity` map tiles, in which only the unknown tile is used."""
+    """Create a pool for `capacity` map tiles that contains only the unknown tile."""
     cells = level_start(num_levels)
     words, occupancy = np.empty((capacity, cells), dtype=np.int32), np.empty((capacity, cells), dtype=np.int8)
     words[EMPTY], occupancy[EMPTY] = 0, UNKNOWN
@@ -55,7 +55,7 @@ def make_pool(capacity: int, num_levels: int) -> TilePool:
 
 
 def enlarge_pool(pool: TilePool) -> TilePool:
-    """Return a copy of the tile pool with twice the capacity."""
+    """Return a copy of a tile pool with twice the capacity."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
     words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
@@ -66,10 +66,9 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return a slot in which a map tile can be changed; copy the tile first if other maps use it.
+    """Return a slot for changing a map tile, after a copy if other maps share the tile; -1 if the pool is full.
 
-    The result is -1 if the pool is full. `index` are the slot numbers of the map, shape (num_tiles,), int32; `number`
-    is the number of the scan to insert.
+    `index`: slot numbers of the map, shape (num_tiles,), int32. `number`: number of the scan to insert.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -87,9 +86,9 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace each map by a copy of the map with the index in `parents`, shape (num_maps,), int64.
+    """Replace each map by a copy of map `parents[i]`.
 
-    `index` are the slot numbers of all maps, shape (num_maps, num_tiles), int32.
+    `index`: slot numbers of all maps, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
     """
     index[:] = index[parents]
     used = pool.references > 0
@@ -101,14 +100,11 @@ def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
 
 
 class TileMap(NamedTuple):
-    """Map of a particle in tiles (square blocks of cells), read-only."""
+    """Read-only map of a particle in tiles (square blocks of cells)."""
 
     occupancy: np.ndarray
-    """Flattened occupancies of all stored tiles, shape (capacity * cells,), int8 [percent]."""
     cells: int
-    """Number of cells per tile, over all resolutions."""
     slots: np.ndarray
-    """Pool slot of each tile of the map, shape (num_tiles,), int32."""
     tiles_wide: int
 
 
@@ -161,7 +157,7 @@ def _neighbours_in_tiles(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def unpack_level(map, level, out):
-    """Write the occupancies of a map resolution to `out`, shape (height, width), int8, initially -1 (unknown)."""
+    """Write a tiled map at one resolution to `out`, shape (height, width), int8, initially -1 (unknown)."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
     for tile in range(map.slots.shape[0]):

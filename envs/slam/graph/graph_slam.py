@@ -20,19 +20,19 @@ from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
 from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
-"""Maximum number of iterations of the last pose-graph optimisation, at the end of a run."""
+"""Maximum number of iterations of the last pose-graph optimisation."""
 
 
 class GraphSlam(Hector):
     """SLAM with submaps, loop closures and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-    The robot pose comes from scan matching on one map, as in Hector SLAM. In addition, local SLAM, which is never
-    corrected, matches scans to submaps (maps of few scans) for graph constraints. Work per inserted scan is bounded:
-    one loop-closure search, and one optimisation iteration or a part of the corrected map. Pose and map change together
+    The robot pose comes from scan matching on one map, as in Hector SLAM. For graph constraints, local SLAM matches
+    scans to submaps (maps of some tens of scans) without loop-closure corrections. Work per inserted scan is bounded:
+    one loop-closure search, and one optimisation iteration or part of the corrected map. Pose and map change together
     when the corrected map is complete.
 
     `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A lost
-    robot adds no nodes. After relocalization, the next node is constrained to the nearest node. `belief.covariance` is
+    robot adds no nodes; after relocalization, the next node is constrained to the nearest node. `belief.covariance` is
     relative to the current map.
     """
 
@@ -45,7 +45,7 @@ class GraphSlam(Hector):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Restart at a known pose, map frame [m, m, rad], with a new map.
+        """Restart at a known pose, map frame, with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -53,10 +53,8 @@ class GraphSlam(Hector):
         if map is not None:
             raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
-        """Pose graph of scans (nodes) and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses of graph nodes, without loop-closure corrections, in the local frame (origin at the start
-        pose)."""
+        """Scans and poses of graph nodes, without loop-closure corrections."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -69,7 +67,7 @@ class GraphSlam(Hector):
 
     @property
     def loop_closures(self) -> int:
-        """Number of loop closures in the pose graph, without excluded outliers."""
+        """Number of loop closures in the pose graph, without outliers."""
         constraints = self.graph.arrays.constraints
         return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
 
@@ -80,7 +78,7 @@ class GraphSlam(Hector):
 
     @property
     def anchor(self) -> Anchor | None:
-        """Robot pose relative to the newest graph node (scan in the map); None before the first node."""
+        """Robot pose relative to the newest graph node (scan in the map); None before the first."""
         if len(self.nodes) == 0:
             return None
         node = len(self.nodes) - 1
@@ -164,7 +162,7 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Add a graph constraint between the first node after relocalization and the submap of the nearest node."""
+        """Add a graph constraint from the first node after relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])
@@ -215,7 +213,7 @@ class GraphSlam(Hector):
 
 @cache
 def load_kernels() -> None:
-    """Compile the Numba kernels of loop closure, once per process, before the first scan."""
+    """Compile the loop-closure kernels once per process."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
     local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)

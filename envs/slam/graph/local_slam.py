@@ -15,17 +15,17 @@ from lidarnaut.envs.slam.slam_params import GraphSlamParams
 from .nodes import NodeStore
 
 SUBMAP_RANGE = 12.0
-"""Maximum lidar range assumed in the initial size of a submap [m]."""
+"""Maximum lidar range assumed for the initial size of a submap [m]."""
 
 
 def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParams:
-    """Return the graph SLAM parameters with the initial map size of a submap."""
+    """Return graph SLAM parameters with the initial map size of a submap."""
     side = 2.0 * (min(lidar.range_max, SUBMAP_RANGE) + params.submap_spacing * params.min_travel_distance)
     return dataclasses.replace(params, map_width=side, map_height=side)
 
 
 class LocalSlam:
-    """Scan matching to submaps (maps of few scans), without loop-closure corrections.
+    """Scan matching to submaps (maps of some tens of scans) without loop-closure corrections.
 
     Poses are in the local frame, whose origin is the start pose.
     """
@@ -39,15 +39,14 @@ class LocalSlam:
         """Base pose at the last matched scan, local frame."""
         self.travelled = 0.0
         self.active: list[int] = []
-        """Indices of submaps that still receive scans, oldest first. Scans are matched to the oldest."""
+        """Indices of unfinished submaps, oldest first. Scans are matched to the oldest."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Match a scan, shape (num_beams,), float32 [m], to the oldest unfinished submap.
+        """Match a scan, shape (num_beams,), float32 [m], to the oldest unfinished submap; return whether the scan fits.
 
-        `motion` is the odometry motion since the last matched scan [m, m, rad]. Returns whether the scan fits the
-        submap, or None if too few cells are known.
+        `motion`: odometry since the last matched scan. The result is None if too few cells are known.
         """
         before = self.pose
         self.pose = predicted = before.compose(motion)
@@ -82,7 +81,7 @@ class LocalSlam:
         self._nodes.break_off()
 
     def add_node(self, ranges: np.ndarray) -> int:
-        """Add a node to the active submaps; start and finish submaps when due."""
+        """Add a scan at the current pose to all unfinished submaps; start and finish submaps when due."""
         nodes = self._nodes
         if not self.active or len(nodes) % self._params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]

@@ -38,11 +38,11 @@ NUM_LEVELS = 5
 MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
 SEARCH_SHARE = 0.8
-"""Minimum score in branch and bound, divided by the minimum score of an accepted loop closure."""
+"""Minimum score in branch and bound, divided by the minimum score of a loop closure."""
 NUM_SKIPPED_SUBMAPS = 2
-"""Number of newest finished submaps that are not searched, because the robot has just left them."""
+"""Number of newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Map parameters of submaps in loop-closure search, with log-odds of 2.2 (endpoint) and -0.41 (passed)."""
+"""Map parameters of submaps in loop-closure search; log-odds of 2.2 and -0.41."""
 NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -52,20 +52,17 @@ class Loop(NamedTuple):
     node: int
     submap: int
     relative: Pose2D
-    """Measured pose of the node in the submap frame [m, m, rad]."""
+    """Measured node pose in the submap frame [m, m, rad]."""
     covariance: np.ndarray
     """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
-    """Pose of the node before the loop closure, map frame [m, m, rad]."""
+    """Node pose before the loop closure, map frame [m, m, rad]."""
     after: Pose2D
-    """Pose of the node after the loop closure, map frame [m, m, rad]."""
+    """Node pose after the loop closure, map frame [m, m, rad]."""
 
 
 def window_size(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of a loop-closure search.
-
-    `path_length` is the path length in the pose graph between node and submap [m].
-    """
+    """Return half width [m] and half angle [rad] of a loop-closure search, for a path length in the graph [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
@@ -74,10 +71,10 @@ def window_size(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
+    """Return the shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Successive submaps are connected by the travelled distance; loop closures have length 0. `home` is the newest submap
-    of each node, `travelled` the distance at the start of each submap [m].
+    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: newest submap of
+    each node. `travelled`: distance at the start of each submap [m].
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])
@@ -100,16 +97,16 @@ def path_lengths(constraints, home, travelled, source):
 
 
 def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
-    """Return the distance from a node to the nearest node of each submap, shape (num_submaps,), float64 [m].
+    """Return the distance from a node to the nearest node of each submap [m].
 
-    `nodes` are poses, shape (num_nodes, 3). `spans` are first node and end of each submap, shape (num_submaps, 2).
+    `nodes`: poses, shape (num_nodes, 3). `spans`: first node and end of each submap, shape (num_submaps, 2).
     """
     far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
     return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
 
 
 class LoopSearch:
-    """Queue of loop-closure searches, each between a node (scan) and a submap."""
+    """Queue of loop-closure searches, each between a scan and a submap."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
@@ -119,13 +116,13 @@ class LoopSearch:
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
-        """Queue loop-closure searches of a node in nearby submaps among the first `num_finished`."""
+        """Queue searches of a node in nearby submaps among the first `num_finished`."""
         for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self._queue.append((node, submap, window))
 
     def search_next(self) -> Loop | None:
-        """Run the oldest queued search; return an accepted loop closure, else None."""
+        """Run the oldest queued search; return the loop closure if accepted."""
         return self.match(*self._queue.popleft()) if self._queue else None
 
     @property
@@ -150,9 +147,9 @@ class LoopSearch:
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
-        """Match recent scans of a node to a submap; return an accepted loop closure, else None.
+        """Match recent scans of a node to a submap; return the loop closure if accepted.
 
-        `window` is half width [m] and half angle [rad] of the search.
+        `window`: half width [m] and half angle [rad].
         """
         params, loops = self._params, self._params.loops
         points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
@@ -186,9 +183,9 @@ class LoopSearch:
 
 
 def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: int) -> Pose2D:
-    """Refine a pose on an occupancy grid by Gauss-Newton scan matching without a prior.
+    """Refine a pose on an occupancy grid by Gauss-Newton scan matching without prior.
 
-    `points` are scan points, shape (n, 2), float32, base frame [m].
+    `points`: scan points, shape (n, 2), float32, base frame [m].
     """
     x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta

@@ -1,7 +1,7 @@
 """Branch-and-bound scan matching to an occupancy grid.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of 2^l x
-2^l position offsets. Occupancy maxima over squares of this size give an upper bound of its scores.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of
+position offsets. Occupancy maxima over such squares of cells give an upper bound of its scores.
 """
 
 import math
@@ -24,7 +24,7 @@ class SearchWindow(NamedTuple):
     """Offsets and headings tested in a branch-and-bound search."""
 
     half_width: float
-    """Maximum offset from the initial position along x and y [m]."""
+    """Maximum offset along x and y [m]."""
     half_angle: float
     """Maximum difference from the initial heading [rad]."""
     angle_step: float
@@ -35,9 +35,9 @@ class SearchResult(NamedTuple):
     """Result of branch-and-bound scan matching."""
 
     pose: Pose2D | None
-    """Best pose, frame of the grid [m, m, rad]; None if no pose reaches the minimum score."""
+    """Best pose, frame of the grid; None if below the minimum score."""
     score: float
-    """Mean occupancy at the scan points for the best pose, from 0 to 1."""
+    """Mean occupancy at the scan points, from 0 to 1."""
     evaluations: int
     is_complete: bool
     """False if the limit of scored nodes ended the search."""
@@ -47,13 +47,13 @@ class Grid(NamedTuple):
     """Grid cells of the scan points at each tested heading."""
 
     cells: np.ndarray
-    """Flat cell indices of the scan points that can reach the grid, shape (num_headings, n), int32."""
+    """Flat cell index of each scan point that can reach the grid, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Number of valid entries of `cells` for each heading, shape (num_headings,), int64."""
+    """Number of valid entries in each row of `cells`, shape (num_headings,), int64."""
     reach: int
-    """Maximum position offset along each axis [cells]."""
+    """Maximum offset [cells]."""
     num_turns: int
-    """Maximum difference from the initial heading [heading steps]."""
+    """Maximum turn [heading steps]."""
 
 
 class _Best(NamedTuple):
@@ -67,7 +67,7 @@ class _Best(NamedTuple):
 def angle_step(points: np.ndarray, resolution: float) -> float:
     """Return the heading step [rad] that moves three quarters of the scan points by at most 1.5 cells.
 
-    `points` has shape (n, 2), float32, base frame [m]. The step is at least 0.006 and at most 0.03 rad.
+    `points`: shape (n, 2), float32, base frame [m].
     """
     if len(points) == 0:
         return 0.03
@@ -77,10 +77,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the grid cells of scan points at the initial pose, for each tested heading.
-
-    `shift` [cells] is subtracted from the positions. `points` has shape (n, 2), float32, base frame [m].
-    """
+    """Return the grid cells of scan points at each tested heading, moved by `-shift` cells."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -106,10 +103,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of grid values at the scan points for a heading index `turn` and a position offset.
-
-    `level` is a flattened grid, uint8. `offset` is added to flat cell indices.
-    """
+    """Return the sum of a flattened uint8 grid at the scan points, for a heading index and an added cell index."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -210,12 +204,11 @@ def search(
     max_evaluations: int,
     excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Return the pose at which scan points fit an occupancy grid best, by branch and bound.
+    """Return the pose in a window where scan points fit an occupancy grid best.
 
-    Tested poses differ from the initial `pose` (frame of the grid) by multiples of one cell and `window.angle_step`;
-    ties go to the pose nearest to the initial one. `points` has shape (n, 2), float32, base frame [m]. `min_score` is
-    the minimum mean occupancy at the points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region
-    to skip, as in `NO_EXCLUSION`.
+    Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
+    the grid. `points`: shape (n, 2), float32, base frame [m]. `min_score`: minimum mean occupancy at the points, from 0
+    to 1. `max_evaluations` limits scored nodes; `excluded` is a region to skip.
 
     Raises:
         ValueError: if the window exceeds the reach of the pyramid.

@@ -9,7 +9,7 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
-"""Maximum number of scan points scored per pose, evenly chosen from the scan."""
+"""Maximum number of scan points scored per pose, evenly chosen."""
 TURN_STEP = 0.03
 """Step between tested headings [rad]."""
 PENALTY = 0.01
@@ -20,7 +20,7 @@ class CorrelativeWindow(NamedTuple):
     """Tested poses and prior of a correlative search."""
 
     distance: float
-    """Maximum offset from the predicted position, per axis [cells of the finest map]."""
+    """Maximum offset along each axis [cells of the finest map]."""
     angle: float
     """Maximum difference from the predicted heading [rad]."""
     position_std: float
@@ -57,9 +57,9 @@ def _total(occupancy, cells, up, right, unknown):
 def search_window(occupancy, scale, points, num_points, pose, window):
     """Return the pose near a prediction with the highest mean occupancy at the scan points, minus a prior penalty.
 
-    `occupancy` is a map resolution, shape (height, width), int8 [percent], with `scale` cells per cell of the finest
-    map. All other lengths are in cells of the finest map. `points` are scan points, base frame. `pose` is the predicted
-    x, y from the map's first cell and heading [rad], like the result.
+    `occupancy` has shape (height, width), int8 [percent], with `scale` cells per cell of the finest map, the unit of
+    other arguments. `points`: scan points, base frame. `pose`: predicted x, y from the map's corner and heading [rad],
+    like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

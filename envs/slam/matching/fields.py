@@ -1,4 +1,3 @@
-"""Consistency checks between scans and occupancy grids, and grids of maxima for branch and bound."""
 
 import math
 from typing import NamedTuple, Self
@@ -13,21 +12,20 @@ from ..slam_params import LoopClosureParams
 FULL_PERCENT = 100
 """Occupancy that counts as matching score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy above which a cell is occupied, and certainly occupied as in ROS [percent]. Other known cells are free."""
+"""Occupancy above which a cell is occupied, and certainly occupied as in ROS [percent]."""
 LEAST_HITS = 40
-"""Minimum number of scan points in or next to known cells to judge whether a scan fits a map."""
+"""Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Minimum fraction of scan points near occupied cells for a scan that fits: for a map, which may bend, and for a
-submap."""
+"""Minimum fraction of scan points near occupied cells in a map, which may bend, and in a submap."""
 
 
 GRAZING_LENGTH = 0.3
-"""Length at the end of a beam that is not tested for occupied cells [m]. Grazing beams touch wall cells before their
+"""Length at the end of a beam without test for occupied cells [m]. Grazing beams touch wall cells before their
 endpoint."""
 
 
 class Field(NamedTuple):
-    """Occupancy grid with its position in the frame of a map or submap."""
+    """Occupancy grid with its position in a map or submap frame."""
 
     occupancy: np.ndarray
     """Occupancies, shape (height, width), int8 [percent], -1 unknown."""
@@ -38,7 +36,7 @@ class Field(NamedTuple):
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Crop an occupancy grid to its known cells; return one unknown cell if no cell is known."""
+        """Crop an occupancy grid to its known cells; return one unknown cell if none is known."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -55,17 +53,17 @@ class HitShares(NamedTuple):
     score: float
     """Mean occupancy at the scan points, from 0 to 1; free and unknown cells count as 0."""
     occupied: float
-    """Fraction of scan points in or next to an occupied cell."""
+    """Fraction of scan points on or next to occupied cells."""
     free: float
-    """Fraction of scan points in free cells without an occupied neighbour."""
+    """Fraction of scan points in free cells without occupied neighbours."""
 
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count scan points in or next to occupied cells, and in free cells without an occupied neighbour.
+    """Count scan points on or next to occupied cells, and in free cells without occupied neighbours.
 
-    `points` has shape (n, 2), float32, base frame [m]; `pose` is the base pose, frame of the grid [m, m, rad]. The
-    third result is the sum of occupancies of occupied cells at the points [percent].
+    `points`: shape (n, 2), float32, base frame [m]. `pose`: frame of the grid [m, m, rad]. The third result is the sum
+    of occupied cell values at the points [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -89,9 +87,9 @@ def count_hits(field, points, pose):
 
 
 def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
-    """Return the agreement of scan points with an occupancy grid: mean occupancy, and fractions near occupied cells.
+    """Return the fractions of scan points in occupied and free cells, and their mean occupancy.
 
-    `points` has shape (n, 2), float32, base frame [m]; `pose` is the base pose, frame of the grid [m, m, rad].
+    Arguments as in `count_hits`.
     """
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
@@ -101,10 +99,10 @@ def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float
 def fits_map(
     grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
 ) -> bool | None:
-    """Return True if at least the fraction `least_share` of the scan points is near occupied cells of a map.
+    """Return True if at least a fraction `least_share` of the scan points in known surroundings is near occupied cells.
 
-    Points without known cells nearby do not count. With fewer than `LEAST_HITS` other points, the result is None.
-    `points` has shape (2, n), float32, base frame [cells]; `pose` is the base pose, map frame [m, m, rad].
+    The result is None for fewer than `LEAST_HITS` such points. `points`: shape (2, n), float32, base frame [cells].
+    `pose`: map frame [m, m, rad].
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
@@ -114,10 +112,10 @@ def fits_map(
 
 @njit(cache=True, error_model="numpy")
 def count_crossings(field, ranges, geometry, pose):
-    """Count beams that pass through certainly occupied cells, and all beams that cross mostly known cells.
+    """Count beams through certainly occupied cells, and all beams that cross mostly known cells.
 
-    At a wrong pose, beams cross walls even if their endpoints are on walls. `ranges` has shape (num_beams,), float32
-    [m]; `pose` is the base pose, frame of the grid [m, m, rad].
+    At a wrong pose, beams cross walls even if their endpoints are on walls. `ranges`: shape (num_beams,), float32 [m].
+    `pose`: frame of the grid [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -154,17 +152,17 @@ def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
 
 
 class Pyramid(NamedTuple):
-    """Occupancy maxima over squares of 2^level cells, for branch and bound (Hess et al., 2016, section V.B)."""
+    """Occupancy maxima over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
 
     levels: np.ndarray
-    """Maxima, shape (num_levels, height, width), uint8 [percent]. Cell (i, j) at level l is the maximum of the 2^l x
-    2^l grid cells from (i, j) on. A border of zeros surrounds the grid."""
+    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l grid cells
+    from (i, j) on. The grid has a border of zeros."""
     x: float
-    """x coordinate of the corner of cell (0, 0), frame of the grid [m]."""
+    """x coordinate of the corner of cell (0, 0) [m]."""
     y: float
     resolution: float
     reach: int
-    """Maximum half width of a search, in each direction [cells]."""
+    """Maximum half width of a search [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -177,9 +175,9 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return the maxima of an occupancy grid over squares of 1 to 2^(num_levels - 1) cells, for branch and bound.
+    """Return maxima of an occupancy grid for branch-and-bound searches up to a half width `reach` [m].
 
-    Free and unknown cells are 0. `reach` is the maximum half width of a search [m].
+    Free and unknown cells are 0.
     """
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)

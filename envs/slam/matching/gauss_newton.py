@@ -4,8 +4,8 @@ Minimises over the pose
 
     sum over scan points of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-with scan points q in the map and interpolated occupancy M, from 0 to 1. The paper has no prior. Lengths are in cells of
-the finest map resolution.
+with scan points q in the map and interpolated occupancy M, from 0 to 1. The original has no prior. Lengths are in cells
+of the finest map.
 """
 
 import math
@@ -21,14 +21,13 @@ from lidarnaut.envs.geometry.lookup import load
 MAX_TURN = 0.2
 """Maximum heading change per Gauss-Newton step [rad]."""
 SMALL_STEP = 1e-2
-"""Convergence threshold at the finest map resolution, for the shift of the position and of the farthest scan point
-[cells]."""
+"""Convergence threshold on the finest map, for the shift of position and farthest scan point [cells]."""
 COARSE_STEP = 0.05
-"""Convergence threshold at a coarser map resolution [cells of that resolution]."""
+"""Convergence threshold on coarser maps [cells of that map]."""
 
 
 class PosePrior(NamedTuple):
-    """Prior pose x, y [cells] and heading [rad], with entries of the weight matrix W."""
+    """Pose prior: x, y [cells] and heading [rad], with entries of the weight matrix W."""
 
     x: float
     y: float
@@ -42,23 +41,23 @@ class PosePrior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Gauss-Newton sums over the scan points at a pose: Hessian, right-hand side and residuals."""
+    """Gauss-Newton sums over the scan points at a pose: Hessian, right-hand side, residuals."""
 
     h_xx: float
-    """Hessian entry: sum of g g^T over the scan points, with the gradient g of the occupancy with respect to the pose."""
+    """Hessian entry: sum of g g^T, with the occupancy gradient g by the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
     h_yt: float
     h_tt: float
     b_x: float
-    """Right-hand side entry: sum of occupancy gradient times residual over the scan points."""
+    """Right-hand side entry: sum of occupancy gradient times residual."""
     b_y: float
     b_t: float
     total: float
-    """Sum of interpolated occupancies at the scan points."""
+    """Sum of occupancies at the scan points."""
     squares: float
-    """Sum of squared residuals, (1 - occupancy)^2, over the scan points."""
+    """Sum of squared residuals, (1 - occupancy)^2."""
 
 
 class Level(NamedTuple):
@@ -72,17 +71,17 @@ class Level(NamedTuple):
 
 @singledispatch
 def at_level(map, level):
-    """Return the occupancy grid of a map at resolution `level`, flattened, with `height` and `width`.
+    """Return a map at one resolution: flattened `occupancy`, `height` and `width`.
 
-    A map is a tuple of arrays, shape (height, width), int8 [percent], finest first. Other map types overload `at_level`
-    and `neighbours`, as in `gmapping.tiles`.
+    A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads `at_level` and
+    `neighbours`, as in `gmapping.tiles`.
     """
     return Level(map[level].ravel(), map[level].shape[0], map[level].shape[1])
 
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return flat indices of the grid cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
+    """Return flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
@@ -100,10 +99,10 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Compute the Gauss-Newton sums of a scan at x, y from the map's first cell [cells] and heading theta [rad].
+    """Return the Gauss-Newton sums of a scan at x, y from the map's corner [cells] and heading theta [rad].
 
-    Cell sides double per resolution `level`; unknown cells count as 0.5. `points` are scan points, shape (2, >=
-    num_points), float32, base frame [cells].
+    Cell sides double per `level`; unknown cells count as 0.5. `points`: scan points, shape (2, >= num_points), float32,
+    base frame [cells].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width
@@ -149,10 +148,9 @@ def evaluate(map, level, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def known_score_at(map, points, num_points, x, y, theta):
-    """Return the number of scan points in known map cells, and the mean occupancy of these cells from 0 to 1.
+    """Return the number of scan points in known cells, and the mean occupancy of these cells from 0 to 1.
 
-    The pose is x, y from the map's first cell [cells] and heading theta [rad]. `points` are scan points, shape (2, >=
-    num_points), float32, base frame [cells].
+    Arguments as in `evaluate`.
     """
     view = at_level(map, 0)
     c, s = math.cos(theta), math.sin(theta)
@@ -170,7 +168,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn) [cells, cells, rad]; zeros if the equations are singular."""
+    """Return the Gauss-Newton step (dx, dy, turn) [cells, cells, rad]; zeros if singular."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
@@ -192,11 +190,11 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Refine a pose by Gauss-Newton steps, coarsest map resolution first; return x, y, heading and Gauss-Newton sums.
+    """Refine a pose by Gauss-Newton steps, coarsest map first; return x, y, heading and Gauss-Newton sums.
 
-    `points` are scan points, shape (2, >= num_points), float32, base frame [cells]. `pose` is the initial x, y from the
-    map's first cell [cells] and heading [rad]. The heading of `prior` is within pi of the initial heading, unwrapped.
-    `iterations` is the maximum at the finest resolution, `coarse_iterations` at each other resolution.
+    `pose`: initial x, y from the map's corner [cells] and heading [rad]. The heading of `prior` lies within pi of the
+    initial one, unwrapped. `iterations` applies to the finest map, `coarse_iterations` to each other map. Other
+    arguments as in `evaluate`.
     """
     x, y, theta = pose
     reach = 1.0

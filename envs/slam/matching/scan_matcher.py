@@ -1,4 +1,3 @@
-"""Scan matching to a log-odds map: correlative search, Gauss-Newton refinement, covariance."""
 
 import math
 from typing import Any, NamedTuple, Self
@@ -22,7 +21,7 @@ UNKNOWN_POSE_STD = 1e6
 
 
 class MatcherParams(NamedTuple):
-    """Scan matching parameters as a named tuple for Numba kernels, with infinity instead of None."""
+    """Scan matching parameters for Numba kernels, with infinity instead of None."""
 
     odometry_noise: NoiseRecord
     uses_odometry: bool
@@ -49,25 +48,24 @@ class Match(NamedTuple):
     """Result of matching a scan to a map."""
 
     x: float
-    """x coordinate of the matched base pose, map frame [m]."""
+    """Matched x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool
     """Whether enough scan points are in known cells to judge the match."""
     fits: bool
-    """Whether the scan fits the map at the matched pose. True if the match cannot be judged."""
+    """Whether the scan fits the map; True if the match cannot be judged."""
     num_hits: int
     fit: Fit
-    """Gauss-Newton sums (Hessian, right-hand side) at the matched pose."""
     is_far: bool
     """Whether the second, wider search found the pose."""
 
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the Gauss-Newton prior of a predicted pose [cells, cells, rad] with covariance P [m, rad]: W = k P^-1.
+    """Return the prior of a predicted pose [cells, cells, rad] from its covariance P [m, rad]: W = k P^-1.
 
-    k is the residual variance, `resolution` the cell side [m].
+    k is the residual variance.
     """
     w = np.empty((3, 3))
     invert(covariance, w)
@@ -80,10 +78,9 @@ def make_prior(pose, covariance, residual_variance, resolution):
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
     """Match a scan, shape (num_beams,), float32 [m], to a map by correlative search and Gauss-Newton.
 
-    `levels` are occupancy grids, finest first; `corner` is column and row of the first cell from the map frame's
-    origin. `last` is the base pose at the last matched scan, `predicted` the pose by odometry, map frame [m, m, rad].
-    `covariance` of the pose, shape (3, 3), float64 [m, rad], is updated to the match, or to the prediction if the scan
-    does not fit.
+    `levels`: occupancy grids, finest first. `corner`: column and row of the first cell from the map frame's origin.
+    `last`: pose at the last matched scan; `predicted`: odometry pose; map frame [m, m, rad]. `covariance`, shape (3,
+    3), float64 [m, rad], is updated to the match, or to the prediction if the scan does not fit.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])

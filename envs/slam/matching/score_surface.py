@@ -1,7 +1,7 @@
 """Covariance of a scan match from scores of nearby poses (Olson, 2009, section III.C).
 
-Scores are log-likelihoods, and their second moments are the covariance. A match that can slide along a corridor gets a
-long ellipse, which the curvature at the optimum would not show.
+Scores are log-likelihoods, and their second moments the covariance. A match that can slide along a corridor gets a long
+ellipse, which the curvature at the optimum would not show.
 """
 
 from functools import cache
@@ -15,18 +15,17 @@ from .branch_and_bound import SearchWindow, discretise, total_at
 from .fields import FULL_PERCENT, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
-"""Maximum offset and step of scored positions along x and y [m]."""
+"""Maximum offset and step of scored positions, x and y [m]."""
 NUM_TURNS, TURN_STEP = 2, 0.02
-"""Number of scored headings on each side of the match, and step between headings [rad]."""
+"""Number of scored headings on each side of the match, and their step [rad]."""
 POINT_STEP = 4
-"""Interval of scored scan points: every fourth point is scored."""
+"""Stride of scored scan points: every fourth is used."""
 TEMPERATURE = 0.03
-"""Score difference that means a likelihood ratio of e."""
+"""Score difference for a likelihood ratio of e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations due to the steps between scored poses [m, m, rad]. Their squares are subtracted from the
-covariance."""
+"""Standard deviations due to the steps between scored poses [m, m, rad], subtracted as variances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Minimum standard deviations of a match [m, m, rad]. Their squares are added to the covariance."""
+"""Minimum standard deviations of a match [m, m, rad], added as variances."""
 MAX_SHARE = 0.99
 """Maximum variance, divided by the variance for equal scores."""
 
@@ -45,9 +44,8 @@ def _totals(pyramid, grid, reach, stride):
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
 
-    Scores are maxima over 2 x 2 cells, because the scored positions could skip walls one cell thick. `points` are scan
-    points, shape (n, 2), float32, base frame [m]; `pose` is in the frame of the grid [m, m, rad]; `half_width` is the
-    maximum offset [m].
+    Occupancy maxima over 2 x 2 cells are used, because positions could skip thin walls. `points`: scan points, shape
+    (n, 2), float32, base frame [m]. `pose`: frame of the grid. `half_width`: maximum offset [m].
 
     Raises:
         ValueError: if offsets exceed the reach of the pyramid.
@@ -70,9 +68,7 @@ def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarra
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return the second moments of the pose about a match, shape (3, 3) [m, rad], from scores of nearby poses.
-
-    `step` [m] and `turn_step` [rad] are the steps between scored poses.
+    """Return second moments of the pose about a match, shape (3, 3), from scores with steps `step` [m] and `turn_step`.
     """
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
@@ -83,9 +79,9 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return the covariance of a scan match, shape (3, 3), float64, frame of the grid [m^2, rad^2].
 
-    Second moments P of the scored poses are corrected for steps and finite offsets: P <- (P^-1 - U^-1)^-1, with moments
-    U for equal scores. Otherwise, uninformative matches would add up to false information. `points` are scan points,
-    shape (n, 2), float32, base frame [m]; `half_width` is the maximum offset [m].
+    Second moments P of the scores are corrected for step size and finite window: P <- (P^-1 - U^-1)^-1, with moments U
+    for equal scores. Otherwise, uninformative matches would add up to false information. Arguments as in
+    `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)

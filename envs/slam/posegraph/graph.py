@@ -1,6 +1,6 @@
 """Pose graph of nodes and submaps (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-A node is the base pose at a scan; a submap is the frame of a map of some tens of scans.
+A node is the base pose at a scan; a submap is the frame of a map from some tens of scans.
 """
 
 from dataclasses import dataclass
@@ -14,31 +14,31 @@ class Constraints(NamedTuple):
     """Constraints of a pose graph: node poses measured in submap frames."""
 
     node: np.ndarray
-    """Node index of each constraint, shape (n,), int32."""
+    """Node indices, shape (n,), int32."""
     submap: np.ndarray
-    """Submap index of each constraint, shape (n,), int32."""
+    """Submap indices, shape (n,), int32."""
     relative: np.ndarray
     """Measured node poses, shape (n, 3), float64, submap frame [m, m, rad]."""
     information: np.ndarray
-    """Inverse covariances of the measured poses, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
+    """Inverse covariances of measured poses, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
     is_loop: np.ndarray
-    """Whether a constraint is a loop closure, which gets a robust weight against outliers, shape (n,), bool."""
+    """Loop-closure flags, shape (n,), bool. Loop closures have robust weights against outliers."""
     is_active: np.ndarray
     """False for constraints excluded as outliers, shape (n,), bool."""
 
 
 class Graph(NamedTuple):
-    """Poses and constraints of a pose graph, map frame [m, m, rad]. The optimiser updates the poses."""
+    """Poses and constraints of a pose graph, map frame [m, m, rad]; the optimiser updates the poses."""
 
     submaps: np.ndarray
-    """Submap poses, shape (num_submaps, 3), float64. The optimiser does not move the first."""
+    """Submap poses, shape (num_submaps, 3), float64; the first is fixed."""
     nodes: np.ndarray
     """Node poses, shape (num_nodes, 3), float64."""
     constraints: Constraints
 
 
 class GrowingArray:
-    """Array to which rows are appended; its capacity doubles when full."""
+    """Array with appendable rows, whose capacity doubles when full."""
 
     def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike, capacity: int) -> None:
         self._rows = np.zeros((capacity, *row_shape), dtype=dtype)
@@ -61,7 +61,7 @@ class GrowingArray:
 
 
 class PoseGraph:
-    """Pose graph to which nodes, submaps and constraints are added, map frame [m, m, rad]."""
+    """Growing pose graph of nodes, submaps and constraints, map frame [m, m, rad]."""
 
     def __init__(self, capacity: int = 64) -> None:
         self._submaps = GrowingArray((3,), np.float64, capacity)
@@ -72,7 +72,7 @@ class PoseGraph:
 
     @property
     def arrays(self) -> Graph:
-        """Poses and constraints as writable views, valid until the graph grows."""
+        """Writable views of poses and constraints, valid until the graph grows."""
         return Graph(self._submaps.rows, self._nodes.rows, Constraints(*(each.rows for each in self._constraints)))
 
     @property
@@ -92,9 +92,7 @@ class PoseGraph:
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
     ) -> int:
-        """Add a node pose measured in a submap frame [m, m, rad] as a constraint; return its index.
-
-        `covariance` has shape (3, 3) [m^2, rad^2].
+        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint; return its index.
 
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
@@ -129,8 +127,7 @@ class PoseGraphView:
 
     @property
     def edges(self) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
-        """Constraints as g2o edges: submap index, node index, relative pose, and information matrix in the node frame.
-        """
+        """Constraints for g2o files: submap index, node index, relative pose, and information in the node frame."""
         constraints, num_submaps = self.graph.constraints, len(self.graph.submaps)
         edges = []
         for k in np.flatnonzero(constraints.is_active).tolist():

@@ -17,18 +17,18 @@ from .skyline import factorise, row_starts, solve
 
 
 class Linearised(NamedTuple):
-    """Linearised constraints of a pose graph, sorted by node, map frame; without excluded outliers."""
+    """Linearised constraints, sorted by node, map frame; without excluded outliers."""
 
     starts: np.ndarray
-    """Index of the first constraint of each node, shape (num_nodes + 1,), int64."""
+    """First constraint of each node, shape (num_nodes + 1,), int64."""
     submap: np.ndarray
-    """Submap index of each constraint among the optimised submaps, shape (n,), int64; -1 for the fixed submap."""
+    """Index of each constraint's submap among the optimised submaps, shape (n,), int64; -1 if fixed."""
     information: np.ndarray
-    """Information matrix of each constraint, map axes, times its robust weight, shape (n, 3, 3), float64."""
+    """Weighted information matrix of each constraint, map axes, shape (n, 3, 3), float64."""
     product: np.ndarray
-    """Information matrix times the Jacobian of the node pose with respect to the submap pose, shape (n, 3, 3), float64."""
+    """Information matrix times Jacobian of the node pose by the submap pose, shape (n, 3, 3), float64."""
     gradient: np.ndarray
-    """Gradient of half the weighted chi-square with respect to the node pose, shape (n, 3), float64."""
+    """Gradient of half the weighted chi-square by the node pose, shape (n, 3), float64."""
     lever: np.ndarray
     """Node position minus submap position, shape (n, 2), float64 [m]."""
 
@@ -37,7 +37,7 @@ class Linearised(NamedTuple):
 def residual(submap, node, relative):
     """Return the error of a measured node pose, submap frame [m, m, rad].
 
-    `submap` and `node` are poses, map frame; `relative` is the measured node pose, submap frame.
+    `submap`, `node`: poses, map frame. `relative`: measured node pose, submap frame.
     """
     c, s = math.cos(submap[2]), math.sin(submap[2])
     dx, dy = node[0] - submap[0], node[1] - submap[1]
@@ -47,7 +47,7 @@ def residual(submap, node, relative):
 
 @njit(cache=True, error_model="numpy")
 def chi_square(information, x, y, theta):
-    """Return the squared Mahalanobis distance of an error x, y [m], theta [rad], with an information matrix."""
+    """Return the squared Mahalanobis distance of an error x, y [m], theta [rad]."""
     return (
         information[0, 0] * x * x
         + information[1, 1] * y * y
@@ -60,7 +60,7 @@ def chi_square(information, x, y, theta):
 def robust_weight(chi2, phi):
     """Return the weight of a loop closure by dynamic covariance scaling (Agarwal et al., 2013, eq. 15).
 
-    The weight is below 1 if the chi-square of the constraint exceeds `phi`.
+    The weight is below 1 for a chi-square above `phi`.
     """
     if chi2 <= phi:
         return 1.0
@@ -70,10 +70,7 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write `weight` times the information matrix, rotated from submap to map axes, to `out`.
-
-    `c` and `s` are cosine and sine of the submap heading.
-    """
+    """Write a weighted information matrix, rotated from submap axes to map axes, to `out`."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
@@ -88,8 +85,8 @@ def _rotate_information(information, c, s, weight, out):
 def _linearise(graph, phi, order, starts):
     """Linearise the constraints of a pose graph at the current poses.
 
-    The error's Jacobians are B by the node pose and -B T by the submap pose. B rotates to submap axes, T = [[1, 0,
-    -dy], [0, 1, dx], [0, 0, 1]], and (dx, dy) is the node position minus the submap position.
+    The Jacobian by the submap pose is -B T, with Jacobian B by the node pose, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]],
+    and node position (dx, dy) relative to the submap.
     """
     constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
@@ -208,10 +205,10 @@ def _step(graph, phi, order, starts, first, rows):
 
 
 def optimise_step(graph: Graph, phi: float) -> float:
-    """Run one Gauss-Newton iteration on a pose graph; return the largest change of a pose coordinate [m or rad].
+    """Run one Gauss-Newton iteration; return the largest change of a pose coordinate [m or rad].
 
-    The first submap and unconstrained poses do not move. Loop closures with a chi-square above `phi` get less weight;
-    inf means plain least squares.
+    The first submap and unconstrained poses do not move. Loop closures with a chi-square above `phi` have less weight;
+    inf for plain least squares.
     """
     constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
     active = np.flatnonzero(constraints.is_active)
@@ -228,7 +225,7 @@ def optimise_step(graph: Graph, phi: float) -> float:
 
 
 def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Optimise a pose graph until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
+    """Optimise until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
@@ -237,7 +234,7 @@ def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) ->
 
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
-    """Return the chi-square of every constraint, including excluded outliers, shape (n,), float64."""
+    """Return the chi-square of all constraints, including excluded outliers, shape (n,), float64."""
     constraints = graph.constraints
     values = np.empty(constraints.node.shape[0])
     for k in range(values.shape[0]):
@@ -248,7 +245,7 @@ def chi_squares(graph):
 
 
 def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Exclude loop closures with a chi-square above `max_chi2` from the graph; return the number excluded."""
+    """Exclude loop closures with a chi-square above `max_chi2`; return their number."""
     constraints = graph.constraints
     is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
     constraints.is_active[is_wrong] = False

@@ -1,8 +1,8 @@
-"""Cholesky factorisation of symmetric matrices of 3 x 3 blocks in skyline storage.
+"""Cholesky factorisation of symmetric 3 x 3 block matrices in skyline storage.
 
-Each row of the lower triangle is stored from its first nonzero block on (George and Liu, Computer Solution of Large
-Sparse Positive Definite Systems, 1981, chapter 4). Block row i has three scalar rows of `3 * (i + 1 - first[i])`
-numbers, from index `starts[i]` on. The fixed order of sums gives equal results on all processors.
+Block row i stores its lower triangle from the first nonzero block `first[i]`, as three scalar rows of `3 * (i + 1 -
+first[i])` numbers from `starts[i]` (George and Liu, Computer Solution of Large Sparse Positive Definite Systems, 1981,
+chapter 4). The fixed order of sums gives equal results on all processors.
 """
 
 import math
@@ -17,7 +17,7 @@ LEAST_PIVOT = 1e-11
 def row_starts(first: np.ndarray) -> np.ndarray:
     """Return start indices of block rows in skyline storage, and the total length, shape (n + 1,), int64.
 
-    `first` is the first nonzero block of each row.
+    `first`: first nonzero block of each row.
     """
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
@@ -63,9 +63,9 @@ def _factorise_diagonal(block, diagonal):
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Factorise a positive semidefinite matrix in place; return the number of undetermined unknowns.
+    """Factorise a positive semidefinite matrix in place (Cholesky); return the number of undetermined unknowns.
 
-    `values` is the skyline, shape (starts[n],), float64; see `row_starts`.
+    `values`: skyline storage, shape (starts[n],), float64. `starts`: start indices from `row_starts`.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
@@ -99,10 +99,7 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Replace the right-hand side `x`, shape (3 n,), float64, by the solution of the factorised equations.
-
-    Undetermined unknowns are 0.
-    """
+    """Replace the right-hand side `x`, shape (3 n,), float64, by the solution; undetermined unknowns are 0."""
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
