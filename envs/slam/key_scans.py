@@ -1,4 +1,3 @@
-
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
@@ -30,12 +29,12 @@ POINT_CELL = 0.1
 
 
 class Anchor(NamedTuple):
-    """Robot pose relative to a key scan (scan in the map), whose own pose may be corrected later."""
+    """Robot pose relative to a scan in the map, whose own pose may be corrected later."""
 
     key_scan: int
-    """Index of the key scan in the trajectory `Belief.path`."""
+    """Index of the scan in the trajectory `Belief.path`."""
     relative: Pose2D
-    """Robot pose relative to the key scan [m, m, rad]."""
+    """Robot pose relative to the scan [m, m, rad]."""
 
 
 class KeyScans:
@@ -87,18 +86,17 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """Base class of SLAM that matches and maps only key scans (scans after a minimum motion).
+    """SLAM that matches and inserts key scans (scans after a minimum motion); otherwise, the pose follows odometry.
 
-    Between key scans, the pose follows odometry. A key scan is at least `params.min_travel_distance` [m] or
-    `params.min_travel_angle` [rad] from the last one. With `params.match_every_scan`, every scan is matched, but only
-    key scans are inserted into the map. A simulation may call `process_key_scan` directly with a pose predicted by
-    odometry.
+    The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With `params.match_every_scan`, all
+    scans are matched, but only key scans are inserted into the map. Simulations may call `process_key_scan` directly
+    with the composed motion.
     """
 
     meets_people = False
     """Whether people are near; limits log-odds of map cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses all beams."""
+    """Beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses them."""
     shares_maps = True
     """Whether several robots may share a map."""
 
@@ -116,7 +114,7 @@ class KeyScanSlam(ABC):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Base pose at the last key scan (scan in the map), map frame; None before the first."""
+        """Base pose at the last scan in the map, map frame; None before the first."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief
@@ -137,15 +135,11 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Return True if a pose is far enough from the last key scan (scan in the map)."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match a scan, shape (num_beams,), float32 [m], to the map and insert it; return pose and map.
-
-        `predicted` is the base pose predicted by odometry, map frame [m, m, rad].
-        """
+        """Match and insert a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose, map frame."""
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
@@ -172,7 +166,4 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the matched base pose, map frame, and the weight of the scan in the map from 0 to 1.
-
-        The weight is None if the scan must not be inserted. `predicted` is the pose predicted by odometry.
-        """
+        """Return the matched pose, map frame, and the scan's weight in the map from 0 to 1, or None to skip mapping."""

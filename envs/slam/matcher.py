@@ -1,5 +1,3 @@
-"""Monte Carlo scan matching of TinySLAM."""
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -24,7 +22,6 @@ class SearchParams(NamedTuple):
     max_failed: int
     max_tries: int
     unvisited: int
-    """Packed state (int32) of an unobserved map cell."""
     position_penalty: float = 0.0
     """Score penalty per squared distance from the predicted pose [2^-18 / cells^2]."""
     heading_penalty: float = 0.0
@@ -38,7 +35,7 @@ class Search(NamedTuple):
     y: float
     theta: float
     total: int
-    """Best sum of map occupancies at the scan points, minus the penalty, in units of 2^-18."""
+    """Best score minus penalty, in units of 2^-18."""
     tried: int
     accepted: int
 

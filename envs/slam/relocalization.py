@@ -1,7 +1,7 @@
 """Relocalization of a lost or kidnapped robot on its own map.
 
-Scans since the loss, merged by odometry, are matched to the whole map by branch and bound (Hess et al., Real-time loop
-closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
+Scans since the loss are merged by odometry, because one scan is ambiguous, and matched to the whole map by branch and
+bound (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 """
 
 import math
@@ -25,8 +25,7 @@ from .slam_params import LoopClosureParams
 NUM_SCANS = 20
 """Maximum number of recent scans merged for a map search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Number of scans before the first map search and between searches, and maximum between searches. The interval doubles
-after failures, because a search costs a hundred matches."""
+"""Number of scans before the first map search and between searches, and maximum between searches after failures."""
 COARSE_CELL = 0.1
 """Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
@@ -45,16 +44,16 @@ the best alternative pose, summed over searches."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
 """Maximum distance [m] and angle [rad] between found poses that agree."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and its maximum score deficit."""
+"""Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and maximum score deficit."""
 LEAST_LEAD = 0.05
 """Minimum margin in fit quality of the best pose over the best alternative pose."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Maximum fraction of beams through occupied cells, minimum number of beams to judge it, and number of consecutive
-scans above it that mean a lost robot. Real logs reach 0.5 before loop closures."""
+"""Maximum fraction of beams through occupied cells, minimum number of beams to judge this, and number of consecutive
+scans above the maximum that mean a lost robot."""
 RECOVERY_SCANS = 4
-"""Number of consecutive fitting scans that end the lost state without relocalization, for example after people leave."""
+"""Number of consecutive scans that fit the map and end the lost state without relocalization."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of four separate map searches [rad]; opposite sides of a room look alike on coarse cells."""
+"""Central headings of the four searches that cover all headings [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
 """Standard deviations of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
@@ -86,12 +85,11 @@ class LocalizationMonitor:
 
     @property
     def has_mismatch(self) -> bool:
-        """Whether a scan did not fit the map and no later scan has fitted."""
         return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether enough consecutive scans did not fit the map."""
+        """Whether too many consecutive scans did not fit the map."""
         return self._mismatches >= self._lost_scans
 
     def update(

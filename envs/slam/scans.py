@@ -1,4 +1,3 @@
-
 import math
 from typing import NamedTuple, Self
 
@@ -110,7 +109,7 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return the number of steps, sideways motion per step, and index increments of a line between grid cells.
+    """Return the number of steps of a line between grid cells, its sideways motion per step, and index increments.
 
     Sideways motion has 32 fractional bits. The increments of the flat cell index are for forward and sideways steps.
     """

@@ -1,5 +1,3 @@
-"""Parameters and presets of all SLAM algorithms."""
-
 from collections.abc import Mapping
 from dataclasses import asdict, field
 from pathlib import Path
@@ -23,18 +21,17 @@ class SlamParams:
     """Parameters that all SLAM algorithms share."""
 
     odometry_noise: OdometryNoise = field(default_factory=OdometryNoise)
-    """Odometry noise model: standard deviations of position and heading errors by the motion between two matched scans."""
+    """Odometry noise model for the motion between two matched scans."""
     min_travel_distance: NotNegative = 0.2
-    """Minimum distance between scans inserted into the map [m]; 0 inserts every scan. At short distances, each scan is
-    matched to the noise of the previous one."""
+    """Minimum distance between scans inserted into the map [m]; 0 for every scan."""
     min_travel_angle: NotNegative = 0.6
-    """Heading change after which a scan is inserted into the map even before the minimum distance [rad]."""
+    """Minimum turn between scans inserted into the map, as alternative to the distance [rad]."""
     skip_exceeding: bool = False
-    """Whether mapping ignores beams without a return. Otherwise, these beams clear cells up to the maximum range."""
+    """Whether mapping ignores beams without a return instead of clearing cells along them."""
     map_width: Positive = 20.0
-    """Initial map size along x [m]. The map grows when needed."""
+    """Initial map size along x [m]; grows when needed."""
     map_height: Positive = 20.0
-    """Initial map size along y [m]. The map grows when needed."""
+    """Initial map size along y [m]; grows when needed."""
     resolution: Positive = 0.05
     """Side of a map cell at the finest resolution [m]."""
 
@@ -47,11 +44,11 @@ class TinySlamParams(SlamParams):
     """
 
     sigma_xy: NotNegative = 0.2
-    """Initial standard deviation of sampled positions in scan matching, per axis [m]."""
+    """Initial standard deviation of sampled positions per axis [m]."""
     sigma_theta: NotNegative = 0.1
-    """Initial standard deviation of sampled headings in scan matching [rad]."""
+    """Initial standard deviation of sampled headings [rad]."""
     max_failed: Count = 20
-    """Number of sampled poses without improvement after which scan matching ends."""
+    """Number of sampled poses without improvement that ends a search."""
     max_tries: Count = 100
     """Maximum number of sampled poses per scan."""
     occupied_prob: Share = 0.95
@@ -65,18 +62,17 @@ class TinySlamParams(SlamParams):
     unvisited: Annotated[float, Field(ge=-1, le=1)] = -1.0
     """Occupancy that scan matching assumes for unobserved cells."""
     hole_width: NotNegative = 1.5
-    """Length before a beam endpoint over which the observed occupancy rises from free to occupied [m]; 0 for none."""
+    """Length before a beam endpoint over which occupancy rises from free to occupied [m]; 0 for none."""
     blur: Literal["add", "assign"] = "add"
-    """Observed occupancy on the ramp before a beam endpoint: add the ramp to `empty_prob` ("add", original program), or
-    use the ramp alone ("assign")."""
+    """Whether the occupancy rise before a beam endpoint is added to `empty_prob` ("add", original) or replaces it
+    ("assign")."""
     prior_weight: NotNegative = 0.0
-    """Cost of the squared Mahalanobis distance from the predicted pose. A scan point in a free cell costs about 1. The
-    original program has no such cost (0)."""
+    """Cost of the squared Mahalanobis distance from the predicted pose; 0 for none (original). A scan point in a free
+    cell costs about 1."""
     match_every_scan: bool = True
-    """Match every scan instead of only key scans (scans after a minimum motion)."""
+    """Match every scan instead of only scans after a minimum motion."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Frame in which the odometry motion is applied. "odometry_frame", as in the original program, is wrong if odometry
-    and map frame are rotated."""
+    """Frame of odometry motion. "odometry_frame" (original) is wrong if odometry and map frame are rotated."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -87,37 +83,35 @@ class MatchingParams(SlamParams):
     """Parameters of Gauss-Newton scan matching to log-odds maps."""
 
     residual_variance: Positive = 0.5
-    """Variance of the residual at a scan point (1 - occupancy), which weighs scan against odometry. Errors are
-    correlated, so the variance is increased."""
+    """Variance of the residual (1 - occupancy) at a scan point, to weigh scan against odometry."""
     num_levels: Annotated[int, Field(ge=1, le=6)] = 2
-    """Number of map resolutions. The cell side doubles from one to the next."""
+    """Number of map resolutions; the cell side doubles per level."""
     iterations: Count = 6
     """Maximum number of Gauss-Newton steps at the finest resolution."""
     coarse_iterations: Count = 4
     """Maximum number of Gauss-Newton steps at each coarser resolution."""
     search_distance: NotNegative | None = None
-    """Distance between matched scans above which correlative (exhaustive) matching runs first [m]; None for never."""
+    """Distance between matched scans above which an exhaustive search runs first [m]; None for never."""
     search_angle: NotNegative | None = None
-    """Turn between matched scans above which correlative (exhaustive) matching runs first [rad]; None for never."""
+    """Turn between matched scans above which an exhaustive search runs first [rad]; None for never."""
     retry_below: Share = 0.5
-    """Mean occupancy of known cells at the scan points below which a wider correlative search runs; 0 for never.
-    GMapping searches if particles with half of the weight are below."""
+    """Mean occupancy of known cells at the scan points below which a wider search runs; 0 for never. GMapping: for
+    particles with half of the weight."""
     retry_distance: Positive = 0.8
-    """Half width of the wider correlative search [m]. In GMapping, also the maximum distance of a match from odometry."""
+    """Half width of the wider search after a poor match [m]. GMapping: also maximum distance from odometry."""
     retry_angle: Positive = 0.35
-    """Half angle of the wider correlative search [rad]."""
+    """Half angle of the wider search after a poor match [rad]."""
     retry_gain: NotNegative = 0.05
-    """Minimum gain of the wider search to be accepted: increase of the summed occupancy at scan points in known cells,
-    divided by the number of points."""
+    """Minimum occupancy gain in known cells per scan point to accept the wider search after a poor match."""
     min_known_score: Share = 0.7
-    """Minimum mean occupancy of known cells at the scan points for a scan that fits the map. Otherwise, the pose
+    """Minimum mean occupancy of known cells at the scan points; otherwise the scan does not fit the map, and the pose
     follows odometry."""
     min_known_hits: Count = 20
-    """Minimum number of scan points in known cells to judge whether a scan fits the map."""
+    """Minimum number of scan points in known cells to judge a match."""
     lost_scans: Count = 3
-    """Number of consecutive scans that do not fit the map after which the robot counts as lost."""
+    """Number of consecutive scans that do not fit the map after which the robot is lost."""
     max_position_std: Positive = 1.0
-    """Standard deviation of the position, in the most uncertain direction, above which the robot counts as lost [m]."""
+    """Position standard deviation in the most uncertain direction above which the robot is lost [m]."""
     occupied_prob: Annotated[float, Field(gt=0.5, lt=1)] = 0.9
     """Occupancy probability observed for the cell of a beam endpoint."""
     empty_prob: Annotated[float, Field(gt=0, lt=0.5)] = 0.4
@@ -131,41 +125,39 @@ class HectorParams(MatchingParams):
     """Parameters of Hector SLAM (scan matching on one map)."""
 
     uses_odometry: bool = True
-    """Use odometry as prediction and pose prior. False starts scan matching at the last pose (Kohlbrecher et al.,
-    2011)."""
+    """Use odometry as prediction and pose prior; False starts at the last pose (Kohlbrecher et al., 2011)."""
     match_every_scan: bool = False
-    """Match every scan instead of only key scans (scans after a minimum motion)."""
+    """Match every scan instead of only scans after a minimum motion."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class LoopClosureParams:
-    """Acceptance criteria for a loop closure: agreement of scan points with the map."""
+    """Acceptance criteria for a loop closure: agreement of scan points with a map."""
 
     min_score: Share = 0.4
     """Minimum mean occupancy at the scan points."""
     min_occupied: Share = 0.5
-    """Minimum fraction of scan points in or next to occupied cells."""
+    """Minimum fraction of scan points on or next to occupied cells."""
     max_free: Share = 0.15
-    """Maximum fraction of scan points in free cells without an occupied neighbour."""
+    """Maximum fraction of scan points in free cells without occupied neighbours."""
     min_agreement: Share = 0.75
-    """Minimum fraction in or next to occupied cells of the scan points in or next to known cells."""
+    """Minimum fraction of scan points on or next to occupied cells, without points in unknown surroundings."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
 class GraphSlamParams(HectorParams):
-    """Parameters of graph SLAM: scan-to-submap matching, loop closures, and pose graph.
+    """Parameters of graph SLAM: scan-to-submap matching, loop closures, pose graph.
 
-    Every scan inserted into the map is a graph node. Submaps (maps of few scans) have fewer known cells than maps,
-    hence different defaults.
+    Every scan inserted into the map is a node. Submaps have fewer known cells than maps, hence different defaults.
     """
 
     min_travel_angle: NotNegative = 0.3
     retry_below: Share = 0.4
     min_known_score: Share = 0.25
     submap_spacing: Count = 20
-    """Number of nodes (scans) between the starts of submaps. A submap has twice this number of nodes."""
+    """Number of nodes (scans) between submap starts; a submap holds twice as many."""
     correlation: Positive = 5.0
-    """Factor on the covariance of a node pose in its submap, because errors of neighbouring nodes are correlated."""
+    """Factor on the covariance of a node pose in its submap, for correlated errors of neighbouring nodes."""
     node_sigma_xy: Positive = 0.03
     """Minimum standard deviation of a node position in its submap [m]."""
     node_sigma_theta: Positive = 0.008
@@ -183,7 +175,7 @@ class GraphSlamParams(HectorParams):
     max_evaluations: Count = 20_000
     """Maximum number of branch-and-bound nodes (blocks of poses) scored per loop-closure search."""
     max_rendered: Count = 8
-    """Maximum number of finished submaps kept in memory for loop-closure searches."""
+    """Number of finished submaps kept in memory for loop-closure searches."""
     phi: Positive = 9.0
     """Chi-square above which loop-closure constraints get a lower weight."""
     max_chi2: Positive = 54.0
@@ -191,20 +183,19 @@ class GraphSlamParams(HectorParams):
     optimise_every: Count = 10
     """Number of nodes with new loop closures that starts an optimisation of the pose graph."""
     urgent_correction: NotNegative = 0.1
-    """Position correction by one loop closure above which the pose graph is optimised at once [m]."""
+    """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5
-    """Maximum number of iterations per optimisation of the pose graph. One runs per inserted scan."""
+    """Maximum iterations of a pose-graph optimisation, one per inserted scan."""
     tolerance: Positive = 1e-4
-    """Largest pose change of an iteration below which the optimisation ends [m or rad]."""
+    """Pose change below which pose-graph optimisation ends [m or rad]."""
     redraw_distance: NotNegative = 0.1
-    """Position change of a node by optimisation above which the map is rebuilt [m]."""
+    """Position change of a node above which the map is rebuilt [m]."""
     redraw_angle: NotNegative = 0.02
-    """Heading change of a node by optimisation above which the map is rebuilt [rad]."""
+    """Heading change of a node above which the map is rebuilt [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Maximum number of cells along beams inserted per scan of the robot while the map is rebuilt. At least one node is
-    inserted."""
+    """Maximum number of map cells rebuilt along beams per scan of the robot."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """Number of times that all nodes are matched to the rebuilt map at the end of a run."""
+    """Number of times that `finish` matches all nodes to the rebuilt map."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -212,7 +203,7 @@ class GMappingParams(MatchingParams):
     """Parameters of GMapping (Rao-Blackwellised particle filter)."""
 
     match_every_scan: ClassVar[bool] = False
-    """Constant: only key scans (scans after a minimum motion) are matched."""
+    """Constant: only scans after a minimum motion are matched."""
     uses_odometry: ClassVar[bool] = True
     """Constant: odometry is the motion model."""
     num_levels: Annotated[int, Field(ge=1, le=4)] = 2
@@ -223,12 +214,11 @@ class GMappingParams(MatchingParams):
     num_particles: Count = 20
     """Number of particles."""
     likelihood_gain: Annotated[float, Field(gt=0, le=1)] = 0.2
-    """Exponent of the scan likelihood in importance weights. Values below 1 account for correlated errors of successive
-    scans."""
+    """Exponent of the scan likelihood in importance weights; below 1 for correlated errors of successive scans."""
     resample_below: Share = 0.5
     """Effective sample size, divided by the number of particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Lead in log-likelihood (with `likelihood_gain`) by which another particle replaces the best particle."""
+    """Log-likelihood lead over the best particle that makes another particle the best."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams
@@ -247,12 +237,12 @@ PRESETS: dict[str, dict[str, Path]] = {
 
 
 def load_params(preset: str | Path | Any, changes: Mapping[str, Any] | None = None, slam: str = "tinyslam") -> Any:
-    """Load the parameters of a SLAM algorithm from a preset, and apply changes.
+    """Load the parameters of a SLAM algorithm, with changes.
 
     Args:
-        preset: preset name, YAML file, import path "module:attribute", or parameter object.
-        changes: parameter names with new values; numeric text is converted.
-        slam: SLAM name, a key of `PRESETS`; "tinyslam" for mapping at known poses.
+        preset: preset name, YAML file, `module:attribute`, or parameter object.
+        changes: new values by parameter name; numeric text is converted.
+        slam: key of `PRESETS`; "tinyslam" for mapping at known poses.
 
     Raises:
         ValueError: for an unknown name or key, or an invalid value.

@@ -1,5 +1,3 @@
-"""TinySLAM (Monte Carlo scan matching), and mapping with known poses."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,13 +17,12 @@ from .scans import project_hits
 from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
-"""Number of consecutive key scans that do not fit the map after which the robot counts as lost."""
+"""Number of consecutive scans that do not fit the map after which the robot is lost."""
 WIDE_SPREAD = (0.3, 0.2)
-"""Standard deviations of candidate poses [m], [rad] in a second search. It runs if the first result does not fit the
-map, for example after wheel slip."""
+"""Standard deviations of sampled poses [m], [rad] in a second search, after a poor match."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Acceptance of a matched scan: minimum number of scan points in known cells, and minimum mean occupancy of these cells
-after the first and after the second search."""
+"""Minimum number of scan points in known cells to judge a match, and minimum mean occupancy of these cells after the
+first and second search."""
 
 
 class KnownPoses(KeyScanSlam):
@@ -41,15 +38,15 @@ class KnownPoses(KeyScanSlam):
 
 
 class TinySlam(KnownPoses):
-    """SLAM by Monte Carlo scan matching on one occupancy grid (Steux and El Hamzaoui, tinySLAM, 2010).
+    """SLAM by Monte Carlo scan matching on one map (Steux and El Hamzaoui, tinySLAM, 2010).
 
-    Further sources are the program OSLL/tiny-slam-ros-cpp (2017) and Nguyen et al. (2025). If only key scans (scans
-    after a minimum motion) are matched, several consecutive scans that do not fit the map set `belief.is_lost`. Such
-    scans are not inserted into the map. A lost robot is searched on the whole map.
+    Also after OSLL/tiny-slam-ros-cpp (2017) and Nguyen et al. (2025). If only scans after a minimum motion are matched,
+    `belief.is_lost` is set after consecutive scans that do not fit the map. Such scans are not inserted. A lost robot
+    is searched on the whole map.
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Create a SLAM; `observers` receive the candidate poses of every scan matching."""
+        """Create a SLAM; `observers` receive the sampled poses of each search."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(
@@ -60,10 +57,6 @@ class TinySlam(KnownPoses):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Restart at a known pose, map frame [m, m, rad], with a new map, or with `map` if given.
-
-        Candidate poses are sampled from `rng`.
-        """
         self._odometry = pose
         self._monitor.reset()
         return super().reset(rng, pose, map)

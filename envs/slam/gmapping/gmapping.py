@@ -1,4 +1,3 @@
-
 import math
 
 import numpy as np
@@ -82,9 +81,8 @@ class GMapping(KeyScanSlam):
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
         """Particle poses at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]."""
         self.log_weights = np.zeros(count)
-        """Log importance weights since the last resampling."""
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of the particles' trajectories since the start."""
+        """Log likelihoods of particle trajectories, shape (num_particles,)."""
         self.best = 0
         """Index of the particle with the most likely trajectory."""
         self.num_switches = self.num_resamplings = 0

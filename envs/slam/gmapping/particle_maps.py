@@ -1,4 +1,3 @@
-
 import math
 
 import numpy as np
@@ -146,7 +145,7 @@ class ParticleMaps(GrowingMap):
         return out
 
     def resample(self, parents: np.ndarray) -> None:
-        """Replace each particle's map by a copy of the map of particle `parents[i]`."""
+        """Replace each particle's map by a copy of its parent's map."""
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:

@@ -1,4 +1,3 @@
-
 from functools import cache
 
 import numpy as np
@@ -29,10 +28,10 @@ class GraphSlam(Hector):
     The robot pose comes from scan matching on one map, as in Hector SLAM. For graph constraints, local SLAM matches
     scans to submaps (maps of some tens of scans) without loop-closure corrections. Work per inserted scan is bounded:
     one loop-closure search, and one optimisation iteration or part of the corrected map. Pose and map change together
-    when the corrected map is complete.
+    when this map is complete.
 
     `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A lost
-    robot adds no nodes; after relocalization, the next node is constrained to the nearest node. `belief.covariance` is
+    robot adds no nodes; after relocalization, the next node is constrained to the nearest one. `belief.covariance` is
     relative to the current map.
     """
 
@@ -54,7 +53,6 @@ class GraphSlam(Hector):
             raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses of graph nodes, without loop-closure corrections."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -162,7 +160,6 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Add a graph constraint from the first node after relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])

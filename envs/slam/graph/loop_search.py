@@ -1,4 +1,3 @@
-
 import dataclasses
 from collections import deque
 from typing import Any, NamedTuple
@@ -71,10 +70,10 @@ def window_size(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return the shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
+    """Return shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: newest submap of
-    each node. `travelled`: distance at the start of each submap [m].
+    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`, `travelled`: as in
+    `NodeStore`.
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])

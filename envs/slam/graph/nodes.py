@@ -1,4 +1,3 @@
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Correction, MapUpdate

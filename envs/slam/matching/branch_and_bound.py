@@ -51,9 +51,7 @@ class Grid(NamedTuple):
     counts: np.ndarray
     """Number of valid entries in each row of `cells`, shape (num_headings,), int64."""
     reach: int
-    """Maximum offset [cells]."""
     num_turns: int
-    """Maximum turn [heading steps]."""
 
 
 class _Best(NamedTuple):
@@ -77,7 +75,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the grid cells of scan points at each tested heading, moved by `-shift` cells."""
+    """Return the grid cells of scan points at each tested heading; `shift` [cells] is subtracted."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -103,7 +101,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of a flattened uint8 grid at the scan points, for a heading index and an added cell index."""
+    """Return the sum of grid values (uint8) at the scan points for a heading index and a shift of flat cell indices."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):

@@ -1,4 +1,3 @@
-
 import math
 from typing import NamedTuple, Self
 
@@ -158,7 +157,6 @@ class Pyramid(NamedTuple):
     """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l grid cells
     from (i, j) on. The grid has a border of zeros."""
     x: float
-    """x coordinate of the corner of cell (0, 0) [m]."""
     y: float
     resolution: float
     reach: int

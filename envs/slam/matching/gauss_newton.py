@@ -44,7 +44,7 @@ class Fit(NamedTuple):
     """Gauss-Newton sums over the scan points at a pose: Hessian, right-hand side, residuals."""
 
     h_xx: float
-    """Hessian entry: sum of g g^T, with the occupancy gradient g by the pose."""
+    """Hessian entry: sum of g g^T, with the gradient g of the occupancy with respect to the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
@@ -64,7 +64,6 @@ class Level(NamedTuple):
     """Flattened occupancy grid at one resolution."""
 
     occupancy: np.ndarray
-    """Occupancies, shape (height * width,), int8 [percent], -1 unknown."""
     height: int
     width: int
 

@@ -68,8 +68,7 @@ def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarra
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return second moments of the pose about a match, shape (3, 3), from scores with steps `step` [m] and `turn_step`.
-    """
+    """Return second moments of the pose about a match, shape (3, 3), from scores at steps [m] and `turn_step` [rad]."""
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()

@@ -26,9 +26,9 @@ class Linearised(NamedTuple):
     information: np.ndarray
     """Weighted information matrix of each constraint, map axes, shape (n, 3, 3), float64."""
     product: np.ndarray
-    """Information matrix times Jacobian of the node pose by the submap pose, shape (n, 3, 3), float64."""
+    """Information matrix times Jacobian of the node pose with respect to the submap pose, shape (n, 3, 3), float64."""
     gradient: np.ndarray
-    """Gradient of half the weighted chi-square by the node pose, shape (n, 3), float64."""
+    """Gradient of half the weighted chi-square with respect to the node pose, shape (n, 3), float64."""
     lever: np.ndarray
     """Node position minus submap position, shape (n, 2), float64 [m]."""
 
@@ -70,7 +70,6 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write a weighted information matrix, rotated from submap axes to map axes, to `out`."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
