@@ -64,10 +64,10 @@ def _weighted(prob, quality):
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
     """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
 
-    Cells along a beam are observed as free, and the endpoint of a return as occupied. Before it, occupancy rises along
-    a ramp, unless the beam is shorter. `words`: packed cells, shape (height, width), int32. `occupancy`: same shape,
-    int8 [percent]. `quality`: weight of the scan from 0 to 1. `new_cells` receives row and column, shape (n, 2), int32.
-    Scan arguments as in `beam_ends`.
+    Cells along a beam are observed as free, and the endpoint of a return as occupied. Occupancy rises along a ramp
+    before this endpoint, unless the beam is shorter. `words`: packed cells, shape (height, width), int32. `occupancy`:
+    same shape, int8 [percent]. `quality`: weight of the scan from 0 to 1. `new_cells` receives row and column, shape
+    (n, 2), int32. Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]
@@ -117,10 +117,12 @@ class GridMap(GrowingMap):
         self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
-        """Packed cells (mean occupancy and count), shape (height, width), int32."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, with weight `quality` from 0 to 1."""
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame.
+
+        `quality`: weight of the scan from 0 to 1.
+        """
         window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)

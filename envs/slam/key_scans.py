@@ -50,7 +50,6 @@ class KeyScans:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Stored scans, shape (n, num_beams), float32 [m]."""
         return self._ranges.rows
 
     @property
@@ -86,17 +85,16 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and inserts key scans (scans after a minimum motion); otherwise, the pose follows odometry.
+    """SLAM that matches and maps key scans (scans after a minimum motion); otherwise, the pose follows odometry.
 
     The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With `params.match_every_scan`, all
-    scans are matched, but only key scans are inserted into the map. Simulations may call `process_key_scan` directly
-    with the composed motion.
+    scans are matched, but only key scans are inserted into the map. Simulations may call `process_key_scan` directly.
     """
 
     meets_people = False
     """Whether people are near; limits log-odds of map cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Beams that the next scan matching ignores, shape (num_beams,), bool; None for no beams. Mapping uses them."""
+    """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
     shares_maps = True
     """Whether several robots may share a map."""
 
@@ -139,7 +137,7 @@ class KeyScanSlam(ABC):
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match and insert a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose, map frame."""
+        """Match a scan, shape (num_beams,), float32 [m], to the map and insert it; `predicted` is the odometry pose."""
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)

@@ -28,14 +28,14 @@ _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_O
 
 
 class LogOddsModel(NamedTuple):
-    """Inverse sensor model: log-odds that a scan adds to map cells, in units of 1/512."""
+    """Inverse sensor model: log-odds that a scan adds to map cells."""
 
     hit: int
-    """Log-odds added to a cell with a beam endpoint."""
+    """Log-odds added to a cell with a beam endpoint [1/512]."""
     passed: int
-    """Negative log-odds added to a cell that a beam passes."""
+    """Negative log-odds added to a cell that a beam passes [1/512]."""
     bound: int
-    """Maximum absolute log-odds of a cell."""
+    """Maximum absolute log-odds of a cell [1/512]."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -140,7 +140,7 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Packed cells (log-odds and scan number) by resolution, shape (height, width) / 2^level, int32."""
+        """Packed cells by resolution, shape (height, width) / 2^level, int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
@@ -154,9 +154,9 @@ class LogOddsMap(GrowingMap):
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
+        """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m], into the map.
 
-        `poses`: base poses, shape (n, 3), float64, map frame. Returns the window of observed cells, and the number of
+        `poses`: base poses, shape (n, 3), float64, map frame. Returns the block of observed cells, and the number of
         cells that only the last scan has observed.
         """
         window = self._make_room(ranges, poses)

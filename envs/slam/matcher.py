@@ -35,7 +35,6 @@ class Search(NamedTuple):
     y: float
     theta: float
     total: int
-    """Best score minus penalty, in units of 2^-18."""
     tried: int
     accepted: int
 

@@ -23,7 +23,6 @@ class ScanGeometry(NamedTuple):
     range_max: float
     """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
-    """Side of a map cell [m]."""
     skip_exceeding: bool = False
     """Whether mapping ignores beams without a return."""
 
@@ -49,7 +48,7 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Write the points of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
+    """Write scan points to `points`, shape (2, num_beams), float32, base frame [cells]; return the number of points.
 
     `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) give points.
     """

@@ -64,15 +64,16 @@ class TinySlamParams(SlamParams):
     hole_width: NotNegative = 1.5
     """Length before a beam endpoint over which occupancy rises from free to occupied [m]; 0 for none."""
     blur: Literal["add", "assign"] = "add"
-    """Whether the occupancy rise before a beam endpoint is added to `empty_prob` ("add", original) or replaces it
-    ("assign")."""
+    """Whether the occupancy rise before a beam endpoint is added to `empty_prob` ("add", original program) or replaces
+    it ("assign")."""
     prior_weight: NotNegative = 0.0
-    """Cost of the squared Mahalanobis distance from the predicted pose; 0 for none (original). A scan point in a free
-    cell costs about 1."""
+    """Weight of the squared Mahalanobis distance from the predicted pose in the matching cost; 0 for none (original
+    program). A scan point in a free cell costs about 1."""
     match_every_scan: bool = True
     """Match every scan instead of only scans after a minimum motion."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Frame of odometry motion. "odometry_frame" (original) is wrong if odometry and map frame are rotated."""
+    """Frame in which odometry motion is applied. "odometry_frame" (original program) is wrong if odometry and map frame
+    are rotated."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -95,10 +96,10 @@ class MatchingParams(SlamParams):
     search_angle: NotNegative | None = None
     """Turn between matched scans above which an exhaustive search runs first [rad]; None for never."""
     retry_below: Share = 0.5
-    """Mean occupancy of known cells at the scan points below which a wider search runs; 0 for never. GMapping: for
-    particles with half of the weight."""
+    """Mean occupancy of known cells at the scan points below which a wider search runs; 0 for never. In GMapping, this
+    applies to particles with half of the weight."""
     retry_distance: Positive = 0.8
-    """Half width of the wider search after a poor match [m]. GMapping: also maximum distance from odometry."""
+    """Half width of the wider search after a poor match [m]; in GMapping, also maximum distance from odometry."""
     retry_angle: Positive = 0.35
     """Half angle of the wider search after a poor match [rad]."""
     retry_gain: NotNegative = 0.05
@@ -193,7 +194,7 @@ class GraphSlamParams(HectorParams):
     redraw_angle: NotNegative = 0.02
     """Heading change of a node above which the map is rebuilt [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Maximum number of map cells rebuilt along beams per scan of the robot."""
+    """Maximum number of cells along beams that map rebuilding inserts per new scan."""
     final_passes: Annotated[int, Field(ge=0)] = 1
     """Number of times that `finish` matches all nodes to the rebuilt map."""
 

@@ -40,13 +40,12 @@ class KnownPoses(KeyScanSlam):
 class TinySlam(KnownPoses):
     """SLAM by Monte Carlo scan matching on one map (Steux and El Hamzaoui, tinySLAM, 2010).
 
-    Also after OSLL/tiny-slam-ros-cpp (2017) and Nguyen et al. (2025). If only scans after a minimum motion are matched,
-    `belief.is_lost` is set after consecutive scans that do not fit the map. Such scans are not inserted. A lost robot
-    is searched on the whole map.
+    Further sources: OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025). If only scans after a minimum motion are
+    matched, `belief.is_lost` is set after consecutive scans that do not fit the map. Such scans are not inserted. A
+    lost robot is searched on the whole map.
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Create a SLAM; `observers` receive the sampled poses of each search."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(

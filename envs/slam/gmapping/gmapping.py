@@ -36,9 +36,9 @@ def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
 
 
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the covariance of weighted poses, shape (n, 3), as shape (3, 3), float64 [m^2, rad^2].
+    """Return the covariance, shape (3, 3), float64 [m^2, rad^2], of weighted poses, shape (n, 3) [m, m, rad].
 
-    Headings are relative to the pose `reference` against wrap-around.
+    Headings are relative to the pose `reference`, to avoid wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
@@ -70,7 +70,7 @@ class GMapping(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
-        """Restart at a known pose, map frame, with an unknown map.
+        """Restart at a known pose with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -82,7 +82,6 @@ class GMapping(KeyScanSlam):
         """Particle poses at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]."""
         self.log_weights = np.zeros(count)
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of particle trajectories, shape (num_particles,)."""
         self.best = 0
         """Index of the particle with the most likely trajectory."""
         self.num_switches = self.num_resamplings = 0

@@ -26,7 +26,6 @@ from .tiles import (
 )
 
 FIRST_CAPACITY = 1024
-"""Initial number of map tiles in the shared pool."""
 ROW_BITS = 32
 """Number of column bits in a combined cell index, row * 2^32 + column."""
 _COLUMN = (1 << ROW_BITS) - 1
@@ -90,10 +89,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Copy changed tiles of a particle's map to an occupancy grid; return the number of new known cells and the window.
+    """Copy changed tiles of a particle's map to an occupancy grid; return the number of new known cells and a block.
 
-    `shown`: slots of the tiles in the grid, shape (num_tiles,), int32. `after`: number of the last scan in the grid.
-    `new_cells` receives row and column.
+    The block contains all changed tiles. `shown`: slots of the tiles in the grid, shape (num_tiles,), int32. `after`:
+    number of the last scan in the grid. `new_cells` receives row and column.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -117,7 +116,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Maps of all particles in shared tiles; `grid` is the map of the last rendered particle."""
+    """Maps of all particles in shared tiles (square blocks of cells); `grid` is the last rendered map."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)

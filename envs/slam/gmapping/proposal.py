@@ -25,7 +25,7 @@ from .tiles import TileMap, TilePool
 
 
 class Maps(NamedTuple):
-    """Maps of all particles, as tiles in a shared pool."""
+    """Maps of all particles, as tiles (square blocks of cells) in a shared pool."""
 
     pool: TilePool
     slots: np.ndarray
@@ -40,9 +40,9 @@ class Proposals(NamedTuple):
     """Gaussian proposal distributions and importance weights of all particles."""
 
     modes: np.ndarray
-    """Means, shape (num_particles, 3), map frame [m, m, rad]."""
+    """Proposal means, shape (num_particles, 3), map frame [m, m, rad]."""
     covariances: np.ndarray
-    """Covariances, shape (num_particles, 3, 3) [m^2, rad^2]."""
+    """Proposal covariances, shape (num_particles, 3, 3) [m^2, rad^2]."""
     log_likelihoods: np.ndarray
     """Log importance weights of the scan, up to a common constant."""
     num_known: np.ndarray

@@ -29,7 +29,7 @@ class TilePool(NamedTuple):
     occupancy: np.ndarray
     """Occupancies of each tile, shape (capacity, cells), int8 [percent]."""
     references: np.ndarray
-    """Number of maps that use each slot, shape (capacity,), int32; 0 for `EMPTY`."""
+    """Number of maps that use each slot, shape (capacity,), int32; 0 for the unknown tile."""
     written: np.ndarray
     """Number of the last scan inserted into each slot, shape (capacity,), int64."""
     free: np.ndarray

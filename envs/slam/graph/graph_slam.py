@@ -25,10 +25,9 @@ FINAL_ITERATIONS = 10
 class GraphSlam(Hector):
     """SLAM with submaps, loop closures and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-    The robot pose comes from scan matching on one map, as in Hector SLAM. For graph constraints, local SLAM matches
-    scans to submaps (maps of some tens of scans) without loop-closure corrections. Work per inserted scan is bounded:
-    one loop-closure search, and one optimisation iteration or part of the corrected map. Pose and map change together
-    when this map is complete.
+    The robot pose comes from scan matching on one map. For graph constraints, local SLAM matches scans to submaps (maps
+    of some tens of scans) without loop-closure corrections. Work per inserted scan is bounded: one loop-closure search,
+    and one optimisation iteration or part of the corrected map. Pose and map change together when this map is complete.
 
     `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A lost
     robot adds no nodes; after relocalization, the next node is constrained to the nearest one. `belief.covariance` is
@@ -44,7 +43,7 @@ class GraphSlam(Hector):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Restart at a known pose, map frame, with an unknown map.
+        """Restart at a known pose with an unknown map.
 
         Raises:
             ValueError: if a map is given.

@@ -35,7 +35,7 @@ class LocalSlam:
         self._submap_params = submap_params(params, lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.pose = Pose2D(0.0, 0.0, 0.0)
-        """Base pose at the last matched scan, local frame."""
+        """Base pose at the last matched scan, without loop-closure corrections."""
         self.travelled = 0.0
         self.active: list[int] = []
         """Indices of unfinished submaps, oldest first. Scans are matched to the oldest."""
@@ -75,7 +75,7 @@ class LocalSlam:
         return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
-        """Continue at a relocalized pose, local frame, with a new submap."""
+        """Continue at a relocalized pose, local frame of scan matching, with a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
         self._nodes.break_off()
 

@@ -53,7 +53,7 @@ class Loop(NamedTuple):
     relative: Pose2D
     """Measured node pose in the submap frame [m, m, rad]."""
     covariance: np.ndarray
-    """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
+    """Covariance of the measured node pose, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
     """Node pose before the loop closure, map frame [m, m, rad]."""
     after: Pose2D
@@ -72,8 +72,8 @@ def window_size(path_length: float) -> tuple[float, float]:
 def path_lengths(constraints, home, travelled, source):
     """Return shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`, `travelled`: as in
-    `NodeStore`.
+    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: newest submap of
+    each node. `travelled`: distance at the start of each submap [m].
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])

@@ -38,12 +38,12 @@ class NodeStore(KeyScans):
 
     @property
     def home(self) -> np.ndarray:
-        """Newest submap that contains each node, shape (num_nodes,), int32."""
+        """Index of the newest submap that contains each node, shape (num_nodes,), int32."""
         return self._home.rows
 
     @property
     def spans(self) -> np.ndarray:
-        """First node of each submap and index after the last, shape (num_submaps, 2), int64."""
+        """Index of the first node of each submap, and index after the last, shape (num_submaps, 2), int64."""
         return self._submaps.rows
 
     @property
@@ -56,7 +56,7 @@ class NodeStore(KeyScans):
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
-        """Start a submap at the next node; return the submap index. `travelled` is in metres."""
+        """Start a submap at the next node; return the submap index. `travelled`: distance before [m]."""
         self._travelled.append(travelled)
         return self._submaps.append((len(self), len(self)))
 
@@ -114,7 +114,7 @@ class MapRendering:
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the cells of map `live` by those of another map; return the map update."""
+    """Replace the cells of map `live` by those of another map; return the changed cells."""
     live.take_cells(other)
     window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)

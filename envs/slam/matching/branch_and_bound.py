@@ -28,7 +28,6 @@ class SearchWindow(NamedTuple):
     half_angle: float
     """Maximum difference from the initial heading [rad]."""
     angle_step: float
-    """Step between tested headings [rad]."""
 
 
 class SearchResult(NamedTuple):
@@ -49,7 +48,7 @@ class Grid(NamedTuple):
     cells: np.ndarray
     """Flat cell index of each scan point that can reach the grid, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Number of valid entries in each row of `cells`, shape (num_headings,), int64."""
+    """Number of valid cell indices for each heading, shape (num_headings,), int64."""
     reach: int
     num_turns: int
 

@@ -11,7 +11,6 @@ from lidarnaut.envs.geometry.lookup import load
 MAX_HITS = 60
 """Maximum number of scan points scored per pose, evenly chosen."""
 TURN_STEP = 0.03
-"""Step between tested headings [rad]."""
 PENALTY = 0.01
 """Score penalty per squared deviation from the predicted pose, in standard deviations."""
 
@@ -26,7 +25,6 @@ class CorrelativeWindow(NamedTuple):
     position_std: float
     """Standard deviation of the predicted position [cells of the finest map]."""
     heading_std: float
-    """Standard deviation of the predicted heading [rad]."""
     unknown: int
     """Occupancy assumed for unknown cells [percent]."""
 

@@ -19,7 +19,7 @@ LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
 
 
 GRAZING_LENGTH = 0.3
-"""Length at the end of a beam without test for occupied cells [m]. Grazing beams touch wall cells before their
+"""Length at the end of a beam that is not tested for occupied cells [m]. Grazing beams touch wall cells before their
 endpoint."""
 
 

@@ -80,7 +80,7 @@ def at_level(map, level):
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
+    """Return flat map indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)

@@ -16,7 +16,7 @@ from .gauss_newton import Fit, PosePrior, known_score_at, refine
 WINDOW_STDS = 2.0
 """Half width of correlative search windows, in standard deviations of the predicted pose."""
 UNKNOWN_POSE_STD = 1e6
-"""Standard deviation of the predicted pose without odometry [m] or [rad]."""
+"""Standard deviation of a predicted pose, without odometry [m] or [rad]."""
 
 
 class MatcherParams(NamedTuple):
@@ -47,7 +47,6 @@ class Match(NamedTuple):
     """Result of matching a scan to a map."""
 
     x: float
-    """Matched x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool

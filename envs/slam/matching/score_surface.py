@@ -23,9 +23,9 @@ POINT_STEP = 4
 TEMPERATURE = 0.03
 """Score difference for a likelihood ratio of e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations due to the steps between scored poses [m, m, rad], subtracted as variances."""
+"""Standard deviations due to steps between scored poses [m, m, rad], subtracted from a match's variances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Minimum standard deviations of a match [m, m, rad], added as variances."""
+"""Minimum standard deviations of a match [m, m, rad], added to the variances."""
 MAX_SHARE = 0.99
 """Maximum variance, divided by the variance for equal scores."""
 
@@ -68,7 +68,10 @@ def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarra
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return second moments of the pose about a match, shape (3, 3), from scores at steps [m] and `turn_step` [rad]."""
+    """Return second moments of the pose about a match, shape (3, 3), from scores of nearby poses.
+
+    `step` [m], `turn_step` [rad]: distances between scored poses.
+    """
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()

@@ -14,9 +14,7 @@ class Constraints(NamedTuple):
     """Constraints of a pose graph: node poses measured in submap frames."""
 
     node: np.ndarray
-    """Node indices, shape (n,), int32."""
     submap: np.ndarray
-    """Submap indices, shape (n,), int32."""
     relative: np.ndarray
     """Measured node poses, shape (n, 3), float64, submap frame [m, m, rad]."""
     information: np.ndarray
@@ -31,9 +29,9 @@ class Graph(NamedTuple):
     """Poses and constraints of a pose graph, map frame [m, m, rad]; the optimiser updates the poses."""
 
     submaps: np.ndarray
-    """Submap poses, shape (num_submaps, 3), float64; the first is fixed."""
+    """Submap poses, shape (num_submaps, 3), float64, map frame; the first is fixed."""
     nodes: np.ndarray
-    """Node poses, shape (num_nodes, 3), float64."""
+    """Node poses, shape (num_nodes, 3), float64, map frame."""
     constraints: Constraints
 
 

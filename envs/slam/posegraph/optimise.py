@@ -20,7 +20,7 @@ class Linearised(NamedTuple):
     """Linearised constraints, sorted by node, map frame; without excluded outliers."""
 
     starts: np.ndarray
-    """First constraint of each node, shape (num_nodes + 1,), int64."""
+    """Index of the first constraint of each node, shape (num_nodes + 1,), int64."""
     submap: np.ndarray
     """Index of each constraint's submap among the optimised submaps, shape (n,), int64; -1 if fixed."""
     information: np.ndarray
@@ -30,7 +30,7 @@ class Linearised(NamedTuple):
     gradient: np.ndarray
     """Gradient of half the weighted chi-square with respect to the node pose, shape (n, 3), float64."""
     lever: np.ndarray
-    """Node position minus submap position, shape (n, 2), float64 [m]."""
+    """Node position minus submap position, map axes, shape (n, 2), float64 [m]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -84,8 +84,8 @@ def _rotate_information(information, c, s, weight, out):
 def _linearise(graph, phi, order, starts):
     """Linearise the constraints of a pose graph at the current poses.
 
-    The Jacobian by the submap pose is -B T, with Jacobian B by the node pose, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]],
-    and node position (dx, dy) relative to the submap.
+    The residual's Jacobian by the submap pose is -B T, with Jacobian B by the node pose, T = [[1, 0, -dy], [0, 1, dx],
+    [0, 0, 1]], and node position (dx, dy) relative to the submap.
     """
     constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
@@ -224,7 +224,7 @@ def optimise_step(graph: Graph, phi: float) -> float:
 
 
 def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Optimise until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
+    """Optimise a pose graph until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
@@ -244,7 +244,7 @@ def chi_squares(graph):
 
 
 def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Exclude loop closures with a chi-square above `max_chi2`; return their number."""
+    """Exclude loop closures with a chi-square above `max_chi2`; return the number excluded."""
     constraints = graph.constraints
     is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
     constraints.is_active[is_wrong] = False

@@ -17,7 +17,7 @@ LEAST_PIVOT = 1e-11
 def row_starts(first: np.ndarray) -> np.ndarray:
     """Return start indices of block rows in skyline storage, and the total length, shape (n + 1,), int64.
 
-    `first`: first nonzero block of each row.
+    `first`: index of the first nonzero block of each row.
     """
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
