@@ -20,7 +20,7 @@ from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Maximum number of observations that a cell stores; later observations keep the weight 1 / (`MAX_COUNT` + 1)."""
+"""Maximum number of observations that a cell stores; later ones keep the weight 1 / (`MAX_COUNT` + 1)."""
 FULL_OCCUPANCY = 1 << 18
 """Fixed-point integer for occupancy 1 (18 fractional bits)."""
 _GAIN_ONE = 1 << 24

@@ -29,7 +29,7 @@ POINT_CELL = 0.1
 
 
 class Anchor(NamedTuple):
-    """Robot pose relative to a scan in the map, whose own pose may be corrected later."""
+    """Robot pose relative to an earlier scan, whose own pose may be corrected later."""
 
     key_scan: int
     """Index of the scan in the trajectory `Belief.path`."""
@@ -112,7 +112,7 @@ class KeyScanSlam(ABC):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Base pose at the last scan in the map, map frame; None before the first."""
+        """Base pose at the last scan after a minimum motion, map frame; None before the first."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief

@@ -186,7 +186,7 @@ class GraphSlamParams(HectorParams):
     urgent_correction: NotNegative = 0.1
     """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5
-    """Maximum iterations of a pose-graph optimisation, one per inserted scan."""
+    """Maximum iterations of a pose-graph optimisation, one per matched scan."""
     tolerance: Positive = 1e-4
     """Pose change below which pose-graph optimisation ends [m or rad]."""
     redraw_distance: NotNegative = 0.1

@@ -38,7 +38,7 @@ def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
     """Return the covariance, shape (3, 3), float64 [m^2, rad^2], of weighted poses, shape (n, 3) [m, m, rad].
 
-    Headings are relative to the pose `reference`, to avoid wrap-around.
+    Headings relative to `reference` avoid wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi

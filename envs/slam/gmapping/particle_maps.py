@@ -116,7 +116,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Maps of all particles in shared tiles (square blocks of cells); `grid` is the last rendered map."""
+    """Maps of all particles in tiles (square blocks of cells); `grid` is the last rendered map."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)

@@ -86,7 +86,7 @@ class NodeStore(KeyScans):
 
 
 class MapRendering:
-    """Map that is rebuilt from the scans of all nodes, in several calls."""
+    """Map that is rebuilt from the scans of all nodes in several calls."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
         self.map = LogOddsMap(params, lidar)

@@ -74,7 +74,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the grid cells of scan points at each tested heading; `shift` [cells] is subtracted."""
+    """Return the grid cells of scan points at each tested heading, after subtraction of `shift` cells."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:

@@ -27,7 +27,7 @@ STEP_STDS = np.array([0.06, 0.06, 0.015])
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
 """Minimum standard deviations of a match [m, m, rad], added to the variances."""
 MAX_SHARE = 0.99
-"""Maximum variance, divided by the variance for equal scores."""
+"""Maximum variance of a match, divided by the variance for equal scores."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,8 +44,8 @@ def _totals(pyramid, grid, reach, stride):
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
 
-    Occupancy maxima over 2 x 2 cells are used, because positions could skip thin walls. `points`: scan points, shape
-    (n, 2), float32, base frame [m]. `pose`: frame of the grid. `half_width`: maximum offset [m].
+    Maxima over 2 x 2 cells are used, because positions could skip thin walls. `points`: scan points, shape (n, 2),
+    float32, base frame [m]. `pose`: frame of the grid. `half_width`: maximum offset [m].
 
     Raises:
         ValueError: if offsets exceed the reach of the pyramid.
