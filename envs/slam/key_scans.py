@@ -38,7 +38,7 @@ class Anchor(NamedTuple):
 
 
 class KeyScans:
-    """Store of lidar scans and their base poses."""
+    """Store of lidar scans and base poses."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._geometry = ScanGeometry.of(lidar, 1.0)
