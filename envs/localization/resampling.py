@@ -6,14 +6,14 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden-ratio step between draws in the cumulative weights, modulo 1."""
+"""Golden ratio: step between successive draws along the cumulative weights, modulo 1."""
 
 
 @njit(cache=True, error_model="numpy")
 def particles_needed(num_bins, error, quantile):
-    """Return the number of particles for `num_bins` occupied bins (Fox 2003, equation 7); 0 for one bin.
+    """Return the number of particles that KLD-sampling needs for `num_bins` occupied bins (Fox 2003, equation 7).
 
-    `error` and `quantile` are `AmclParams.kld_err` and `kld_z`.
+    `error`: maximum Kullback-Leibler divergence. `quantile`: standard normal quantile. The result is 0 for one bin.
     """
     if num_bins < 2:
         return 0.0
@@ -26,7 +26,7 @@ def particles_needed(num_bins, error, quantile):
 def cumulate(weights, cumulated, guide):
     """Compute cumulative weights, shape (n,), and a guide table, shape (n,), int32, for inverse transform sampling.
 
-    Entry k of `guide` is the first particle for draws of at least k / n.
+    Entry k of `guide` is the index of the first particle that a draw of at least k / n can select.
     """
     n = weights.shape[0]
     total = 0.0
@@ -45,12 +45,12 @@ def cumulate(weights, cumulated, guide):
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Golden-ratio steps work without a number known in advance, unlike systematic resampling.
+    Golden-ratio steps do not need the number of draws in advance, unlike systematic resampling.
 
     Args:
-        particles: shape (3, n), float32 [m, m, rad].
+        particles: x, y, heading, shape (3, n), float32 [m, m, rad].
         weights: normalized, shape (n,), float64.
-        bins: histogram bins, shape (n,), int32.
+        bins: histogram bin of each particle, shape (n,), int32.
         start: first draw, from 0 to 1.
         kld: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
         injected: random particles, shape (3, f), float32, f > `share` * m.

@@ -29,40 +29,40 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""Name of the SLAM that requires ground truth, which logs lack."""
+"""Name of the SLAM that uses true poses and cannot run on logs."""
 SPARSE = 0.5
-"""Minimum median distance between scans of a sparse log [m]."""
+"""A log is sparse if the median distance between scans is at least this value [m]."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Run a SLAM on the log of a real robot; print relation error and time per scan."""
+    """Run a SLAM on the log of a real robot; print pose errors and computation time per scan."""
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
     slam: str = "tinyslam"
     """SLAM name (`odometry` maps at odometry poses), `all`, or `module:attribute` of your own SLAM."""
     preset: str = "intel"
-    """Parameter preset of the SLAM, or YAML file; `sparse` for about one metre between scans."""
+    """Parameter preset of the SLAM, or YAML file. Choose `sparse` for about one metre between scans."""
     change: dict[str, str] = field(default_factory=dict)
-    """Parameters to change, as `KEY VALUE` pairs."""
+    """SLAM parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
-    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`; optional mask `unambiguous_relations.npy` in the same
-    folder."""
+    """File of hand-verified relative poses, `t1 t2 x y z roll pitch yaw`. A mask `unambiguous_relations.npy` in the
+    same folder selects a subset."""
     out: Path | None = None
     """Output folder: maps (PNG, PGM), trajectories (TUM), pose graphs (g2o) and `summary.json`."""
     seeds: int = 1
-    """Number of runs."""
+    """Number of runs with different random seeds."""
     first_seed: int = 0
     """Seed of the first run."""
     max_range: float | None = None
-    """Ranges from this value on count as no return [m]; default: the log's limit."""
+    """Readings of at least this range count as no return [m]; default: the log's limit."""
     min_range: float | None = None
-    """Ranges below this value are ignored [m]; default: the log's limit."""
+    """Readings below this range are ignored [m]; default: the log's limit."""
     field_of_view: float | None = None
-    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: CARMEN's rule."""
+    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: by number of beams, as in CARMEN."""
     thin: tuple[float, float] | None = None
-    """Minimum travel [m] or rotation [rad] between scans."""
+    """Minimum travel [m] or rotation [rad] between scans; nearer scans are skipped."""
     time_offset: float = 0.0
     """Offset added to the log's times [s]."""
     scan_topic: str | None = None
@@ -70,14 +70,14 @@ class Options:
     odom_topic: str | None = None
     """Bag topic of the odometry: Odometry messages, or transforms such as `/tf`."""
     base_frame: str | None = None
-    """Base frame in a bag; default: that of the odometry."""
+    """Base frame in a bag; default: the child frame of the odometry."""
     odom_frame: str | None = None
     """Odometry frame in a bag, such as `odom_combined`."""
     laser_frame: str | None = None
-    """Lidar frame in a bag; needed if ambiguous or named differently in transforms."""
+    """Lidar frame in a bag; needed if scans have several frames, or transforms name the frame differently."""
     robot: str | None = None
-    """Robot (name or YAML file); odometry faster than 1.5 times its maximum speeds is bridged or reported. Default: 5
-    m/s and 10 rad/s."""
+    """Robot name or YAML file. Odometry faster than 1.5 times the robot's maximum speeds is interpolated or reported.
+    Default limits: 5 m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:
@@ -120,7 +120,7 @@ def main(options: Options) -> list[Run]:
 
 
 def comparison(runs: list[Run]) -> Table:
-    """Return a table of medians over seeds, one row per SLAM."""
+    """Return a table of errors and computation times, one row per SLAM, as medians over seeds."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     heads = [f"{label}, m / deg" for label in runs[0].errors]
     further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
@@ -210,7 +210,7 @@ def _make_slam(name: str, options: Options, log: Log) -> Estimator:
 
 
 def cli() -> None:
-    """Run the command with command-line options."""
+    """Run `main` with options of the command line."""
     logging.basicConfig(format="warning: %(message)s")
     run_command(main, options=Options, status=1)
 
