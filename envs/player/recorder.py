@@ -21,20 +21,20 @@ PERIOD = 0.5
 MAX_BEAMS = 90
 """Maximum number of recorded beams per scan."""
 PLAN_TOLERANCE = 0.03
-"""Maximum deviation of recorded plan corners from the planned path [m]."""
+"""Maximum deviation of a recorded path, simplified to corners, from the planned path [m]."""
 
 
 class EpisodeRecorder:
-    """Recorder of one episode, as a context manager; for teams, of the first robot.
+    """Context manager that records one episode for the player; for teams, of the first robot.
 
     Other robots are recorded as people. Recording does not affect the episode.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
-        """Attach to an environment; the next call must be its `reset`.
+        """Attach to an environment; the next call must be the environment's `reset`.
 
-        Candidates of an explorer are recorded if its `navigator` is a `FrontierNavigator`, with `scores` if it has
-        them.
+        Frontier candidates are recorded if the explorer's `navigator` is a `FrontierNavigator`, with the explorer's
+        `scores`, if any.
 
         Raises:
             TypeError: not an environment of this package.
@@ -119,7 +119,7 @@ class EpisodeRecorder:
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
         """Return the recording since the last reset, including the current state.
 
-        `about`: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
+        `about`: additional metadata, such as `explorer`, `seed` and `figures`.
         """
         env = self._env
         if env.time > self._samples[-1]["time"]:
@@ -170,7 +170,7 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """History of changes of a map that may grow or be redrawn."""
+    """Recorded changes of an occupancy grid that may grow or be redrawn."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self._resolution, self._first = grid.resolution, grid.origin
@@ -208,7 +208,7 @@ class MapHistory:
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
-    """Simplify a polyline, shape (n, 2), to corners within a tolerance: shape (m, 2).
+    """Simplify a polyline, shape (n, 2), to corners within a tolerance: shape (m, 2) [m].
 
     Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a digitized line"
     (1973).
