@@ -27,9 +27,9 @@ from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
-"""Minimum number of beams with a return in a scan whose fit to the map is evaluated."""
+"""Minimum number of beams with a return in a scan that is compared with the map."""
 _WIDE_FACTOR = 4.0
-"""Position spread of the particles, as a multiple of `lost_spread`, that starts a search for alternative poses."""
+"""Particle spread, as a multiple of `lost_spread`, that starts a search for alternative poses."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
 """Covariance of x, y, heading [m2, m2, rad2] of particles that restart at an alternative pose."""
 
@@ -67,11 +67,11 @@ class Amcl:
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
         """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, while
-        other poses may explain the scans equally well, or if the scans do not fit the map."""
+        other poses may explain the scans, or if the scans do not fit the map."""
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
         self.fit: float
-        """Share of beam end points of recent scans near mapped obstacles, from 0 to 1; NaN before convergence."""
+        """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
         self.is_corrected = False
         """Whether the last scan updated the particles."""
 
@@ -96,13 +96,9 @@ class Amcl:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start on a known map at a given pose, or by global localization.
+        """Start on a known map at a `pose` (map frame), or by global localization (None).
 
-        Args:
-            rng: random generator.
-            pose: initial pose (map frame); None for global localization.
-            map: occupancy grid.
-            covariance: covariance of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
+        `covariance`: covariance of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
 
         Raises:
             ValueError: no map, no free cell, `pose` outside of the map, or invalid covariance.
@@ -120,7 +116,7 @@ class Amcl:
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a scan and `motion`, the base pose by odometry relative to the last scan; return the estimate.
+        """Process a scan; `motion` is the base pose by odometry relative to the last scan.
 
         Raises:
             ValueError: wrong number of beams, or motion not finite.

@@ -31,7 +31,7 @@ class AmclParams:
     bin_size: Positive = 0.5
     """Side length of histogram bins in KLD-sampling and clustering [m]."""
     bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
-    """Heading width of histogram bins [rad], rounded so that a full turn holds a whole number of bins."""
+    """Heading width of histogram bins [rad], rounded to divide a full turn evenly."""
     alpha1: NotNegative = 0.2
     """Odometry noise: rotation variance per squared rotation [rad2/rad2]."""
     alpha2: NotNegative = 0.2
@@ -49,7 +49,7 @@ class AmclParams:
     z_hit: NotNegative = 0.5
     """Mixture weight of hits on mapped obstacles."""
     z_short: NotNegative = 0.05
-    """Mixture weight of unexpectedly short readings (sensor model `beam`)."""
+    """Mixture weight of short readings (sensor model `beam`)."""
     z_max: NotNegative = 0.05
     """Mixture weight of maximum-range readings (sensor model `beam`)."""
     z_rand: Positive = 0.5
@@ -57,12 +57,11 @@ class AmclParams:
     sigma_hit: Positive = 0.2
     """Standard deviation of hits around mapped obstacles [m]."""
     lambda_short: NotNegative = 0.1
-    """Exponential decay rate of unexpectedly short readings [1/m] (sensor model `beam`)."""
+    """Exponential decay rate of short readings [1/m] (sensor model `beam`)."""
     max_distance: Positive = 2.0
     """Maximum obstacle distance in the likelihood field [m]; Nav2's `laser_likelihood_max_dist`."""
     squash: Positive = 1.0
-    """Divisor of a scan's log-likelihood, as beams are not independent; 1 in Nav2 (sensor model
-    `likelihood_field_prob`)."""
+    """Divisor of a scan's log-likelihood, as beams are not independent (`likelihood_field_prob`); 1 in Nav2."""
     update_min_d: NotNegative = 0.25
     """Travel that triggers a particle update by a scan [m]."""
     update_min_a: NotNegative = 0.2
@@ -80,15 +79,14 @@ class AmclParams:
     lost_distance: NotNegative = 0.2
     """Maximum distance from a mapped obstacle of a beam end point that fits the map [m]."""
     lost_fit: Share = 0.5
-    """Minimum share of beam end points of recent scans that fit the map, from 0 to 1. Below this share, the robot
-    counts as lost."""
+    """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans in the average limited by `lost_fit`. Global localization needs at least this number."""
+    """Number of recent scans that `lost_fit` refers to, also required to complete global localization."""
     lost_spread: Positive = 0.5
-    """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot counts as lost."""
+    """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
-    """Whether to restart global localization if recent scans do not fit the map. The restart is automatic if no
-    particle is in free space."""
+    """Whether to restart global localization if recent scans do not fit the map; automatic if no particle is in free
+    space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

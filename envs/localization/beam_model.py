@@ -19,15 +19,15 @@ from .motion_model import cosine, sine
 _MIN_STEP = np.float32(0.5)
 """Minimum step of ray casting [cells]."""
 _CELL_DIAGONAL = np.float32(1.42)
-"""Maximum error of a distance to an obstacle that is measured between cell centers [cells]."""
+"""Diagonal of a cell, rounded up [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
     """Return the range from grid position (x, y) to the first obstacle in direction (dx, dy), by sphere tracing.
 
-    Lengths are float32 [cells]; (dx, dy) is a unit vector. `distances`: distance of cells to the nearest obstacle,
-    shape (height, width). `longest`: maximum range, returned if no obstacle is nearer.
+    Lengths are float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width).
+    `longest`: maximum range.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)
@@ -69,10 +69,10 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
-    """Multiply particle weights by `1 + sum p^3`, with the likelihood p of each beam of a scan.
+    """Multiply particle weights by `1 + sum p^3`, with the likelihood p of each beam; return the mean factor.
 
     `field`: grid of distances to the nearest obstacle [cells]. `ranges`: shape (k,), float32 [m], NaN for ignored
-    beams. `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. Returns the weighted mean factor.
+    beams. `particles`: x, y, heading, shape (3, n), float32 [m, m, rad].
     """
     resolution, (corner_x, corner_y) = field.resolution, field.origin
     mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max

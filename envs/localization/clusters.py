@@ -1,7 +1,7 @@
 """Particle cloud statistics: histogram bins, clusters, mean and covariance.
 
-`particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: shape (n,), float64. `bins`: flat index of
-each particle's bin, shape (n,), int32.
+`particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: shape (n,), float64. `bins`: flat bin indices,
+shape (n,), int32.
 """
 
 import math
@@ -14,7 +14,6 @@ from scipy import ndimage
 from .motion_model import cosine, sine
 
 _TOUCHING = np.ones((3, 3, 3))
-"""Connected neighbors of a histogram bin: bins that share a face, edge or corner."""
 
 
 class BinRaster(NamedTuple):
@@ -29,8 +28,7 @@ class BinRaster(NamedTuple):
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of side `size` [m] and heading width `angle` [rad].
-        """
+        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of side `size` [m] and heading width `angle` [rad]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))

@@ -1,8 +1,7 @@
 """Extended Kalman filter of pose and velocity for late, missing and outlier measurements.
 
 After Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to
-10. Differences: covariance updates in Joseph form, short prediction steps (equation 3 drives straight), and
-measurements ordered by time stamp.
+10, with Joseph-form covariance updates, short prediction steps, and measurements ordered by time stamp.
 """
 
 import bisect
@@ -30,8 +29,8 @@ MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Conditions of a clock reset: minimum number of consecutive refused time stamps, and factor on the waiting time
-`patience` if only one of several sensors is refused."""
+"""Clock reset: minimum number of consecutive refused time stamps, and factor on the waiting time if only one of several
+sensors is refused."""
 
 Kind = Literal["map", "encoder", "compass"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
@@ -40,10 +39,10 @@ MEASURED: dict[str, np.ndarray] = {
     "encoder": np.array([V, W]),
     "compass": np.array([THETA, W]),
 }
-"""State indices that each sensor measures: rows of the measurement matrix H in equations (5), (7) and (9)."""
+"""State indices measured by each sensor: rows of the measurement matrix H in equations (5), (7) and (9)."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
 """Outcome of a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`), wrong time stamp
-(`too_old`, `too_new`), or not finite (`unusable`)."""
+(`too_old`, `too_new`) or not finite (`unusable`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -126,13 +125,12 @@ class Ekf:
             acceleration: root spectral density of forward acceleration noise [m/s2/sqrt(Hz)].
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
             horizon: maximum delay of a measurement [s]; older ones are `too_old`.
-            gate: probability that a valid measurement passes the chi-square test. Measurements that fail are `gated`.
-            patience: divergence timeout [s]. If all measurements of a sensor are gated for this time, the next one is
-                `recovered`: applied with an inflated covariance.
+            gate: probability that a valid measurement passes the chi-square test; outliers are `gated`.
+            patience: divergence timeout [s]. After only gated measurements of a sensor for this time, the next one is
+                `recovered` with an inflated covariance.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
-                that are only `too_new` or only `too_old` for `patience` seconds reset the clock. Raise the limit, or
-                call `estimate` first, if measurements are farther apart.
+                that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
 
         Raises:
             ValueError: an argument is out of range.
@@ -216,10 +214,7 @@ class Ekf:
         return added.verdict
 
     def _judge_stamp(self, measurement: Measurement) -> Verdict | None:
-        """Return `too_old` or `too_new` if the time stamp of a measurement is refused, else None.
-
-        A single one of several sensors resets the clock only if too new for `LONE_FACTOR * patience` seconds.
-        """
+        """Return `too_old` or `too_new` if the time stamp of a measurement is refused, else None."""
         time, verdict = measurement.time, cast(Verdict, "too_old")
         if time >= max(self._moments[0].time, self.time - self._horizon):
             if time <= max(self.time, self._clock) + self._max_ahead:
@@ -247,8 +242,7 @@ class Ekf:
     def estimate(self, time: float | None = None) -> Estimate:
         """Return the state estimate at a time [s], by default the time of the newest measurement.
 
-        Estimates at later times are predicted and advance the filter's clock. Estimates at earlier times ignore newer
-        measurements.
+        Later times are predicted and advance the filter's clock. Earlier times ignore newer measurements.
 
         Raises:
             ValueError: the time is not finite, or before the history.
@@ -308,7 +302,7 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 def predict(state, covariance, duration, noise, max_step):
     """Predict state and covariance in place, `duration` [s] ahead: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral density of the process noise of each state, shape (5,), float64 [squared state unit / s].
+    `noise`: spectral density of each state's process noise, shape (5,), float64 [squared unit / s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps

@@ -19,12 +19,12 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Sensors that the Kalman filter uses, by name of the fusion. Fusion `amcl` is AMCL without Kalman filter."""
+"""Sensors used by the Kalman filter, by name of the fusion. `amcl` is AMCL without Kalman filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviation of x, y, heading [m, m, rad] that is added (squared) to AMCL's covariance, for correlated errors.
-Tuned by normalized estimation error squared."""
+"""Standard deviation of x, y, heading [m, m, rad] added (squared) to AMCL's covariance, for correlated errors. Tuned by
+NEES."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 
@@ -37,7 +37,7 @@ def make_filter(robot: RobotParams) -> Ekf:
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
     """Return the initial covariance of x, y, heading, speed and yaw rate at rest, shape (5, 5), float64.
 
-    `spread`: standard deviation of position per axis [m]. `turn`: standard deviation of heading [rad].
+    `spread`: standard deviation of position per axis [m]. `turn`: of heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
@@ -60,7 +60,7 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
     """Return heading and yaw rate from compass headings at `time` [s] and a `period` [s] before, map frame [rad].
 
-    If the earlier heading is NaN, the yaw rate gets a large variance.
+    The yaw rate gets a large variance if the earlier heading is NaN.
     """
     imu = robot.imu
     # Standard deviation of uniform rounding errors: step / sqrt(12).
@@ -75,16 +75,10 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
 
 class FusedPose:
-    """Estimator that fuses AMCL, wheel encoders and compass by an extended Kalman filter."""
+    """Estimator that fuses AMCL, wheel encoders and compass by a Kalman filter."""
 
     def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Create the estimator.
-
-        Args:
-            robot: robot parameters.
-            localizer: AMCL instance.
-            fusion: key of `FUSIONS`, which selects the sensors.
-            latency: delay of AMCL estimates [s].
+        """Create the estimator; `fusion` is a key of `FUSIONS`, `latency` the delay of AMCL estimates [s].
 
         Raises:
             ValueError: unknown fusion, or no compass.
@@ -114,7 +108,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest at a pose on a known map. The first call of `update` passes the reading at the start."""
+        """Start at rest on a known map. The first call of `update` passes the reading at the start."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -129,7 +123,7 @@ class FusedPose:
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a reading and `motion`, the base pose by odometry relative to the last reading; return the estimate.
+        """Process a reading; `motion` is the base pose by odometry relative to the last reading.
 
         Raises:
             ValueError: time stamps do not increase.

@@ -19,7 +19,7 @@ from .amcl_params import AmclParams
 from .motion_model import cosine, sine
 
 MAX_ENTRY = 65535
-"""Maximum cell value of a likelihood field. Likelihoods are stored as uint16, for caching and exact sums."""
+"""Maximum cell value of a likelihood field (uint16, for caching and exact sums)."""
 
 
 class Beams:
@@ -34,7 +34,7 @@ class Beams:
         )
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
-        """Return a scan's ranges at the selected beams, shape (k,), float32 [m]."""
+        """Return a scan's ranges at the used beams, shape (k,), float32 [m]."""
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
@@ -63,7 +63,7 @@ class Field(NamedTuple):
     data: np.ndarray
     """Scaled likelihoods, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height, width)."""
     border: int
-    """Width of the border of constant value around the map [cells]; 0 for distances."""
+    """Width of the border of constant value [cells]; 0 for distances."""
     origin: tuple[float, float]
     """Corner (x, y) of the grid, map frame [m]."""
     resolution: float
@@ -111,7 +111,7 @@ def sum_fields(field, points, num_points, particles, sums):
 def multiply_by_sum(weights, sums, unit):
     """Multiply particle weights, shape (n,), float64, by `1 + unit * sums`, as in ROS; return the weighted mean factor.
 
-    `sums`: likelihood field values summed over a scan, shape (n,), int32. `unit`: likelihood per field value.
+    `sums`: likelihood field values summed over a scan. `unit`: likelihood per field value.
     """
     mean = 0.0
     for i in range(weights.shape[0]):
@@ -125,8 +125,8 @@ def multiply_by_sum(weights, sums, unit):
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply particle weights, shape (n,), float64, by scan likelihoods, up to a constant factor.
 
-    `sums`: log-likelihood field values summed over a scan, shape (n,), int32. Returns the weighted mean over particles
-    of the geometric mean likelihood per beam.
+    `sums`: log-likelihood field values summed over a scan. Returns the weighted mean of the geometric mean likelihoods
+    of beams.
     """
     best = sums.max()
     mean = 0.0
@@ -193,8 +193,8 @@ class LikelihoodField:
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None without returns.
 
-        The function multiplies weights, shape (n,), float64, of particles, shape (3, n), float32, by scan likelihoods.
-        The result is the mean likelihood.
+        The function multiplies weights, shape (n,), of particles, shape (3, n), by scan likelihoods; it returns the
+        mean.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:
@@ -212,8 +212,7 @@ class LikelihoodField:
         return weigh
 
     def fit(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, int]:
-        """Return the share of a scan's beam end points near mapped obstacles at a pose, and the number of end points.
-        """
+        """Return the share of a scan's beam end points near mapped obstacles at a pose, and the number of end points."""
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0

@@ -22,7 +22,7 @@ _HALF = np.float32(0.5)
 def normal(seed, index):
     """Return element `index` of the approximately standard normal random sequence of a uint64 seed.
 
-    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014); vectorizes, unlike NumPy's generator.
+    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014), which vectorizes.
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -55,7 +55,7 @@ def wrap(theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def cosine(theta):
-    """Return the cosine of a float32 angle in [-pi, pi] with an error below 1e-6."""
+    """Return the cosine of a float32 angle in [-pi, pi]; error as in `sine`."""
     t = theta + _HALF * _PI
     return sine(t - _TURN if t > _PI else t)
 

@@ -13,7 +13,7 @@ GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
 def particles_needed(num_bins, error, quantile):
     """Return the number of particles that KLD-sampling needs for `num_bins` occupied bins (Fox 2003, equation 7).
 
-    `error`: maximum Kullback-Leibler divergence. `quantile`: standard normal quantile. The result is 0 for one bin.
+    `error`: maximum Kullback-Leibler divergence. `quantile`: of the standard normal distribution.
     """
     if num_bins < 2:
         return 0.0
@@ -26,7 +26,7 @@ def particles_needed(num_bins, error, quantile):
 def cumulate(weights, cumulated, guide):
     """Compute cumulative weights, shape (n,), and a guide table, shape (n,), int32, for inverse transform sampling.
 
-    Entry k of `guide` is the index of the first particle that a draw of at least k / n can select.
+    Entry k of `guide` is the first particle for draws of at least k / n.
     """
     n = weights.shape[0]
     total = 0.0
@@ -45,18 +45,11 @@ def cumulate(weights, cumulated, guide):
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Golden-ratio steps do not need the number of draws in advance, unlike systematic resampling.
-
-    Args:
-        particles: x, y, heading, shape (3, n), float32 [m, m, rad].
-        weights: normalized, shape (n,), float64.
-        bins: histogram bin of each particle, shape (n,), int32.
-        start: first draw, from 0 to 1.
-        kld: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
-        injected: random particles, shape (3, f), float32, f > `share` * m.
-        share: share of injected particles.
-        seen: scratch, shape (num_bins,), bool, all False.
-        drawn: output, shape (3, m), float32.
+    Golden-ratio steps do not need this number in advance, unlike systematic resampling. `particles`: x, y, heading,
+    shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram bin of each particle, shape
+    (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
+    `injected`: random particles, shape (3, f), f > `share` * m, injected with this share. `seen`: scratch, shape
+    (num_bins,), all False. `drawn`: output, shape (3, m), float32.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

@@ -12,10 +12,9 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Maximum score deficit of an alternative pose relative to the estimated pose. Scores are at most 1. Walls off by one
-cell cost 0.02."""
+"""Maximum score deficit of an alternative pose relative to the estimate; walls off by one cell cost 0.02."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
-"""Minimum distance [m] or heading difference [rad] between poses that count as distinct."""
+"""Minimum distance [m] or heading difference [rad] between distinct poses."""
 MAX_RIVALS = 20
 """Maximum number of alternative poses."""
 MAX_HITS = 1000
@@ -23,16 +22,15 @@ MAX_HITS = 1000
 MAX_PENETRATION = 0.2
 """Maximum distance of a valid beam end point behind a mapped obstacle [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Random poses that start a search for alternative poses: density in free space [1/m2], and maximum number."""
+"""Initial random poses of a search for alternatives: density in free space [1/m2], and maximum number."""
 NUM_SEARCHES = 3
-"""Number of consecutive searches that must find no alternative pose to confirm the estimate."""
+"""Number of consecutive searches without alternative pose that confirm the estimated pose."""
 MAX_PER_BIN = 4
-"""Maximum number of poses that a search stage keeps per bin of x, y and heading."""
+"""Maximum number of poses that a search keeps per bin of x, y and heading."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
 """Search stages: number of beam end points, number of poses kept, standard deviations of random steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Tracking of alternative poses between scans: number of random copies per pose, standard deviations of random steps
-[m]."""
+"""Tracking of alternative poses: number of random copies per pose, standard deviations of random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
 """Ratio of random steps in x, y and heading to the step size [1, 1, rad/m]."""
 
@@ -44,8 +42,8 @@ NO_RIVALS = np.empty((0, 4))
 def count_crossed(field, hits, lidars, margin, pose):
     """Count beams that pass through mapped obstacles more than `margin` cells before their end points.
 
-    Grazing beams do not count. `field`: likelihood field of the map. `hits`, `lidars`: end and start points of beams,
-    shape (2, n), float32, base frame [cells]. `pose`: base pose (x, y, heading).
+    Grazing beams do not count. `hits`, `lidars`: end and start points of beams, shape (2, n), float32, base frame
+    [cells]. `field`: likelihood field. `pose`: x, y, heading of the base.
     """
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
@@ -68,7 +66,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return a mask, shape (n,), bool, of `poses` (x, y, heading), shape (3, n), that are distinct from `pose`."""
+    """Return a mask, shape (n,), of `poses` (x, y, heading), shape (3, n), that are distinct from `pose`."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 
@@ -88,24 +86,23 @@ def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
 
 
 class Rivals:
-    """Search and tracking of alternative poses, which explain recent scans as well as the estimated pose.
+    """Search and tracking of alternative poses, which explain recent scans as well as the estimate.
 
-    The score of a pose is the mean likelihood field value (at most 1) at beam end points of recent scans, minus the
-    share of beams through obstacles.
+    Score of a pose: mean likelihood field value (at most 1) at beam end points of recent scans, minus the share of
+    beams through obstacles.
     """
 
     def __init__(self, field: LikelihoodField, num_scans: int) -> None:
-        """Initialize with the likelihood field of a map and the number of recent scans to use."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
-        """Estimated pose, then alternative poses by descending score: x, y, heading, shape (k, 3), float64, frame of
-        the likelihood field [m, m, rad]."""
+        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), float64, frame of the
+        likelihood field [m, m, rad]."""
         self.num_empty = 0
         """Number of consecutive searches that found no alternative pose."""
         self.leads = np.empty(0)
-        """Scores of `poses` minus the score of the estimated pose, shape (k,), float64, at least -`TOLERANCE`."""
+        """Scores of `poses` minus the estimated pose's score, shape (k,), float64, at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
         """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous scan."""
@@ -117,10 +114,7 @@ class Rivals:
         self.poses = _move(self.poses, motion)
 
     def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return alternative poses after a base motion: x, y, heading, map frame [m, m, rad], and weight.
-
-        `origin`: position (x, y, 0) of the likelihood field's frame in the map frame [m].
-        """
+        """Return alternative poses after a base motion: x, y, heading, map frame [m, m, rad], and relative weight."""
         if len(self.poses) <= 1:
             return NO_RIVALS
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
@@ -128,8 +122,7 @@ class Rivals:
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
         """Track alternative poses. Search the map if none is known, and every `num_scans` updates.
 
-        `pose`: estimated pose. `area`: free space of the map [m2]. `draw(n)`: function that returns n random poses in
-        free space, shape (3, n), float32.
+        `area`: free space of the map [m2]. `draw(n)` returns n random poses in free space, shape (3, n), float32.
         """
         if not self._scans:
             return
@@ -172,7 +165,6 @@ class Rivals:
         return poses, scores
 
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
-        """Keep distinct `poses`, shape (3, n), with scores similar to the estimated pose `own`, shape (3, 1)."""
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
         poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]

@@ -35,9 +35,9 @@ def read_bag(
 ) -> LogContent:
     """Read the scans and odometry of a ROS bag. Times are header stamps.
 
-    By default, odometry is read from the only Odometry topic, or from transforms between `odom_frame` and the base.
-    Transforms are read from `tf` and `tf_static` in the innermost namespace of the scan topic. As in REP 117, ranges
-    above `range_max` are no return. Ranges below `range_min` and NaN are ignored.
+    Default odometry: the only Odometry topic, or transforms from `odom_frame` to the base. Transforms are read from
+    `tf` and `tf_static` in the innermost namespace of the scan topic. As in REP 117, ranges above `range_max` are no
+    return; ranges below `range_min` and NaN are ignored.
 
     Raises:
         BagError: damaged bag, missing or ambiguous topic or frame, or invalid messages.
@@ -117,7 +117,6 @@ def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
 def _read_odometry(
     bag: BagReader, tree: FrameTree, start: str, odom_frame: str | None, is_tf: bool
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return odometry times, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base frame's name."""
 
     def is_odom(name: str) -> bool:
         if odom_frame:
@@ -149,7 +148,6 @@ def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> n
 
 
 def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, notes: list[str]) -> list[Scan]:
-    """Return scans with angles in the base frame. Drop scans if the lidar pose is unknown or tilted."""
     upright = mounts[:, 2, 2]
     unknown, tilted = ~np.isfinite(upright), np.abs(upright) < MIN_UPRIGHT
     tilt = f"the lidar is tilted by {np.degrees(np.arccos(np.abs(upright[tilted]).min(initial=1.0))):.0f} degrees"

@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Folder path without the suffix `.bag`, which the library would take for a ROS 1 bag."""
+    """Path without the suffix `.bag`, which the library reads as ROS 1."""
 
     @property
     def suffix(self) -> str:
@@ -70,7 +70,7 @@ class BagReader:
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
-        """Return the `wanted` topic, or by default the only topic with a message type in `kinds`."""
+        """Return the `wanted` topic, or the only topic with a message type in `kinds`."""
         found = self.topics(kinds)
         allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
         if not allowed:
@@ -83,7 +83,7 @@ class BagReader:
         return allowed[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """Yield the messages of a topic. BagError if the bag holds fewer messages than declared."""
+        """Yield the messages of a topic; BagError if messages are missing."""
         count = 0
         for connection, _, raw in self._reader.messages([c for c in self._reader.connections if c.topic == topic]):
             yield self._reader.deserialize(raw, connection.msgtype)

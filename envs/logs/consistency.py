@@ -12,10 +12,10 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from .log import Log
 
 END_MARGIN = 0.3
-"""Last part of a beam that may cross occupied cells without conflict [m] (thick walls, grazing beams)."""
+"""Last part of a beam that may cross occupied cells [m] (thick walls, grazing beams)."""
 MAX_CONFLICTS = 0.2
-"""Maximum share of beams that pass through occupied cells of a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM
-succeeds, else 0.24 to 0.53."""
+"""Maximum share of beams through occupied cells in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds,
+else 0.24 to 0.53."""
 CHUNK = 256
 
 
@@ -23,10 +23,8 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
     """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
     All scans are integrated into a new map, which makes SLAMs comparable. The share rises if rooms overlap, but not if
-    the trajectory is bent without overlap.
-
-    `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. The result is NaN if no beam has a return, or
-    if poses are not finite.
+    the trajectory is bent without overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN
+    without returns or if poses are not finite.
     """
     if not np.isfinite(poses).all():
         return math.nan

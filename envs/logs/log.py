@@ -21,7 +21,7 @@ from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Odometry gaps that are not interpolated: minimum duration [s], and minimum motion of the robot [m, rad]."""
+"""Odometry gaps without interpolation: minimum duration [s], and minimum motion [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,12 +37,12 @@ class Log:
     ranges: np.ndarray
     """Scan ranges, shape (m, num_beams), float32 [m]; +inf for no return, NaN for ignored beams."""
     lidar: LidarParams
-    """Lidar geometry of the scans: beams, range limits and mount."""
+    """Lidar geometry: beams, range limits and mount."""
     notes: tuple[str, ...] = ()
     """Warnings about dropped scans, interpolated odometry and assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
-        """Yield for each scan the odometry motion since the previous scan, in the base frame at that scan."""
+        """Yield each scan's odometry motion since the previous scan, in the base frame at the previous scan."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
         for before, after in itertools.pairwise(poses):
@@ -56,7 +56,7 @@ class Log:
         return float(np.median(moving)) if len(moving) else 0.0
 
     def thinned(self, distance: float, angle: float) -> "Log":
-        """Return a log of fewer scans, at least `distance` [m] or `angle` [rad] apart by odometry."""
+        """Return a log of scans at least `distance` [m] or `angle` [rad] apart by odometry."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         kept = [0]
         for k, pose in enumerate(poses):
@@ -114,15 +114,15 @@ def load_log(
         path: file or ROS 2 bag folder. Arrays: `t`, `odo`, `idx`, `ranges` (`times`, `odometry`, `scan_rows`, `ranges`
             of `Log`); `ang0`, `dang`, first angle and increment in the base frame [rad]; `maxr`, maximum range [m];
             optional `mount_x`, lidar position [m], and `off`, added to `t`.
-        max_range: readings of at least this range count as no return [m]; None for the log's limit.
-        min_range: readings below this range are ignored [m]; None for the log's limit.
-        field_of_view: angle of CARMEN's FLASER scans [rad]; None: see `read_carmen`.
-        scan_topic: scan topic of a bag; None for the only one.
-        odom_topic: odometry topic of a bag; None for the only one.
-        base_frame: base frame of a bag; None for the child frame of the odometry.
-        odom_frame: odometry frame of a bag; None for the frame of the messages, or `odom`.
-        laser_frame: lidar frame of a bag; needed if ambiguous or named differently in transforms.
-        max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
+        max_range: readings of at least this range are no return [m]; default: the log's limit.
+        min_range: readings below this range are ignored [m]; default: the log's limit.
+        field_of_view: angle of CARMEN's FLASER scans [rad]; default: see `read_carmen`.
+        scan_topic: scan topic of a bag; default: the only one.
+        odom_topic: odometry topic of a bag; default: the only one.
+        base_frame: base frame of a bag; default: child frame of the odometry.
+        odom_frame: odometry frame of a bag; default: frame of the messages, or `odom`.
+        laser_frame: lidar frame of a bag, if ambiguous or named differently in transforms.
+        max_speeds: maximum forward speed [m/s] and yaw rate [rad/s] of the robot.
 
     Raises:
         FileNotFoundError: no such file.

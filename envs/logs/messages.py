@@ -44,7 +44,7 @@ def odometry(time: float, pose: Pose2D, twist: Twist) -> Any:
 
 
 def transforms(time: float, map_odom: Pose2D, odom_base: Pose2D) -> Any:
-    """Return a `tf2_msgs/TFMessage` with the transforms from map to odometry and from odometry to base."""
+    """Return a `tf2_msgs/TFMessage` with the transforms map to odometry and odometry to base."""
     edges = [
         _transform(time, MAP, ODOM, Mount(map_odom.x, map_odom.y, yaw=map_odom.theta)),
         _transform(time, ODOM, BASE, Mount(odom_base.x, odom_base.y, yaw=odom_base.theta)),
@@ -78,14 +78,14 @@ def path(time: float, points: np.ndarray) -> Any:
 
 
 def command(time: float, twist: Twist) -> Any:
-    """Return a velocity command as a `geometry_msgs/TwistStamped` message, as Nav2 publishes on `cmd_vel`."""
+    """Return a velocity command as a `geometry_msgs/TwistStamped`, as Nav2 publishes on `cmd_vel`."""
     return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
 
 
 def people(time: float, states: np.ndarray) -> Any:
-    """Return a `visualization_msgs/MarkerArray` of people, visible for 0.5 s.
+    """Return a `visualization_msgs/MarkerArray` of people: cylinders with velocity arrows, visible for 0.5 s.
 
-    `states`: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s]. Cylinders have arrows as long as the way in 1 s.
+    `states`: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s].
     """
     kinds, markers = typestore().types["visualization_msgs/msg/Marker"], []
     for k, (x, y, vx, vy, radius) in enumerate(states.tolist()):

@@ -34,8 +34,8 @@ def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
     """Read the ODOM, FLASER and ROBOTLASER1 lines of a CARMEN log with one laser.
 
     FLASER lines lack angles. As in CARMEN, 180 or 181 beams have increments of 1 degree, 360 or 361 of 0.5, 400 or 401
-    of 0.25. Other numbers of beams cover 180 degrees. `field_of_view` [rad] replaces these values. The laser is
-    `robot_frontlaser_offset` ahead of the base.
+    of 0.25; other scans cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of
+    the base.
 
     Raises:
         ValueError: damaged line, truncated file, no scans, or several lasers.

@@ -1,4 +1,4 @@
-"""Error of a trajectory with respect to relations (hand-verified relative poses of two times).
+"""Error of a trajectory with respect to relations (hand-verified relative poses).
 
 Kümmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009.
 """
@@ -21,7 +21,7 @@ MAX_TIME_GAP = 0.3
 
 @dataclass(frozen=True, slots=True)
 class RelationError:
-    """Error of a trajectory's relative poses, averaged over reference relative poses."""
+    """Error of a trajectory's relative poses over all reference relations."""
 
     translation: float
     translation_std: float
@@ -65,7 +65,7 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read relations (reference relative poses) by label: `relation error` (all), `unambiguous` (optional subset).
+    """Read reference relative poses by label: `relation error` (all), `unambiguous` (optional subset).
 
     The mask of the subset is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
 

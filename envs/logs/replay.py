@@ -31,7 +31,7 @@ from .runs import Run, measure, replay, save_replay
 TRUTH = "truth"
 """Name of the SLAM that uses true poses and cannot run on logs."""
 SPARSE = 0.5
-"""A log is sparse if the median distance between scans is at least this value [m]."""
+"""Minimum median distance between scans of a log that counts as sparse [m]."""
 
 
 @dataclass(frozen=True)
@@ -43,12 +43,12 @@ class Options:
     slam: str = "tinyslam"
     """SLAM name (`odometry` maps at odometry poses), `all`, or `module:attribute` of your own SLAM."""
     preset: str = "intel"
-    """Parameter preset of the SLAM, or YAML file. Choose `sparse` for about one metre between scans."""
+    """Parameter preset of the SLAM, or YAML file; `sparse` for about one metre between scans."""
     change: dict[str, str] = field(default_factory=dict)
     """SLAM parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
-    """File of hand-verified relative poses, `t1 t2 x y z roll pitch yaw`. A mask `unambiguous_relations.npy` in the
-    same folder selects a subset."""
+    """File of hand-verified relative poses, `t1 t2 x y z roll pitch yaw`; optional mask `unambiguous_relations.npy` in
+    the same folder."""
     out: Path | None = None
     """Output folder: maps (PNG, PGM), trajectories (TUM), pose graphs (g2o) and `summary.json`."""
     seeds: int = 1
@@ -62,7 +62,7 @@ class Options:
     field_of_view: float | None = None
     """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: by number of beams, as in CARMEN."""
     thin: tuple[float, float] | None = None
-    """Minimum travel [m] or rotation [rad] between scans; nearer scans are skipped."""
+    """Minimum travel [m] or rotation [rad] between used scans."""
     time_offset: float = 0.0
     """Offset added to the log's times [s]."""
     scan_topic: str | None = None
@@ -74,10 +74,10 @@ class Options:
     odom_frame: str | None = None
     """Odometry frame in a bag, such as `odom_combined`."""
     laser_frame: str | None = None
-    """Lidar frame in a bag; needed if scans have several frames, or transforms name the frame differently."""
+    """Lidar frame in a bag, if ambiguous or named differently in transforms."""
     robot: str | None = None
     """Robot name or YAML file. Odometry faster than 1.5 times the robot's maximum speeds is interpolated or reported.
-    Default limits: 5 m/s and 10 rad/s."""
+    Default: 5 m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:
@@ -120,7 +120,7 @@ def main(options: Options) -> list[Run]:
 
 
 def comparison(runs: list[Run]) -> Table:
-    """Return a table of errors and computation times, one row per SLAM, as medians over seeds."""
+    """Return a table of errors and computation times (medians over seeds), one row per SLAM."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     heads = [f"{label}, m / deg" for label in runs[0].errors]
     further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]

@@ -55,14 +55,15 @@ class Run:
     loop_closures: int | None = None
     """Number of loop closures; None if not counted."""
     errors: dict[str, RelationError] = field(default_factory=dict)
-    """Errors of relative poses, by trajectory and set of references, such as `final unambiguous`."""
+    """Errors relative to reference poses, by trajectory and label, such as `final unambiguous`."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
     """Reset a SLAM and run the SLAM on a log.
 
     Final poses come from `Belief.path`, set at map corrections or by an optional method `finish()`. If the path has
-    only selected scans, an attribute `anchor` holds a path index and the relative pose of the current scan.
+    only selected scans, an attribute `anchor` holds a path index and the pose relative to that path entry after each
+    scan.
 
     Raises:
         ValueError: invalid belief or corrected path.
@@ -93,7 +94,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Evaluate a run by `relations`, reference relative poses by label; ValueError if none lies within the log."""
+    """Evaluate a run; `relations`: reference relative poses by label. ValueError if none lies within the log."""
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
     for when, poses in (("online", replayed.online), ("final", replayed.final)):

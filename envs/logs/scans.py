@@ -12,13 +12,13 @@ from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
 SAME_BEAMS = 0.1
-"""Maximum angle difference of beams that count as equal [share of the angle increment]."""
+"""Maximum angle difference between equal beams [share of the angle increment]."""
 SAME_POSITION = 1e-3
-"""Maximum distance between lidar positions that count as equal [m]."""
+"""Maximum distance between equal lidar positions [m]."""
 SAME_SURFACE = 0.1
 """Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
-"""Field of view of a full turn, and maximum field of view of a scan [rad]. Beams beyond a full turn are dropped."""
+"""Field of view of a full turn (further beams are dropped), and maximum field of view [rad]."""
 
 
 class Scan(NamedTuple):
@@ -70,7 +70,7 @@ class Limits(NamedTuple):
 
 
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
-    """Return usable scans with distinct, counter-clockwise beams, and messages about unusable scans by kind of fault.
+    """Return usable scans with counter-clockwise beams over at most a turn, and faults of other scans by kind.
 
     Raises:
         ValueError: no scan is usable.

@@ -9,13 +9,13 @@ import numpy as np
 from lidarnaut.envs.geometry import wrap_angle
 
 MAX_CLOCK_JUMP = 1.0
-"""Maximum backward jump of the clock that is tolerated [s]. The Intel Research Lab log has 0.9 s."""
+"""Maximum tolerated backward jump of the clock [s]; the Intel Research Lab log has 0.9 s."""
 MAX_SPEEDS = (5.0, 10.0)
 """Default limits of plausible odometry: forward speed [m/s] and yaw rate [rad/s]."""
 CLOCK_JITTER = 0.02
 """Assumed error of the time between successive odometry poses [s]."""
 BURST = 5
-"""Number of odometry poses before and after a pose that yield the mean period, as poses may arrive in bursts."""
+"""Number of odometry poses before and after for the mean period, as poses may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
@@ -28,7 +28,7 @@ def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.
     Args:
         odometry: odometry poses, shape (n, 3) [m, m, rad].
         scan_rows: index of each scan's odometry pose, shape (m,), ascending.
-        scan_poses: estimated poses at the scans, shape (m, 3) [m, m, rad].
+        scan_poses: poses at the scans, shape (m, 3) [m, m, rad].
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
@@ -70,18 +70,15 @@ def rms(values: np.ndarray) -> float:
 def bridge_glitches(
     times: np.ndarray, poses: np.ndarray, max_speeds: tuple[float, float] = MAX_SPEEDS
 ) -> tuple[np.ndarray, list[str]]:
-    """Interpolate odometry across glitches.
+    """Interpolate odometry across glitches; return corrected poses, and one message per kind of fault.
 
-    A glitch starts and ends with impossible motions, and lasts at most `MAX_GLITCH` or three periods. The motion from
-    before to after the glitch must be possible.
+    A glitch starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close to
+    its start.
 
     Args:
         times: odometry times, shape (n,), ascending except for jitter [s].
         poses: odometry poses, shape (n, 3) [m, m, rad].
-        max_speeds: possible forward speed [m/s] and yaw rate [rad/s].
-
-    Returns:
-        Corrected poses, and one message per kind of fault.
+        max_speeds: maximum forward speed [m/s] and yaw rate [rad/s].
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:

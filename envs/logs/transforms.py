@@ -11,9 +11,9 @@ from scipy.spatial.transform import Rotation, Slerp
 from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
-"""Minimum vertical component of the z axis of a usable lidar (26 degrees of tilt)."""
+"""Minimum vertical component of a usable lidar's z axis (26 degrees of tilt)."""
 MIN_LEVEL = 0.996
-"""Minimum vertical component of the z axis of a level lidar (5 degrees of tilt)."""
+"""Minimum vertical component of a level lidar's z axis (5 degrees of tilt)."""
 UNIT_TOLERANCE = 0.01
 """Maximum error of a quaternion's squared norm, as in tf2."""
 SAME_TRANSFORM = 1e-6
@@ -89,7 +89,7 @@ class FrameTree:
     def find(self, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
         """Return poses of a frame in the base frame as matrices, shape (n, 4, 4), at `times`, shape (n,) [s].
 
-        The result is NaN at times without transform, and None if the frames are not connected.
+        NaN at times without transform; None if the frames are not connected.
         """
         up, down = self.above(base), self.above(frame)
         common = next((name for name in down if name in up), None)

@@ -25,9 +25,8 @@ WINDOW = 60
 def look_ahead(path, first, pose, distances, out):
     """Write the directions from a robot to lookahead points on a path; return the index of the nearest path point.
 
-    `path`: shape (n, 2), float64, map frame [m]. `first`: index to begin the search. `pose`: robot pose (x, y, theta),
-    map frame. `distances`: increasing lookahead distances [m]. `out`: cosine and sine of each direction, robot frame,
-    float32.
+    `path`: shape (n, 2), float64, map frame [m]. `first`: index to begin the search. `pose`: (x, y, theta), map frame.
+    `distances`: increasing lookahead distances [m]. `out`: cosine and sine of each direction, robot frame, float32.
     """
     x, y, theta = pose
     nearest, best = first, np.inf

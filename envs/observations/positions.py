@@ -137,10 +137,9 @@ class Peers:
 
 
 class Tracks:
-    """Observation of people tracked in scans, nearest first: `Box(-1, 1, (5 * num_people,), float32)`.
+    """Observation of people tracked in scans, nearest first: `Box(-1, 1, (5 * num_people,), float32)`, zero-padded.
 
-    Features of each person: position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1
-    m. Missing people are all 0.
+    Position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1 m.
     """
 
     def __init__(self, num_people: int = 8) -> None:

@@ -25,7 +25,7 @@ SURFACE_STEP = 0.5
 MAX_FILL_SECTORS = 8
 """Maximum number of sectors (groups of beams) across which a surface is interpolated."""
 MOTION = 3
-"""Number of values stored before the ranges of a past scan: motion x, y, heading since the previous scan."""
+"""Number of values before the ranges of a stored scan: motion x, y, heading since the previous scan."""
 
 
 class Sectors(NamedTuple):
@@ -86,8 +86,8 @@ def _angle(x, y):
 def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges of a past scan to the current base pose; write the minimum per sector to `seen` [m].
 
-    Sectors are groups of beams. Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6
-    m. `motion`: base motion since the scan. `seen`: initially inf. `polar`: scratch, shape (2, n), float32.
+    Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. No return is 1e6 m. `motion`:
+    base motion since the scan. `seen`: initially inf. `polar`: scratch, shape (2, n), float32.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -119,10 +119,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store the current scan of each robot with `active` True, and write encoded recent scans to `out`.
+    """Store the scan of each robot with `active` True, and write recent scans to `out`.
 
-    `out`: shape (n, len(lags) * sectors), float32. `memory`: ring buffers of past scans, shape (n, slots * (MOTION +
-    sectors)), float32. `lags`: ages of the scans, increasing [control periods].
+    `out`: shape (n, len(lags) * sectors), float32. `memory`: ring buffers of scans, shape (n, slots * (MOTION +
+    sectors)), float32. `lags`: ages, increasing [control periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -157,17 +157,12 @@ class ScanHistory(RowPart):
     """Observation of recent scans, newest first: encoded minimum ranges in equal sectors (groups of beams).
 
     A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
-    0 without a return. Odometry transforms past scans to the current pose, so that differences show moving obstacles.
-    Sectors missing in a past scan take the newest values. Call `write` after every control period.
+    0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
+    Missing sectors take the newest values. Call `write` after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
-        """Set the ages of the scans and the number of sectors (groups of beams).
-
-        Args:
-            lags: ages of the scans, increasing [s].
-            num_sectors: sectors per scan.
-            compensate: whether past scans are transformed to the current pose.
+        """Set the ages of the scans [s], increasing, the number of sectors, and whether odometry transforms past scans.
 
         Raises:
             ValueError: `lags` negative or not increasing, or `num_sectors` not positive.

@@ -34,7 +34,7 @@ NUMBERS, END, TURN = 8, slice(4, 6), 6
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
 """Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Duration of straight driving after a velocity command [s]. The observed end position is at half of this time."""
+"""Duration of straight driving after a velocity command [s]; the observed end position is at half of this time."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
 """Maximum gaps to walls and people that count as near [m], and decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
@@ -55,8 +55,8 @@ STATE, STEPS = 9, 8
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
 
-    A wall point is the nearest end point of a group of beams, unless on a walking person. `ranges`: shape (n,), float32
-    [m]. `frame`: lidar x, y, and beam directions, shape (2, n), base frame. `people`: see `predict_outcomes`.
+    A wall point is the nearest end point of a group of beams, unless on a walking person. `ranges`: shape (n,) [m].
+    `frame`: lidar x, y, and beam directions, shape (2, n), base frame. `people`: see `predict_outcomes`.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -86,7 +86,7 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
     `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: maximum speeds, accelerations, footprint radius, and
     whether the lidar sees the rear. `points`: walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy, radius,
-    shape (m, 5), base frame [m, m/s]. `twists`: commands as fractions of the maximum speeds, shape (n, 2).
+    shape (m, 5), base frame [m, m/s]. `twists`: commands / maximum speeds, shape (n, 2).
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     here = np.inf
@@ -156,10 +156,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people once per control period, and write predicted outcomes of velocity commands to `out`.
+    """Track people once per control period, and write predicted outcomes to `out`, shape (n, 66, 8), float32.
 
-    `out`: shape (n, 66, 8), float32. `memory`: people tracker's state, tracks, past scans and lidar poses of each
-    robot.
+    `memory`: people tracker's state, tracks, past scans and lidar poses of each robot.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))

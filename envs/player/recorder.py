@@ -34,7 +34,7 @@ class EpisodeRecorder:
         """Attach to an environment; the next call must be the environment's `reset`.
 
         Frontier candidates are recorded if the explorer's `navigator` is a `FrontierNavigator`, with the explorer's
-        `scores`, if any.
+        `scores`.
 
         Raises:
             TypeError: not an environment of this package.
@@ -198,7 +198,7 @@ class MapHistory:
         self._kinds = now
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
-        """Return shape, origin, changed cells, changes and sample ends, as in `Recording`, cropped to known cells."""
+        """Return map shape, origin [m], changed cells, changes and end indices of a recording, cropped to known cells."""
         cells = np.concatenate(self._cells)
         low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
         rows, columns = (high - low).tolist()

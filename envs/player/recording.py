@@ -20,7 +20,7 @@ RANGE_STEPS = 254
 NO_RETURN, NO_MEASUREMENT = 255, 0
 """Values in recorded scans for beams without return, and for lost beams."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
-"""Columns of recorded frontiers: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
+"""Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
 """Names of end-index arrays, and of the arrays that the indices divide into samples or decisions."""
@@ -75,7 +75,7 @@ class Recording:
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
-    """Index of the chosen frontier among the candidates of a decision; -1 if none was chosen."""
+    """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
     """Candidate frontiers of all decisions, with `CANDIDATE_COLUMNS`."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
