@@ -85,8 +85,7 @@ class AmclParams:
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
-    """Whether to restart global localization if recent scans do not fit the map; automatic if no particle is in free
-    space."""
+    """Whether to restart global localization if recent scans do not fit the map; automatic outside of free space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):
@@ -98,7 +97,6 @@ class AmclParams:
 
     @property
     def most_particles(self) -> int:
-        """Maximum number of particles, including global localization."""
         return max(self.max_particles, self.global_particles or 0)
 
 

@@ -28,7 +28,7 @@ class BinRaster(NamedTuple):
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of side `size` [m] and heading width `angle` [rad]."""
+        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of `size` [m] and heading width `angle` [rad]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -84,7 +84,7 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 def mean_and_covariance(particles, weights, total, covariance):
     """Return the weighted mean x [m], y [m] and (circular) heading [rad] of particles with weight sum `total`.
 
-    The covariance of x, y and heading [m, m, rad] is written to `covariance`, shape (3, 3), float64.
+    The covariance of x, y and heading [m, m, rad] is written to `covariance`, shape (3, 3).
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     # Relative to the first particle, for precision.

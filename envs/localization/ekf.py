@@ -20,7 +20,6 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 X, Y, THETA, V, W = range(5)
 """State indices: x, y, heading in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""
 STATE_SIZE = 5
-"""Length of the state vector."""
 DRIFT = (0.001, 0.001, 0.0005)
 """Process noise: standard deviation of the random walk of x, y, heading after 1 s [m, m, rad]."""
 MAX_STEP = 0.002
@@ -95,7 +94,6 @@ class _Moment:
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
     gated_since: dict[str, float] = field(default_factory=dict)
-    """Start time [s] of the current sequence of gated (outlier) measurements, by sensor."""
 
     @property
     def order(self) -> tuple[float, int]:
@@ -105,8 +103,8 @@ class _Moment:
 class Ekf:
     """Extended Kalman filter for measurements in any order of arrival.
 
-    A late measurement is inserted at its time stamp, and newer measurements are applied again. Results are
-    bit-identical to arrival in order.
+    Late measurements are inserted at their time stamps; newer measurements are applied again. Results are bit-identical
+    to ordered arrival.
     """
 
     def __init__(
@@ -126,8 +124,8 @@ class Ekf:
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
             horizon: maximum delay of a measurement [s]; older ones are `too_old`.
             gate: probability that a valid measurement passes the chi-square test; outliers are `gated`.
-            patience: divergence timeout [s]. After only gated measurements of a sensor for this time, the next one is
-                `recovered` with an inflated covariance.
+            patience: divergence timeout [s]. If a sensor is only `gated` for this time, the next measurement is
+                `recovered` with inflated covariance.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
                 that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
@@ -214,7 +212,6 @@ class Ekf:
         return added.verdict
 
     def _judge_stamp(self, measurement: Measurement) -> Verdict | None:
-        """Return `too_old` or `too_new` if the time stamp of a measurement is refused, else None."""
         time, verdict = measurement.time, cast(Verdict, "too_old")
         if time >= max(self._moments[0].time, self.time - self._horizon):
             if time <= max(self.time, self._clock) + self._max_ahead:
@@ -302,7 +299,7 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 def predict(state, covariance, duration, noise, max_step):
     """Predict state and covariance in place, `duration` [s] ahead: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral density of each state's process noise, shape (5,), float64 [squared unit / s].
+    `noise`: spectral density of each state's process noise, shape (5,) [squared unit / s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps

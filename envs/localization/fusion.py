@@ -35,7 +35,7 @@ def make_filter(robot: RobotParams) -> Ekf:
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
-    """Return the initial covariance of x, y, heading, speed and yaw rate at rest, shape (5, 5), float64.
+    """Return the initial covariance of x, y, heading, speed and yaw rate at rest, shape (5, 5).
 
     `spread`: standard deviation of position per axis [m]. `turn`: of heading [rad].
     """
@@ -60,7 +60,7 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
     """Return heading and yaw rate from compass headings at `time` [s] and a `period` [s] before, map frame [rad].
 
-    The yaw rate gets a large variance if the earlier heading is NaN.
+    Without earlier heading (NaN), the yaw rate gets a large variance.
     """
     imu = robot.imu
     # Standard deviation of uniform rounding errors: step / sqrt(12).

@@ -34,7 +34,6 @@ class Beams:
         )
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
-        """Return a scan's ranges at the used beams, shape (k,), float32 [m]."""
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
@@ -44,9 +43,9 @@ class Beams:
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Return each cell's distance to the nearest obstacle, shape (height, width), float64 [m].
+    """Return each cell's distance to the nearest obstacle, at most `max_distance`, shape (height, width), float64 [m].
 
-    `obstacles`: True for occupied cells, shape (height, width), bool. Distances are at most `max_distance` [m].
+    `obstacles`: True for occupied cells, shape (height, width).
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -109,7 +108,7 @@ def sum_fields(field, points, num_points, particles, sums):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_sum(weights, sums, unit):
-    """Multiply particle weights, shape (n,), float64, by `1 + unit * sums`, as in ROS; return the weighted mean factor.
+    """Multiply particle weights, shape (n,), by `1 + unit * sums`, as in ROS; return the weighted mean factor.
 
     `sums`: likelihood field values summed over a scan. `unit`: likelihood per field value.
     """
@@ -123,10 +122,10 @@ def multiply_by_sum(weights, sums, unit):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
-    """Multiply particle weights, shape (n,), float64, by scan likelihoods, up to a constant factor.
+    """Multiply particle weights, shape (n,), by scan likelihoods, up to a constant factor.
 
-    `sums`: log-likelihood field values summed over a scan. Returns the weighted mean of the geometric mean likelihoods
-    of beams.
+    `sums`: log-likelihood field values summed over a scan. Returns the weighted mean of geometric mean beam
+    likelihoods.
     """
     best = sums.max()
     mean = 0.0
@@ -193,8 +192,7 @@ class LikelihoodField:
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
         """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None without returns.
 
-        The function multiplies weights, shape (n,), of particles, shape (3, n), by scan likelihoods; it returns the
-        mean.
+        The function multiplies weights, shape (n,), of particles, shape (3, n); it returns the mean likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:
@@ -212,7 +210,7 @@ class LikelihoodField:
         return weigh
 
     def fit(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, int]:
-        """Return the share of a scan's beam end points near mapped obstacles at a pose, and the number of end points."""
+        """Return the share of beam end points near mapped obstacles at a pose, and the number of end points."""
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0

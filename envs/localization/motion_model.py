@@ -22,7 +22,7 @@ _HALF = np.float32(0.5)
 def normal(seed, index):
     """Return element `index` of the approximately standard normal random sequence of a uint64 seed.
 
-    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014), which vectorizes.
+    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014).
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -35,7 +35,7 @@ def normal(seed, index):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def sine(theta):
-    """Return the sine of a float32 angle in [-pi, pi] with an error below 1e-6, by a vectorizable polynomial."""
+    """Return the sine of a float32 angle in [-pi, pi] with an error below 1e-6, by a polynomial that vectorizes."""
     t = _PI - theta if theta > _HALF * _PI else theta
     t = -_PI - theta if theta < -_HALF * _PI else t
     t2 = t * t
@@ -78,8 +78,8 @@ def _move(particles, motion, stds, seed):
 def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
     """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as in Nav2.
 
-    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad], changed in place. `motion`: base pose by odometry in
-    the previous base frame.
+    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `motion`: odometry pose of the base in the last base
+    frame.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0

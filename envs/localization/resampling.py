@@ -6,7 +6,7 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden ratio: step between successive draws along the cumulative weights, modulo 1."""
+"""Golden-ratio step between successive draws along the cumulative weights, modulo 1."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -45,11 +45,10 @@ def cumulate(weights, cumulated, guide):
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Golden-ratio steps do not need this number in advance, unlike systematic resampling. `particles`: x, y, heading,
-    shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram bin of each particle, shape
-    (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
-    `injected`: random particles, shape (3, f), f > `share` * m, injected with this share. `seen`: scratch, shape
-    (num_bins,), all False. `drawn`: output, shape (3, m), float32.
+    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
+    bin of each particle, shape (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`,
+    `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f), injected with `share`. `seen`: scratch, shape
+    (num_bins,), all False. `drawn`: output.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

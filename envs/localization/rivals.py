@@ -43,7 +43,7 @@ def count_crossed(field, hits, lidars, margin, pose):
     """Count beams that pass through mapped obstacles more than `margin` cells before their end points.
 
     Grazing beams do not count. `hits`, `lidars`: end and start points of beams, shape (2, n), float32, base frame
-    [cells]. `field`: likelihood field. `pose`: x, y, heading of the base.
+    [cells]. `field`: likelihood field.
     """
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
@@ -88,8 +88,8 @@ def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
 class Rivals:
     """Search and tracking of alternative poses, which explain recent scans as well as the estimate.
 
-    Score of a pose: mean likelihood field value (at most 1) at beam end points of recent scans, minus the share of
-    beams through obstacles.
+    Score of a pose: mean likelihood field value at beam end points of recent scans, at most 1, minus the share of beams
+    through obstacles.
     """
 
     def __init__(self, field: LikelihoodField, num_scans: int) -> None:
@@ -97,12 +97,11 @@ class Rivals:
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
-        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), float64, frame of the
-        likelihood field [m, m, rad]."""
+        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), frame of the likelihood
+        field [m, m, rad]."""
         self.num_empty = 0
-        """Number of consecutive searches that found no alternative pose."""
         self.leads = np.empty(0)
-        """Scores of `poses` minus the estimated pose's score, shape (k,), float64, at least -`TOLERANCE`."""
+        """Scores of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
         """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous scan."""

@@ -36,8 +36,8 @@ def read_bag(
     """Read the scans and odometry of a ROS bag. Times are header stamps.
 
     Default odometry: the only Odometry topic, or transforms from `odom_frame` to the base. Transforms are read from
-    `tf` and `tf_static` in the innermost namespace of the scan topic. As in REP 117, ranges above `range_max` are no
-    return; ranges below `range_min` and NaN are ignored.
+    `tf` and `tf_static` in the innermost namespace of the scans. As in REP 117, ranges above `range_max` are no return;
+    ranges below `range_min` and NaN are ignored.
 
     Raises:
         BagError: damaged bag, missing or ambiguous topic or frame, or invalid messages.

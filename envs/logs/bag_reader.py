@@ -95,7 +95,6 @@ class BagReader:
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
     def checked(self, where: str, function: Any, *arguments: Any) -> Any:
-        """Call a function; convert its ValueError to a BagError."""
         try:
             return function(*arguments)
         except ValueError as error:

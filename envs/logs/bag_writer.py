@@ -27,7 +27,7 @@ _FOREVER = QosTime(9223372036, 854775807)
 _RELIABILITY, _DURABILITY = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
 _TIMES = _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 _LATCHED = Qos(QosHistory.KEEP_LAST, 1, _RELIABILITY, _DURABILITY, *_TIMES, False)
-"""ROS quality of service of latched topics: late subscribers get the last message."""
+"""ROS quality of service of latched topics."""
 _LATCHED_TOPICS = ("/map", "/tf_static")
 
 
@@ -57,7 +57,6 @@ class BagWriter:
         return self._writer.add_connection(topic, kind, typestore=typestore(), offered_qos_profiles=qos)
 
     def write(self, topic: str, time: float, message: Any) -> None:
-        """Write a message to a topic at a time [s]."""
         if topic not in self._connections:
             self._connections[topic] = self._connect(topic, message.__msgtype__)
         data = typestore().serialize_cdr(message, message.__msgtype__)

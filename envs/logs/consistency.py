@@ -22,9 +22,8 @@ CHUNK = 256
 def conflict_share(log: Log, poses: np.ndarray) -> float:
     """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
-    All scans are integrated into a new map, which makes SLAMs comparable. The share rises if rooms overlap, but not if
-    the trajectory is bent without overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN
-    without returns or if poses are not finite.
+    All scans are integrated into a new map. The share rises if rooms overlap, but not if the trajectory is bent without
+    overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN without returns or finite poses.
     """
     if not np.isfinite(poses).all():
         return math.nan

@@ -42,7 +42,7 @@ class Log:
     """Warnings about dropped scans, interpolated odometry and assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
-        """Yield each scan's odometry motion since the previous scan, in the base frame at the previous scan."""
+        """Yield each scan's odometry pose relative to the previous scan, [m, m, rad]."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
         for before, after in itertools.pairwise(poses):
@@ -117,12 +117,12 @@ def load_log(
         max_range: readings of at least this range are no return [m]; default: the log's limit.
         min_range: readings below this range are ignored [m]; default: the log's limit.
         field_of_view: angle of CARMEN's FLASER scans [rad]; default: see `read_carmen`.
-        scan_topic: scan topic of a bag; default: the only one.
-        odom_topic: odometry topic of a bag; default: the only one.
+        scan_topic: scan topic of a bag, if several.
+        odom_topic: odometry topic of a bag, if several.
         base_frame: base frame of a bag; default: child frame of the odometry.
         odom_frame: odometry frame of a bag; default: frame of the messages, or `odom`.
         laser_frame: lidar frame of a bag, if ambiguous or named differently in transforms.
-        max_speeds: maximum forward speed [m/s] and yaw rate [rad/s] of the robot.
+        max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
 
     Raises:
         FileNotFoundError: no such file.

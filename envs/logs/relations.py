@@ -16,7 +16,7 @@ from lidarnaut.envs.geometry import wrap_angle
 from .trajectory import between_poses
 
 MAX_TIME_GAP = 0.3
-"""Maximum time between a stamp of a relation (reference relative pose) and the trajectory's nearest pose [s]."""
+"""Maximum time between the stamps of a reference relative pose and the nearest trajectory poses [s]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,7 +67,7 @@ def load_relations(path: str | Path) -> np.ndarray:
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
     """Read reference relative poses by label: `relation error` (all), `unambiguous` (optional subset).
 
-    The mask of the subset is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
+    The subset's mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
 
     Raises:
         ValueError: a file is damaged.

@@ -60,7 +60,7 @@ class Options:
     min_range: float | None = None
     """Readings below this range are ignored [m]; default: the log's limit."""
     field_of_view: float | None = None
-    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: by number of beams, as in CARMEN."""
+    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: as in CARMEN."""
     thin: tuple[float, float] | None = None
     """Minimum travel [m] or rotation [rad] between used scans."""
     time_offset: float = 0.0

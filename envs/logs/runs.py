@@ -38,7 +38,7 @@ class Replayed(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Errors and computation times of one run of a SLAM on a log."""
+    """Errors and computation times of a SLAM on a log."""
 
     slam: str
     seed: int
@@ -62,8 +62,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
     """Reset a SLAM and run the SLAM on a log.
 
     Final poses come from `Belief.path`, set at map corrections or by an optional method `finish()`. If the path has
-    only selected scans, an attribute `anchor` holds a path index and the pose relative to that path entry after each
-    scan.
+    only selected scans, the attribute `anchor` is a path index and the current pose relative to that path entry.
 
     Raises:
         ValueError: invalid belief or corrected path.

@@ -23,12 +23,9 @@ MAX_GLITCH = 2.0
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Extend poses at scans to all odometry times, by odometry since the last scan: shape (n, 3) [m, m, rad].
+    """Extend `scan_poses` to all odometry times, by odometry since the last scan: shape (n, 3) [m, m, rad].
 
-    Args:
-        odometry: odometry poses, shape (n, 3) [m, m, rad].
-        scan_rows: index of each scan's odometry pose, shape (m,), ascending.
-        scan_poses: poses at the scans, shape (m, 3) [m, m, rad].
+    `odometry`: odometry poses, shape (n, 3). `scan_rows`: index of each scan's odometry pose, shape (m,), ascending.
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
@@ -73,12 +70,8 @@ def bridge_glitches(
     """Interpolate odometry across glitches; return corrected poses, and one message per kind of fault.
 
     A glitch starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close to
-    its start.
-
-    Args:
-        times: odometry times, shape (n,), ascending except for jitter [s].
-        poses: odometry poses, shape (n, 3) [m, m, rad].
-        max_speeds: maximum forward speed [m/s] and yaw rate [rad/s].
+    its start. `times`: shape (n,), ascending except for jitter [s]. `poses`: odometry, shape (n, 3) [m, m, rad].
+    `max_speeds`: forward speed [m/s] and yaw rate [rad/s].
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:

@@ -58,7 +58,6 @@ class FrameTree:
 
     @property
     def frames(self) -> list[str]:
-        """Sorted names of all frames."""
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parents(self, frame: str) -> list[str]:

@@ -40,7 +40,7 @@ class MapCrop:
             size: pixels per side; environment checkers require 36 or more.
 
         Raises:
-            ValueError: an argument is not positive, or `size` is not an integer up to `MAX_SIZE`.
+            ValueError: not positive, or `size` not an integer up to `MAX_SIZE`.
         """
         if not (is_number(resolution) and resolution > 0):
             raise ValueError(f"a map crop needs a positive resolution, got {resolution!r}")

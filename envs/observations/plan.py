@@ -51,8 +51,8 @@ class Plan:
     0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and
     1. Missing frontiers are all 0.
 
-    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best frontier is reached.
-    Frontiers that remain after a visit or are unreachable are excluded. Call `write` after every control period.
+    Frontiers are detected every `detection_time` seconds, and when the best frontier is reached. Frontiers that remain
+    after a visit or are unreachable are excluded. Call `write` after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:

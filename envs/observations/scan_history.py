@@ -87,7 +87,7 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
     """Transform sector ranges of a past scan to the current base pose; write the minimum per sector to `seen` [m].
 
     Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. No return is 1e6 m. `motion`:
-    base motion since the scan. `seen`: initially inf. `polar`: scratch, shape (2, n), float32.
+    base motion since the scan. `seen`: initially inf. `polar`: scratch.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -162,7 +162,7 @@ class ScanHistory(RowPart):
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
-        """Set the ages of the scans [s], increasing, the number of sectors, and whether odometry transforms past scans.
+        """Set the increasing ages of scans [s], the number of sectors, and whether odometry transforms past scans.
 
         Raises:
             ValueError: `lags` negative or not increasing, or `num_sectors` not positive.

@@ -46,7 +46,7 @@ PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
 WALL_MARGIN = 0.02
 """Minimum clearance to wall points [m], reduced if the robot is already nearer."""
 REAR_ANGLE = 0.35
-"""Maximum angle of a beam to the backward direction if the lidar sees the rear [rad]."""
+"""Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
 STATE, STEPS = 9, 8
 """Length of the people tracker's state vector, and index of the number of the last processed control period."""
 
@@ -55,8 +55,8 @@ STATE, STEPS = 9, 8
 def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
 
-    A wall point is the nearest end point of a group of beams, unless on a walking person. `ranges`: shape (n,) [m].
-    `frame`: lidar x, y, and beam directions, shape (2, n), base frame. `people`: see `predict_outcomes`.
+    A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and beam
+    directions, shape (2, n), base frame. `people`: see `predict_outcomes`.
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -181,14 +181,14 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 class Trajectories(RowPart):
     """Observation of the predicted outcomes of 66 velocity commands: `Box(-inf, inf, (66, 8), float32)`.
 
-    A command is held for 0.5 s, with the robot's accelerations; then the robot drives straight. The features are time
+    A command is held for 0.5 s, with the robot's accelerations. Then the robot drives straight. The features are time
     to contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); nearness to walls (1 at
     the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
     / distance at maximum speed; heading change / pi; minimum gap to walls within 0.5 s / 0.1 m, from -1 to 1, negative
     for contact. Reversing without a view of the rear counts as contact.
 
     Person-sized clusters count as people from the second scan on, and as walls while standing. After the dynamic window
-    approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
+    approach (Fox, Burgard and Thrun, 1997).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:

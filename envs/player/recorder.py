@@ -25,7 +25,7 @@ PLAN_TOLERANCE = 0.03
 
 
 class EpisodeRecorder:
-    """Context manager that records one episode for the player; for teams, of the first robot.
+    """Context manager that records one episode; for teams, of the first robot.
 
     Other robots are recorded as people. Recording does not affect the episode.
     """
@@ -198,7 +198,6 @@ class MapHistory:
         self._kinds = now
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
-        """Return map shape, origin [m], changed cells, changes and end indices of a recording, cropped to known cells."""
         cells = np.concatenate(self._cells)
         low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
         rows, columns = (high - low).tolist()
@@ -208,11 +207,7 @@ class MapHistory:
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
-    """Simplify a polyline, shape (n, 2), to corners within a tolerance: shape (m, 2) [m].
-
-    Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a digitized line"
-    (1973).
-    """
+    """Simplify a polyline, shape (n, 2), to corners within `tolerance` (Douglas and Peucker, 1973): shape (m, 2) [m]."""
     if len(path) < 3:
         return np.array(path, dtype=np.float64).reshape(-1, 2)
     keep = {0, len(path) - 1}

@@ -23,10 +23,9 @@ CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
-"""Names of end-index arrays, and of the arrays that the indices divide into samples or decisions."""
+"""Names of arrays with end indices of samples or decisions, and of the divided arrays."""
 
 _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
-"""Required keys of a recording's metadata `about`."""
 
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
@@ -36,10 +35,7 @@ def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Recorded episode: n samples of one robot, and m frontier decisions.
-
-    The annotation of each array gives dtype and shape.
-    """
+    """Recorded episode: n samples of one robot, and m frontier decisions. Annotations give dtypes and shapes."""
 
     about: dict[str, Any]
     """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, name of the progress measure;
@@ -160,4 +156,3 @@ class Recording:
 _LAYOUT: dict[str, tuple[Any, ...]] = {
     name: hint.__metadata__ for name, hint in get_type_hints(Recording, include_extras=True).items() if name != "about"
 }
-"""Dtype and shape of each array of a recording, by name."""

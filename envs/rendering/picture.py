@@ -57,7 +57,6 @@ class Typesetter:
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
     def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
-        """Draw legend entries (text, color, kind of symbol) below a box."""
         x, y = box.left, box.bottom + FOOTER // 2
         for text, colour, mark in items:
             draw_mark(surface, x, y, colour, mark)

@@ -1,6 +1,6 @@
 """Colors and fonts of pictures: ground truth is blue, estimates are vermilion.
 
-Palette of Okabe and Ito, "Color Universal Design" (2008); worlds and maps have distinct greys.
+Palette of Okabe and Ito, "Color Universal Design" (2008).
 """
 
 Colour = tuple[int, int, int]
