@@ -27,7 +27,7 @@ class AmclParams:
     kld_err: Positive = 0.05
     """Maximum Kullback-Leibler divergence in KLD-sampling (Nav2: `pf_err`)."""
     kld_z: Positive = 0.99
-    """Quantile of the standard normal distribution in KLD-sampling (Nav2: `pf_z`)."""
+    """Standard normal quantile in KLD-sampling (Nav2: `pf_z`)."""
     bin_size: Positive = 0.5
     """Side length of histogram bins in KLD-sampling and clustering [m]."""
     bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
@@ -61,7 +61,8 @@ class AmclParams:
     max_distance: Positive = 2.0
     """Maximum obstacle distance in the likelihood field [m]; Nav2's `laser_likelihood_max_dist`."""
     squash: Positive = 1.0
-    """Divisor of a scan's log-likelihood, as beams are not independent (`likelihood_field_prob`); 1 in Nav2."""
+    """Divisor of a scan's log-likelihood, as beams are not independent (sensor model `likelihood_field_prob`); 1 in
+    Nav2."""
     update_min_d: NotNegative = 0.25
     """Travel that triggers a particle update by a scan [m]."""
     update_min_a: NotNegative = 0.2
@@ -81,11 +82,12 @@ class AmclParams:
     lost_fit: Share = 0.5
     """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent scans that `lost_fit` refers to, also required to complete global localization."""
+    """Number of recent scans that `lost_fit` refers to, and minimum number to complete global localization."""
     lost_spread: Positive = 0.5
     """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
-    """Whether to restart global localization if recent scans do not fit the map; automatic outside of free space."""
+    """Whether to restart global localization if recent scans do not fit the map; automatic if no particle is in free
+    space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):

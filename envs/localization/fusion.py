@@ -23,8 +23,7 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviation of x, y, heading [m, m, rad] added (squared) to AMCL's covariance, for correlated errors. Tuned by
-NEES."""
+"""Additional standard deviation of x, y, heading [m, m, rad] of AMCL poses, for correlated errors; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 
@@ -78,7 +77,7 @@ class FusedPose:
     """Estimator that fuses AMCL, wheel encoders and compass by a Kalman filter."""
 
     def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Create the estimator; `fusion` is a key of `FUSIONS`, `latency` the delay of AMCL estimates [s].
+        """Create the estimator; `fusion`: sensors (key of `FUSIONS`); `latency`: delay of AMCL estimates [s].
 
         Raises:
             ValueError: unknown fusion, or no compass.

@@ -62,7 +62,7 @@ class Field(NamedTuple):
     data: np.ndarray
     """Scaled likelihoods, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height, width)."""
     border: int
-    """Width of the border of constant value [cells]; 0 for distances."""
+    """Width of the border around the map, which has a constant value [cells]; 0 for distances."""
     origin: tuple[float, float]
     """Corner (x, y) of the grid, map frame [m]."""
     resolution: float
@@ -124,8 +124,8 @@ def multiply_by_sum(weights, sums, unit):
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
     """Multiply particle weights, shape (n,), by scan likelihoods, up to a constant factor.
 
-    `sums`: log-likelihood field values summed over a scan. Returns the weighted mean of geometric mean beam
-    likelihoods.
+    `sums`: log-likelihood field values summed over a scan. Returns the mean over particles of the geometric mean over
+    beams.
     """
     best = sums.max()
     mean = 0.0
@@ -190,9 +190,9 @@ class LikelihoodField:
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None without returns.
+        """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None if no beam returns.
 
-        The function multiplies weights, shape (n,), of particles, shape (3, n); it returns the mean likelihood.
+        The function multiplies weights, shape (n,), of particles, shape (3, n), and returns the mean likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:

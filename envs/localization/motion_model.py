@@ -22,7 +22,7 @@ _HALF = np.float32(0.5)
 def normal(seed, index):
     """Return element `index` of the approximately standard normal random sequence of a uint64 seed.
 
-    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014).
+    Sum of four uniforms from SplitMix64 (Steele et al. 2014).
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -35,7 +35,7 @@ def normal(seed, index):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def sine(theta):
-    """Return the sine of a float32 angle in [-pi, pi] with an error below 1e-6, by a polynomial that vectorizes."""
+    """Return the sine of a float32 angle in [-pi, pi] with an error below 1e-6, by a vectorizable polynomial."""
     t = _PI - theta if theta > _HALF * _PI else theta
     t = -_PI - theta if theta < -_HALF * _PI else t
     t2 = t * t

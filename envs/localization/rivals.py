@@ -16,7 +16,7 @@ TOLERANCE = 0.03
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Minimum distance [m] or heading difference [rad] between distinct poses."""
 MAX_RIVALS = 20
-"""Maximum number of alternative poses."""
+"""Maximum number of alternative poses that explain recent scans."""
 MAX_HITS = 1000
 """Maximum number of beam end points used to score poses."""
 MAX_PENETRATION = 0.2
@@ -28,7 +28,8 @@ NUM_SEARCHES = 3
 MAX_PER_BIN = 4
 """Maximum number of poses that a search keeps per bin of x, y and heading."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Search stages: number of beam end points, number of poses kept, standard deviations of random steps [m]."""
+"""Search stages for alternative poses: number of beam end points, number of poses kept, standard deviations of random
+steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
 """Tracking of alternative poses: number of random copies per pose, standard deviations of random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
@@ -104,7 +105,6 @@ class Rivals:
         """Scores of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
-        """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous scan."""
         back, geometry = motion.inverse(), self._beams.geometry
         self._scans.extend([back.transform(scan) for scan in self._scans])
         points, count = self._beams.hits(ranges)

@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Path without the suffix `.bag`, which the library reads as ROS 1."""
+    """Folder path without suffix `.bag`, as `rosbags` takes that suffix for ROS 1."""
 
     @property
     def suffix(self) -> str:
@@ -66,7 +66,6 @@ class BagReader:
             self._counts[connection.topic] = self._counts.get(connection.topic, 0) + connection.msgcount
 
     def topics(self, kinds: Sequence[str]) -> list[str]:
-        """Return the names of non-empty topics with a message type in `kinds`."""
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:

@@ -63,7 +63,7 @@ class BagWriter:
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:
-        """Finish the bag and move the file to `path`; OSError, without a file, if this fails."""
+        """Finish the bag and move the file to `path`. A failure raises OSError and leaves no file."""
         try:
             self._writer.close()
             written = self._folder / self.path.stem / self.path.name

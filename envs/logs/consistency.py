@@ -23,7 +23,8 @@ def conflict_share(log: Log, poses: np.ndarray) -> float:
     """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
     All scans are integrated into a new map. The share rises if rooms overlap, but not if the trajectory is bent without
-    overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN without returns or finite poses.
+    overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN if no beam has a return or a pose
+    is not finite.
     """
     if not np.isfinite(poses).all():
         return math.nan

@@ -42,7 +42,7 @@ class Log:
     """Warnings about dropped scans, interpolated odometry and assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
-        """Yield each scan's odometry pose relative to the previous scan, [m, m, rad]."""
+        """Yield each scan's odometry pose relative to the previous scan [m, m, rad]."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
         for before, after in itertools.pairwise(poses):

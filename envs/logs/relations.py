@@ -1,4 +1,4 @@
-"""Error of a trajectory with respect to relations (hand-verified relative poses).
+"""Error of a trajectory relative to relations (hand-verified relative poses).
 
 Kümmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009.
 """
@@ -21,7 +21,7 @@ MAX_TIME_GAP = 0.3
 
 @dataclass(frozen=True, slots=True)
 class RelationError:
-    """Error of a trajectory's relative poses over all reference relations."""
+    """Error of a trajectory's relative poses, compared with reference relative poses."""
 
     translation: float
     translation_std: float

@@ -36,7 +36,7 @@ SPARSE = 0.5
 
 @dataclass(frozen=True)
 class Options:
-    """Run a SLAM on the log of a real robot; print pose errors and computation time per scan."""
+    """Options for running a SLAM on the log of a real robot."""
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
@@ -85,7 +85,7 @@ def main(options: Options) -> list[Run]:
 
     Raises:
         ValueError: invalid input, or insufficient memory.
-        FileNotFoundError: an input file is missing.
+        FileNotFoundError: no input file.
     """
     if options.seeds < 1 or options.first_seed < 0:
         raise ValueError(f"seeds must be at least 1 and first_seed 0, got {options.seeds} and {options.first_seed}")

@@ -33,7 +33,7 @@ class Replayed(NamedTuple):
     seconds: np.ndarray
     """Computation time per scan, shape (m,), float64 [s]."""
     is_lost: np.ndarray
-    """Whether the SLAM reports a lost pose after each scan, shape (m,), bool."""
+    """Whether the pose was lost after each scan, shape (m,), bool."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,9 +49,9 @@ class Run:
     milliseconds_max: float
     """Maximum computation time per scan [ms]."""
     lost_share: float
-    """Share of scans with a lost pose, as reported by the SLAM, from 0 to 1."""
+    """Share of scans with a lost pose, from 0 to 1."""
     conflict_share: float
-    """Share of beams that pass through cells occupied in other scans, at the final poses, from 0 to 1."""
+    """Share of beams through cells occupied in other scans, at the final poses, from 0 to 1."""
     loop_closures: int | None = None
     """Number of loop closures; None if not counted."""
     errors: dict[str, RelationError] = field(default_factory=dict)
@@ -61,8 +61,9 @@ class Run:
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
     """Reset a SLAM and run the SLAM on a log.
 
-    Final poses come from `Belief.path`, set at map corrections or by an optional method `finish()`. If the path has
-    only selected scans, the attribute `anchor` is a path index and the current pose relative to that path entry.
+    Final poses come from the corrected trajectory `Belief.path`, set at map corrections or by an optional method
+    `finish()`. If this path has only selected scans, the attribute `anchor` is a path index and the current pose
+    relative to that path entry.
 
     Raises:
         ValueError: invalid belief or corrected path.

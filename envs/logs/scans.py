@@ -121,10 +121,9 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
     """Resample scans to common beams; return ranges, shape (m, num_beams), float32 [m], and the beams.
 
-    The beams are first angle, angle increment [rad] and lidar position [m]. Scans with equal beams stay unchanged.
-    Common beams cover all fields of view at the 10 % quantile of increments. Ranges are interpolated between adjacent
-    beams on one surface, else nearest, and NaN outside of the field of view. Scans of a moving lidar refer to the
-    median position.
+    The beams are first angle, angle increment [rad] and lidar position [m]. Common beams cover all fields of view at
+    the 10 % quantile of increments. Ranges are interpolated between adjacent beams on one surface, else nearest, and
+    NaN outside of the field of view. Scans of a moving lidar refer to the median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])

@@ -15,7 +15,7 @@ MAX_SPEEDS = (5.0, 10.0)
 CLOCK_JITTER = 0.02
 """Assumed error of the time between successive odometry poses [s]."""
 BURST = 5
-"""Number of odometry poses before and after for the mean period, as poses may arrive in bursts."""
+"""Number of odometry poses before and after a motion that yield the mean period, as poses may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
 """Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
@@ -55,7 +55,7 @@ def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
 
 
 def trajectory_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return position errors [m] and absolute heading errors [rad] of `poses`, shape (n, 3): shape (n,)."""
+    """Return position errors [m] and absolute heading errors [rad] of `poses` relative to `truth`, shape (n, 3)."""
     return np.hypot(*(poses - truth)[:, :2].T), np.abs(wrap_angle(poses[:, 2] - truth[:, 2]))
 
 

@@ -73,7 +73,6 @@ class FrameTree:
         return names
 
     def stamps(self, frame: str, parent: str) -> np.ndarray:
-        """Return time stamps of the transforms between two frames in order of arrival, shape (n,) [s]."""
         return np.array(self._rows[frame][parent]).reshape(-1, 8)[:, 0]
 
     def poses(self, frame: str, parent: str) -> tuple[np.ndarray, np.ndarray]:

@@ -1,4 +1,4 @@
-"""Observation parts (entries of the observation dictionary), selected by name."""
+"""Observation parts (dictionary entries), selected by name."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -29,7 +29,7 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "tracks": Tracks,
     "trajectories": Trajectories,
 }
-"""Constructors of observation parts (entries of the observation dictionary) that all tasks offer, by name."""
+"""Constructors of observation parts (dictionary entries) that all tasks offer, by name."""
 
 Observations = Sequence[str] | Mapping[str, Any]
 """Names of observation parts, or a mapping from each name to the part: an instance, class, import path
@@ -39,7 +39,7 @@ Observations = Sequence[str] | Mapping[str, Any]
 def make_parts(
     observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
 ) -> dict[str, ObservationPart]:
-    """Create the selected observation parts by name; `own` are constructors of parts that the task defines.
+    """Create the selected observation parts (dictionary entries) by name; `own`: constructors of the task's own parts.
 
     Raises:
         ValueError: an unknown name, no name, or a value that is not an observation part.

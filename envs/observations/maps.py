@@ -47,7 +47,6 @@ class MapCrop:
         if not (is_whole(size) and 1 <= size <= MAX_SIZE):
             raise ValueError(f"a map crop needs a whole size from 1 to {MAX_SIZE:,}, got {size!r}")
         self.resolution = resolution
-        """Side of a pixel [m]."""
         self._size = int(size)
 
     def space(self, robot: RobotParams) -> spaces.Box:

@@ -22,7 +22,7 @@ NEAR_RANGE = 10.0
 GOAL_MEMORY = "goal"
 """Key of the array of task state that begins with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
-"""Teammate offset per axis that is normalized to 1 [m]: half the side of `map_far`."""
+"""Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
 """Position, velocity and radius of people that are normalized to 1 [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
@@ -63,7 +63,7 @@ def write_goals(rows, goals, tells_distance, active, out):
 
 
 class NearGoal(RowPart):
-    """Observation of the goal relative to the estimated pose, with fine resolution nearby.
+    """Observation of the goal relative to the estimated pose, with fine resolution nearby: `Box(-1, 1, (4,), float32)`.
 
     Distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance).
     """
@@ -71,11 +71,10 @@ class NearGoal(RowPart):
     _memory = (GOAL_MEMORY,)
 
     def __init__(self, tells_distance: bool = True) -> None:
-        """Set whether the distance to the goal is included."""
+        """Set whether the distance to the goal is included (four features, else two)."""
         self._tells_distance = int(tells_distance)
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4,), float32)`, or shape (2,) without distance."""
         return spaces.Box(-1.0, 1.0, (2 + 2 * self._tells_distance,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
@@ -120,7 +119,10 @@ class PoseUncertainty:
 
 
 class Peers:
-    """Observation of teammates: offsets forward and left / 16 m, cosine and sine of the relative heading."""
+    """Observation of teammates: `Box(-1, 1, (4 * num_peers,), float32)`.
+
+    Offsets forward and left / 16 m, cosine and sine of the relative heading.
+    """
 
     def __init__(self, num_peers: int) -> None:
         self._num_peers = num_peers
@@ -159,7 +161,10 @@ class Tracks:
 
 
 class RouteAhead:
-    """Observation of route points 0, 0.4, ... 3.6 m ahead: offsets (forward, left) / 5 m from the estimated pose."""
+    """Observation of route points ahead: `Box(-1, 1, (10, 2), float32)`.
+
+    Offsets (forward, left) / 5 m of points 0, 0.4, ... 3.6 m ahead, from the estimated pose.
+    """
 
     def __init__(self, task: Any) -> None:
         self._task = task

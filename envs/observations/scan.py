@@ -12,7 +12,7 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
-"""Time since the reset that is normalized to 1 [s]. Normalizing by the time limit would leak the size of the world."""
+"""Time since the reset that is normalized to 1 [s]; the time limit would leak the size of the world."""
 SPEED_RANGE = 2.0
 """Maximum forward speed that is normalized to 1 [m/s]."""
 
@@ -29,7 +29,10 @@ def scale_scans(ranges, range_max, active, scans):
 
 
 class Scan(RowPart):
-    """Observation of the last scan: ranges / maximum range. 1 is no return, 0 a lost beam or an obstacle too near."""
+    """Observation of the last scan: `Box(0, 1, (num_beams,), float32)`.
+
+    Ranges / maximum range; 1 is no return, 0 a lost beam or an obstacle too near.
+    """
 
     def space(self, robot: RobotParams) -> spaces.Box:
         return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)

@@ -29,7 +29,7 @@ MOTION = 3
 
 
 class Sectors(NamedTuple):
-    """Geometry of a lidar's sectors (equal groups of adjacent beams).
+    """Geometry of a lidar's sectors (equal groups of beams).
 
     `x`, `y`, `yaw`: lidar pose, base frame. `first`: start of the first sector, lidar frame [rad]. `per_radian`:
     sectors per radian. `radius`: footprint radius [m]. `directions`: unit vectors to the sector centres, shape (2, n),
@@ -154,11 +154,12 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
 
 
 class ScanHistory(RowPart):
-    """Observation of recent scans, newest first: encoded minimum ranges in equal sectors (groups of beams).
+    """Observation of recent scans, newest first: `Box(0, 1, (len(lags) * num_sectors,), float32)`.
 
-    A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
-    0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
-    Missing sectors take the newest values. Call `write` after every control period.
+    Values are encoded minimum ranges in equal sectors (groups of beams). A range r is encoded as 0.5 m / (max(r -
+    footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam, 0 without a return. Odometry transforms
+    past scans to the current pose, so that moving obstacles are visible. Missing sectors take the newest values. Call
+    `write` after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
@@ -177,7 +178,7 @@ class ScanHistory(RowPart):
         self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
+        """Return the observation space; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
                 f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "

@@ -48,7 +48,7 @@ WALL_MARGIN = 0.02
 REAR_ANGLE = 0.35
 """Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
 STATE, STEPS = 9, 8
-"""Length of the people tracker's state vector, and index of the number of the last processed control period."""
+"""Length of the people tracker's state vector, and index of the entry for the last processed control period."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -56,7 +56,7 @@ def find_walls(ranges, frame, people, points):
     """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
 
     A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and beam
-    directions, shape (2, n), base frame. `people`: see `predict_outcomes`.
+    directions, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0

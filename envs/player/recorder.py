@@ -117,10 +117,7 @@ class EpisodeRecorder:
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
-        """Return the recording since the last reset, including the current state.
-
-        `about`: additional metadata, such as `explorer`, `seed` and `figures`.
-        """
+        """Return the recording since the last reset. `about`: additional metadata, such as `explorer` and `seed`."""
         env = self._env
         if env.time > self._samples[-1]["time"]:
             self._sample()
@@ -207,7 +204,7 @@ class MapHistory:
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
-    """Simplify a polyline, shape (n, 2), to corners within `tolerance` (Douglas and Peucker, 1973): shape (m, 2) [m]."""
+    """Simplify a polyline, shape (n, 2), to corners within `tolerance`, shape (m, 2) (Douglas and Peucker, 1973)."""
     if len(path) < 3:
         return np.array(path, dtype=np.float64).reshape(-1, 2)
     keep = {0, len(path) - 1}

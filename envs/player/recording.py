@@ -23,7 +23,7 @@ CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
-"""Names of arrays with end indices of samples or decisions, and of the divided arrays."""
+"""Names of arrays with end indices, and of the arrays divided by these indices into samples or decisions."""
 
 _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
 
@@ -55,7 +55,7 @@ class Recording:
     path_length: Annotated[np.ndarray, np.float32, "n"]
     """True distance driven [m]."""
     contacts: Annotated[np.ndarray, np.int32, "n"]
-    """Number of contacts since the reset."""
+    """Number of collisions since the reset."""
     scans: Annotated[np.ndarray, np.uint8, "n", "beams"]
     """Ranges of some beams, quantized in steps of `range_max / RANGE_STEPS` [m]."""
     map_cells: Annotated[np.ndarray, np.int32, "changes"]
@@ -73,7 +73,7 @@ class Recording:
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
     """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
-    """Candidate frontiers of all decisions, with `CANDIDATE_COLUMNS`."""
+    """Candidate frontiers of all decisions: x, y, map frame [m], path cost [m], visible area [m2], failures, score."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
     """End index in `candidates` of each decision's frontiers."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
@@ -115,7 +115,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
-        """Read a recording from a file with the content of `to_bytes`.
+        """Read a recording from a file.
 
         Raises:
             ValueError: not a valid recording.

@@ -18,7 +18,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     """Open a `pygame.Window` of `size` (width, height) [px].
 
     Raises:
-        RuntimeError: no display. An invisible window requires the environment variable `SDL_VIDEODRIVER`.
+        RuntimeError: no display, and `SDL_VIDEODRIVER` is not set.
     """
     import pygame
 
