@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import OnePerRobot, Policy
+from lidarnaut.envs.files import SHORT
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
@@ -20,12 +21,10 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
 
     - A frontier rule: `rule(candidates, belief)` returns scores.
     - An `Explorer`: `reset` and `act(reading, belief)`, optionally `end_reason` and `plan`. In a team, each robot gets
-    a
-      copy, unless `is_team` is true.
+      a copy, unless `is_team` is true.
     - A model: `predict(observation)` returns the action, alone or first in a tuple. Accepted arguments among
       `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)`
-      precedes
-      each episode.
+      precedes each episode.
     - Any other callable of one argument: returns the action for an observation.
     - A class, or a function without required arguments: makes one of these.
 
@@ -49,7 +48,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
     raise ValueError(
-        f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
+        f"{SHORT.repr(value)} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
     )
 
 
