@@ -23,7 +23,7 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
 """Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Additional standard deviation of x, y, heading [m, m, rad] of AMCL poses, for correlated errors; tuned by NEES."""
+"""Additional standard deviation of AMCL poses [m, m, rad], for correlated errors; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
 """Minimum standard deviation of compass headings [rad]."""
 

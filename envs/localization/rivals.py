@@ -28,7 +28,7 @@ NUM_SEARCHES = 3
 MAX_PER_BIN = 4
 """Maximum number of poses that a search keeps per bin of x, y and heading."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Search stages for alternative poses: number of beam end points, number of poses kept, standard deviations of random
+"""Search stages for alternative poses: numbers of beam end points and kept poses, standard deviations of random
 steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
 """Tracking of alternative poses: number of random copies per pose, standard deviations of random steps [m]."""
