@@ -1,4 +1,4 @@
-"""Training of a policy."""
+"""Training of a policy by reinforcement learning."""
 
 import contextlib
 from collections.abc import Iterable
