@@ -50,8 +50,8 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "CrossQ": _ENTROPY,
     "TD3": {"learning_rate": 1e-3, "gamma": 0.98, "action_noise": 0.1},
 }
-"""Default hyperparameters of algorithm classes, if different from the library's. `auto_0.05` starts SAC with a smaller
-entropy bonus, because rewards per step are small."""
+"""Default hyperparameters by algorithm, if different from the library's. SAC starts with a small entropy bonus
+(`auto_0.05`), because rewards per step are small."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
 """Maximum size of the default replay buffer: memory [bytes], and number of transitions."""
 FIXED = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
@@ -224,10 +224,7 @@ class Actor:
         self._state: Any = None
 
     def __call__(self, observations: Observations, starts: np.ndarray | None = None) -> np.ndarray:
-        """Return the actions for a batch of observations, shape (num_envs, ...).
-
-        `starts`: flags of sub-environments that begin an episode, shape (num_envs,), bool.
-        """
+        """Return actions, shape (num_envs, ...); `starts` marks new episodes, shape (num_envs,), bool."""
         masks: dict[str, Any] = {}
         if self._takes_masks and "action_mask" in observations:
             masks = {"action_masks": observations["action_mask"].astype(np.bool_)}

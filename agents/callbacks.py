@@ -36,7 +36,6 @@ class RunCallback(BaseCallback):
         replay: ReplayFiles | None,
         bar: Progress,
     ) -> None:
-        """Create the callback; `saved_steps`: environment steps of the resumed checkpoint, or None."""
         super().__init__()
         self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
         self._evaluations, self._saved_steps = evaluations, saved_steps

@@ -92,15 +92,12 @@ class Record(BaseModel):
     format: Literal[2] = 2
     steps: NonNegativeInt
     updates: NonNegativeInt
-    """Number of updates as counted by stable-baselines3 (`_n_updates`)."""
     config: TrainingConfig
     observation: dict[str, SpaceRecord]
     action: SpaceRecord
     numpy_random: tuple[
         Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
     ]
-    """State of NumPy's global generator without the key: algorithm, position, flag and value of a cached Gaussian
-    sample."""
     action_random: dict[str, Any] = {}
     counters: dict[str, int | float] = {}
     control_hz: FiniteFloat

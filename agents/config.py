@@ -32,13 +32,12 @@ class Section(BaseModel):
 
 
 Width = Annotated[int, Field(ge=1, le=8192)]
-"""Type of a layer width; the limit bounds memory."""
 Count = Annotated[int, Field(ge=1, le=10**12)]
 Side = Annotated[int, Field(ge=1, le=100_000)]
 
 
 class EnvironmentConfig(Section):
-    """Environment id, execution of parallel sub-environments, and, as further keys, environment arguments."""
+    """Environment id and execution of parallel sub-environments. Further keys are environment arguments."""
 
     model_config = ConfigDict(extra="allow")
 
@@ -127,7 +126,7 @@ class EvaluationConfig(Section):
     episodes: Side = 20
     """Number of episodes per evaluation; episode i has seed i."""
     references: tuple[str, ...] = ("random",)
-    """Classic policies, by name or `module:attribute`, that are evaluated once in the same episodes for comparison."""
+    """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
     environment: dict[str, Any] = {}
     """Environment arguments that replace those of training, such as `world`. The value of `observations` also applies
     to later uses of the policy."""

@@ -41,7 +41,6 @@ class Evaluator:
         others = (one for one in measures_of(inner.task.measures) if one is not self.headline)
         self.measures = (self.headline, *others)
         self.progress: str = inner.task.progress
-        """Key of the completed fraction of the task in `info`."""
         self.control_hz = 1.0 / inner.control_period
         self._max_speed: float = inner.robot.max_v
         self._vector = make_vector(environment, "test", self._episodes)
@@ -56,13 +55,13 @@ class Evaluator:
         return {"policy": marked(LEARNED, None, self._env)} | self.summarise(histories)
 
     def reference(self, name: str) -> Row:
-        """Evaluate a classic policy, given by name; return a row of the evaluation table."""
+        """Evaluate a non-learned policy, given by name; return a row of the evaluation table."""
         policies = [self.make_reference(name) for _ in range(self._episodes)]
         histories = [run_episode(self._env, policy, seed).history for seed, policy in enumerate(policies)]
         return {"policy": marked(name, policies[0], self._env)} | self.summarise(histories)
 
     def make_reference(self, name: str) -> Policy:
-        """Return a classic policy by name or `module:attribute`; raise ValueError if unknown."""
+        """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""
         from lidarnaut.baselines import (
             policies_for,
         )

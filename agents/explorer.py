@@ -29,11 +29,10 @@ class LearnedPolicy:
         self.id = record.config.environment.id
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
         self.observations = self.arguments.get("observations")
-        """Required observations by name; None for the environment's default."""
+        """Names of required observations; None for the environment's default."""
         self.collision_monitor = bool(self.arguments.get("collision_monitor"))
         """Whether the policy drives with the collision monitor, which slows down before obstacles."""
         self.control_hz = record.control_hz
-        """Control frequency in training [Hz]."""
         self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
         spaces = {key: described.space() for key, described in record.observation.items()}
@@ -66,7 +65,7 @@ class LearnedPolicy:
         self._rng, self._is_first, self._beams = rng, True, self._match_beams(robot)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        """Return forward speed and yaw rate / limits, shape (2,), float32, or the index of a frontier.
+        """Return the action: velocities / limits, shape (2,), float32, or the index of a frontier.
 
         Raises:
             CheckpointError: if the observation has other names, shapes or dtypes than in training.
@@ -88,7 +87,6 @@ class LearnedPolicy:
             return self._actor(batch, starts)[0]
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Return beam indices, field-of-view mask and range ratio that convert scans to the training lidar."""
         scan = self._record.observation.get("scan")
         if scan is None or len(scan.shape) > 1 or robot.lidar.num_beams == scan.shape[0]:
             return None

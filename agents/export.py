@@ -40,7 +40,7 @@ from lidarnaut.envs.files import printable, write_file
 TOLERANCE = 1e-5
 """Maximum difference between continuous actions of policy and ONNX file. Discrete actions must be equal."""
 NUM_RANDOM, NUM_STEPS = 64, 100
-"""Numbers of random observations and of episode steps that compare policy and ONNX file."""
+"""Number of random observations, and number of episode steps, to compare policy and ONNX file."""
 MEANING = {
     "Box": "(forward speed over robot.max_v, yaw rate over robot.max_w, counter-clockwise), of each robot of a team",
     "Discrete": "row of the candidate to drive to",

@@ -19,8 +19,8 @@ _STRICT = ConfigDict(arbitrary_types_allowed=True, strict=True)
 def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> None:
     """Raise ValueError if a hyperparameter has an invalid type or value.
 
-    `given`: configured value. `value`: resulting argument of the algorithm. `annotation`: its type annotation; if
-    missing or a string, any type is allowed.
+    `given`: configured value. `value`: resulting argument of the algorithm. `annotation`: type annotation of the
+    argument; any type is allowed if missing or a string.
     """
     json.dumps(given, allow_nan=False, default=str)
     if not (isinstance(annotation, str) or annotation is inspect.Parameter.empty):

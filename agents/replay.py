@@ -31,8 +31,8 @@ class ReplayFiles:
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """Index of the next row (one transition of every sub-environment) to save; index of the row in slot 0 of the
-        ring buffer."""
+        """Index of the next row to save, and index of the row in slot 0 of the ring buffer. A row is one transition of
+        every sub-environment."""
 
     def write(self, end: int) -> dict[str, str]:
         """Save transitions that are not on disk yet; return SHA-256 checksums of all files by name.
@@ -79,7 +79,7 @@ class ReplayFiles:
         buffer.pos, buffer.full = count % buffer.buffer_size, count == buffer.buffer_size
 
     def prune(self, run: Path) -> None:
-        """Delete replay buffer files of a run that no checkpoint uses."""
+        """Delete replay buffer files that no checkpoint uses."""
         needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE).get("replay", {})}
         for path in self._folder.glob("*.safetensors"):
             if path.name not in needed:

@@ -56,11 +56,7 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
 
 
 def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
-    """Load a checkpoint into a new model and the global random generators.
-
-    Raises:
-        CheckpointError: if a tensor does not match the model.
-    """
+    """Load a checkpoint into a new model and the global random generators; CheckpointError on mismatch."""
     record, tensors = checkpoint.record, checkpoint.training
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     # Optimizer state of a weight begins at its first update.

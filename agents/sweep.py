@@ -45,7 +45,7 @@ class Member:
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of the run's settings in the first sweep key with named settings. Runs of a group share a plot."""
+    """Name of the run's settings if the sweep names settings, otherwise empty. Runs with the same name share a plot."""
 
     @property
     def label(self) -> str:

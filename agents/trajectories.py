@@ -17,14 +17,14 @@ from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
-"""Names of required observations, besides `goal` or `carrot`."""
+"""Names of required observations, in addition to `goal` or `carrot`."""
 GOAL_SCALE = 10.0
 """Goal distance that the observation `goal` normalizes to 1 [m]. Also assumed for a `carrot` (lookahead point) out of
 range."""
 LAST_ACTION = slice(2, 4)
 """Indices of the last action in the observation `motion`."""
 OWN_NUMBERS = 6
-"""Number of features per twist that are computed here, besides those of the observation `trajectories`."""
+"""Number of twist features that the network computes in addition to `trajectories`."""
 INITIAL_GAIN = 0.05
 """Initial gain of the last layer; small for nearly uniform probabilities."""
 

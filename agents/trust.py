@@ -1,4 +1,4 @@
-"""Checks of configurations from other users for names of code to import."""
+"""Checks that configurations from other users import only trusted code."""
 
 import inspect
 import re
@@ -24,9 +24,9 @@ _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return the names of code in nested mappings and lists, each with its dotted key.
+    """Return the names of code in nested mappings and lists, with dotted keys such as `a.b.0`.
 
-    Every text with a colon names code (`module:attribute`, `module:id`), except drive paths and ids of the package.
+    Texts with a colon name code (`module:attribute`, `module:id`), except drive paths and ids of the package.
     """
     return {text: key for key, text in _texts(record, "") if ":" in text and not _PATH_OR_OWN_ID.fullmatch(text)}
 

@@ -34,7 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Create an environment with worlds of the split `train` or `test`; ValueError if unsuitable."""
+    """Create an environment with worlds of the split `train` or `test`; ValueError if not possible."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)
@@ -113,10 +113,6 @@ class GymnasiumVecEnv(VecEnv):
     """
 
     def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
-        """Wrap a vector environment; raise ValueError if the autoreset mode is not same-step.
-
-        `is_flat`: flatten dictionary observations to vectors.
-        """
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
@@ -188,10 +184,6 @@ class GymnasiumVecEnv(VecEnv):
         return flatten(observations) if self._is_flat else observations
 
     def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
-        """Return `info` for stable-baselines3 of the episode that sub-environment `i` has finished.
-
-        The entry `episode` holds return, length, and numbers of the last `info`, summed over robots.
-        """
         final = {name: np.asarray(value[i]) for name, value in columns_of(info["final_info"]).items()}
         episode = {name: float(value.sum()) for name, value in final.items() if value.dtype.kind in "biuf"}
         episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}

@@ -31,7 +31,7 @@ Count = Annotated[
         1, "COUNT", _read_count, lambda value: isinstance(value, int), lambda count: [str(count)]
     ),
 ]
-"""Type of a command-line option that takes a positive integer."""
+"""Command-line option for a positive integer."""
 
 
 def program_name() -> str:

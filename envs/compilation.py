@@ -32,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times [s] for another process that compiles the same kernel: until a warning, and until compiling here too."""
+"""Waiting times [s] for another process that compiles the same kernel: until a warning, and until compiling here."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -50,7 +50,6 @@ class KernelCache(caching.NullCache):
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the cache folder for a kernel; raise OSError if none is usable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -98,7 +97,6 @@ class KernelCache(caching.NullCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Cache compiled code, unless it contains memory addresses of this process."""
         if data.library.has_dynamic_globals:
             return
         key, path = (sig, data.codegen.magic_tuple()), self._base
@@ -197,7 +195,7 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
     """Hold a kernel's file lock until the kernel is cached, if locks are available.
 
-    Edits of `lidarnaut.envs.files.Lock` would recompile all kernels.
+    Does not use `lidarnaut.envs.files.Lock`: its edits would recompile all kernels.
     """
     cache, begin = dispatcher._cache, time.monotonic()
     hangs = "the lock %s stays with %s: this process compiles the kernel, too"

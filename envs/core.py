@@ -313,7 +313,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def locate(self) -> None:
-        """Update pose estimates, maps and recorded paths of all robots."""
         flags = self.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
@@ -345,18 +344,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return the entries of an episode's last `info` only."""
+        """Return the additional entries of an episode's last `info`."""
         has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property
     def is_fused(self) -> bool:
-        """Whether vector environments can step several such environments by one kernel call."""
+        """Whether vector environments can step several environments of this kind in one kernel call."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why kernels cannot step several such environments together; empty if possible."""
+        """Reason why kernels cannot step several environments of this kind together; empty if possible."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} overrides {own[0]}"
@@ -404,7 +403,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
     def prepare(self) -> None:
         """Draw the next world in advance if the task permits this (`sampler_ahead`).
 
-        May run in another thread between two resets. Unused if `reset` gets a seed or a world.
+        May run in another thread between two resets. The world is unused if `reset` gets a seed or a world.
         """
         sampler = self.task.sampler_ahead
         if sampler is not None and self._root is self.np_random:

@@ -1,4 +1,4 @@
-"""Environment for exploration in which actions choose frontiers."""
+"""Exploration environment with actions that choose frontiers."""
 
 import math
 from collections.abc import Mapping

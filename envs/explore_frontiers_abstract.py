@@ -32,10 +32,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     """Explore by choosing frontiers, with a robot that moves along planned paths.
 
     ## Description
-    The decisions, candidates, map, lidar, worlds and reward of `ExploreFrontiersEnv`, about twice as fast. The robot is
-    moved along the planned path; scans are integrated at intervals, at an estimated pose with a drifting error. Wheels,
-    contacts, scan matching and recoveries are not simulated. Evaluate results in `ExploreFrontiersEnv`;
-    docs/explore_frontiers.md compares both.
+    Decisions, candidates, map, lidar, worlds and reward are those of `ExploreFrontiersEnv`. The simulation is about
+    twice as fast: the robot is moved along the planned path, and scans are integrated at intervals, at an estimated
+    pose with a drifting error. Wheels, contacts, scan matching and recoveries are not simulated. Evaluate results in
+    `ExploreFrontiersEnv`; docs/explore_frontiers.md compares both.
 
     ## Action Space
     As in `ExploreFrontiersEnv`.

@@ -1,4 +1,4 @@
-"""Environment for exploration by a team, in which actions choose frontiers."""
+"""Team exploration environment with actions that choose frontiers."""
 
 from collections.abc import Mapping
 from functools import partial

@@ -61,7 +61,6 @@ class Measure:
     """Function that returns the value of an episode, infinite if a threshold was never reached. Default: the entry
     `name` of the last `info`."""
     digits: int = 1
-    """Number of decimals in tables."""
     scale: float = 1.0
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
@@ -140,7 +139,7 @@ COMMON = (
 
 
 def measures_of(measures: Sequence[Measure]) -> tuple[Measure, ...]:
-    """Return all measures of a task: its own, and those of every task."""
+    """Return all measures of a task: its own, then the measures that all tasks have."""
     return (*measures, *COMMON, SUCCESS)
 
 

@@ -172,7 +172,6 @@ class Robot:
 
     @property
     def collisions(self) -> int:
-        """Number of contacts since the reset."""
         return int(self._row[at.COLLISIONS])
 
     @property
@@ -301,7 +300,6 @@ class GroundTruth:
 
     @property
     def path_length(self) -> float:
-        """Distance driven since the reset [m]."""
         return float(self._rows.numbers[self._index, at.PATH_LENGTH])
 
     def remember(self) -> None:

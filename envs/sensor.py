@@ -14,7 +14,6 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import World
 
 SENSOR_MEMBERS = ("name", "shape", "reset", "measure")
-"""Required attributes and methods of a sensor."""
 
 
 class Sensor(Protocol):

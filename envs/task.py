@@ -61,12 +61,10 @@ class Rewards:
     """Weights by term name that replace weights of the task or add terms."""
 
     def __init__(self, weights: Mapping[str, float]) -> None:
-        """Set the weights by term name; raise ValueError if one is not finite."""
         for name, weight in (chosen := {**weights, **self.changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
-        """Weights by term name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
@@ -115,7 +113,6 @@ class Task(ABC):
     reset_options: ClassVar[tuple[str, ...]] = ()
     """Keys of `reset(options=...)` that the task accepts, besides "world" and "start"."""
     num_robots: int = 1
-    """Number of robots."""
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
@@ -132,7 +129,7 @@ class Task(ABC):
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
-    """Argument `reward` of the constructor."""
+    """Reward weights or subclass of `Rewards` chosen by the user; see `Rewards.of`."""
     rewards: Rewards
     """Reward function that results from `weights` and `reward`."""
     robot: RobotParams
@@ -144,7 +141,7 @@ class Task(ABC):
     starts: Sequence[Pose2D]
     """Start poses of the robots, world frame."""
     map_pose: Pose2D
-    """Pose of the map frame in the world frame."""
+    """Pose of the map frame in the world frame [m, rad]."""
     end_reason: str | None = None
     """Reason why the task has ended the episode, or None."""
 

@@ -81,7 +81,8 @@ def _watch_people(row, people):
 def update_robots(rows, people):
     """Update robot states after motion and sensing: contacts, odometry, predicted pose, pending work.
 
-    `rows`: shape (n, ROW_SIZE), float64. `people`: states of all people. Between key scans the pose follows odometry.
+    `rows`: shape (n, ROW_SIZE), float64. `people`: states of all people. Between key scans (scans that the estimator
+    processes), the pose follows odometry.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -129,7 +130,7 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Append positions that are due to the recorded paths; return True if an array is full.
+    """Append positions that robot states request to record; return True if an array is full.
 
     `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: estimated and true positions,
     shape (n, k, 4), float64 [m], updated. `counts`: numbers of estimated and true positions, shape (n, 2), int64,

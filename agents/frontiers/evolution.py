@@ -46,7 +46,7 @@ def evolve(
 ) -> Path:
     """Optimize a frontier score by CMA-ES; return the run folder.
 
-    A resumed run repeats the updates of CMA-ES from stored results.
+    Resumed runs repeat the updates from stored results.
 
     Args:
         config: configuration.
@@ -134,7 +134,7 @@ class _Evolution:
         return int(is_new)
 
     def policy(self, generation: int) -> np.ndarray:
-        """Return the score weights averaged over the second half of generations, shape (NUM_FEATURES,)."""
+        """Return the score weights averaged over the second half of generations."""
         means = self._means[generation // 2 : generation]
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 

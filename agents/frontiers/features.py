@@ -17,12 +17,11 @@ number_x_log_visible range_x_log_visible range_x_log_cost small_and_near very_ne
 left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 """
 NAMES = tuple(_NAMES.split())
-"""Names of the features of a frontier candidate, in order."""
 NUM_FEATURES = len(NAMES)
 LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
 """Offsets added to visible unknown area [m2] and path cost [m], as in the rule `gain_over_cost`."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
-"""Score weights equal to the rule `gain_over_cost`, shape (NUM_FEATURES,), float64."""
+"""Score weights equal to the rule `gain_over_cost` (unknown area / path cost), shape (NUM_FEATURES,), float64."""
 NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
 """Score weights that select the nearest frontier, shape (NUM_FEATURES,), float64."""
 

@@ -25,7 +25,7 @@ MAX_INITIAL_SLOPE = 6.0
 """Largest initial decrease of attention logits per normalized distance. Initial decreases of the heads are evenly
 spaced from 0."""
 RULE = "rule"
-"""Value of `prior_policy` that selects the rule `gain_over_cost`."""
+"""Value of `prior_policy` for the rule `gain_over_cost` (unknown area / path cost)."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
 
 
@@ -97,7 +97,6 @@ class FrontierNetwork(nn.Module):
         )
 
     def _rate(self, observations: Tensors, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
-        """Return prior logits, shape (n,), and log gain, log cost, utility - best utility, shape (n, 3)."""
         gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
         utility = gain - cost if self.score is None else self._weigh(observations, self.score)
@@ -133,7 +132,6 @@ class _Slots:
 
     def __init__(self, mask: Tensor) -> None:
         self.sample, self.slot = mask.nonzero(as_tuple=True)
-        """Index in the batch and index in the padded table of each valid candidate, shape (n,), int64."""
         self.count = int(self.slot.max()) + 1 if len(self.slot) else 1
         self.mask = mask[:, : self.count]
 

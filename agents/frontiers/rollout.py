@@ -14,7 +14,7 @@ MAX_RATIO = 3.0
 MISSING_COST = 2.0
 """Penalty on the logarithm of exploration time, per explored fraction missing from the target."""
 NUM_BEST = 5
-"""Number of best candidates per decision that feature variances include."""
+"""Number of best candidates per decision used for feature variances."""
 
 
 def explore(

@@ -49,7 +49,7 @@ class FrontierScore:
         return np.int64(scores.argmax() if len(scores) else 0)
 
     def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return features of the k candidates, shape (k, NUM_FEATURES), and scores, shape (k,), float64."""
+        """Return features of k frontier candidates, shape (k, NUM_FEATURES), and scores, shape (k,), float64."""
         count = int(observation["action_mask"].sum())
         features = score_features(
             observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count

@@ -92,19 +92,19 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Return a random training world, from the library or generated; value of `environment.world`."""
+    """Return a random training world, from the library or generated, for the key `environment.world`."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
-    """Return a random generated test world of default size; value of `evaluation.environment.world`."""
+    """Return a random generated test world of default size, for `evaluation.environment.world`."""
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
 def sized_training_world(rng: np.random.Generator) -> World:
-    """Return a generated training world of random size; value of `environment.world`."""
+    """Return a generated training world of random size, for the key `environment.world`."""
     family = str(rng.choice(tuple(SIDES)))
     return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
