@@ -93,7 +93,7 @@ class Robot:
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the pose follows odometry between processed scans, because the estimator processes only some or none."""
+        """Whether the pose follows odometry between processed scans, as the estimator processes only some or none."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
