@@ -15,6 +15,7 @@ DOCS_INSTALLED := .venv/.installed-docs
 install: $(INSTALLED)
 
 $(INSTALLED): pyproject.toml constraints.txt
+	@echo "installing into .venv, which takes one to three minutes"
 	test -x $(BIN)/python || $(PYTHON) -m venv .venv
 	$(PIP) --editable ".[dev]"
 	$(BIN)/python -m pip check
@@ -68,8 +69,8 @@ format: install
 
 docs: $(DOCS_INSTALLED)
 	$(BIN)/python -m sphinx --jobs 2 --fail-on-warning --keep-going --quiet docs build/site
+	@echo "the site is in build/site/index.html; tests of its pages follow"
 	LIDARNAUT_SITE=build/site $(BIN)/python -m pytest --quiet --noconftest --numprocesses 2 tests/docs/test_site.py
-	@echo "the site is in build/site/index.html"
 
 $(DOCS_INSTALLED): $(INSTALLED)
 	$(PIP) --editable ".[dev,docs]"

@@ -55,6 +55,8 @@ class Command:
     """Publish the results in the folder without running episodes."""
     publish: Path | None = None
     """Documentation folder for the leaderboard, as `arena.md` and `arena/`."""
+    all: bool = False
+    """Print all measures of each world instead of the five main ones; the report has all of them."""
     json: bool = False
     """Print only the summary, as JSON, to standard output."""
 
@@ -101,7 +103,7 @@ def main(arguments: list[str] | None = None) -> int:
     if command.json:
         print(json.dumps(to_json(summary), indent=1))
     else:
-        print_results(evaluation, summary, messages)
+        print_results(evaluation, summary, messages, command.all)
     return 1 if evaluation.missing() else 0
 
 

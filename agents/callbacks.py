@@ -93,9 +93,9 @@ class RunCallback(BaseCallback):
             self._has_news = True
             headline, progress, last = self._evaluator.headline, self._evaluator.progress, self._evaluations[-1]
             recent = [episode[progress] for episode in self.model.ep_info_buffer or () if progress in episode]
-            shown = {progress: f"{safe_mean(recent):.0%}"} if recent else {}
+            shown = {f"training {progress}": f"{safe_mean(recent):.0%}"} if recent else {}
             if headline.name in last:
-                shown[headline.label] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
+                shown[f"evaluation {headline.label}"] = f"{headline.text(float(last[headline.name]))} {headline.unit}"
             self._bar.set_postfix(shown, refresh=False)
         return True
 

@@ -65,6 +65,7 @@ def draw_learning_curve(
     `evaluations.csv` by run label. `axis`: label of the x-axis.
     """
     from matplotlib.figure import Figure
+    from matplotlib.ticker import EngFormatter, MaxNLocator
 
     figure = Figure(figsize=(10, 4.4), dpi=120, layout="constrained")
     figure.suptitle(_plain(title))
@@ -84,8 +85,10 @@ def draw_learning_curve(
         for row, style in zip(references, itertools.cycle(("--", ":", "-.", "-"))):
             axes.axhline(float(row[measure]), color="0.35", linestyle=style, label=_plain(row["policy"]))
         axes.set_xlabel(axis)
+        axes.xaxis.set_major_locator(MaxNLocator(6))
+        axes.xaxis.set_major_formatter(EngFormatter(sep=""))
         names = {"progress": "completed share of the task", "success": "share of goals reached"}
-        names |= {"sct": "success times ideal time over time"}
+        names |= {"sct": "success weighted by completion time (SCT)"}
         axes.set_ylabel(names.get(measure, measure.replace("_", " ")))
         axes.set_ylim(bottom=0, top=1 if measure == share else None)
         axes.grid(alpha=0.3)

@@ -78,7 +78,10 @@ class LearnedPolicy:
         actual = {key: (value.shape, str(value.dtype)) for key, value in observation.items()}
         if actual != self._needed:
             needed = ", ".join(f"{key} {space}" for key, space in self._record.observation.items())
-            raise CheckpointError(f"{self._name} needs observations {needed}; got {actual}")
+            raise CheckpointError(
+                f"{self._name} needs observations {needed}; got {actual}. Make the environment with "
+                f"observations={self.observations!r}, and with the lidar and settings of the training"
+            )
         batch, starts = {key: value[None] for key, value in observation.items()}, np.array([self._is_first])
         self._is_first = False
         with torch.random.fork_rng(devices=[], enabled=not self._deterministic):

@@ -9,6 +9,7 @@ from gymnasium import spaces
 
 from lidarnaut.baselines.frontier.rule_explorer import RuleExplorer
 from lidarnaut.baselines.policy import OnePerRobot, Policy
+from lidarnaut.envs.files import SHORT
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
@@ -47,7 +48,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     if callable(value) or hasattr(value, "predict"):
         return CalledPolicy(value, space)
     raise ValueError(
-        f"{value!r} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
+        f"{SHORT.repr(value)} is not an explorer, rule or callable of an observation, and lacks predict(observation)"
     )
 
 

@@ -23,11 +23,14 @@ copyright = f"2026 {author}. Lidarnaut {version}, MIT licence"
 extensions = [
     "myst_nb",
     "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx_copybutton",
     "sphinx_design",
     "run_notebooks",  # which begins before pages are generated
     "generated_pages",
+    "site_layout",
+    "api_signatures",
 ]
 exclude_patterns = ["_ext", "**/.ipynb_checkpoints"]
 suppress_warnings = ["ref.python"]  # words of docstrings such as "height" that are attributes of several classes
@@ -43,9 +46,13 @@ nb_merge_streams = True
 
 # Docstrings write code in single backticks.
 default_role = "code"
-autodoc_default_options = {"members": True, "member-order": "bysource"}
-autodoc_typehints = "none"
+autodoc_default_options = {"members": True, "member-order": "bysource", "exclude-members": "model_config"}
+autodoc_typehints = "signature"
+autodoc_typehints_format = "short"
+python_maximum_signature_line_length = 100  # longer signatures get a line per argument
+python_trailing_comma_in_multi_line_signatures = False
 autodoc_preserve_defaults = True
+autosummary_generate = False
 napoleon_use_rtype = False
 napoleon_use_ivar = True
 

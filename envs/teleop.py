@@ -113,6 +113,7 @@ def main(
     robot: str | None = None,
     physics: str = "bullet",
     slam: str = DEFAULT_SLAM,
+    people: str = "0",
     control_hz: float = 10.0,
     seed: int | None = None,
     map: Annotated[Path, tyro.conf.arg(metavar="PATH")] = Path("map.yaml"),
@@ -124,11 +125,12 @@ def main(
         robot: library robot or path of a robot YAML; default is the robot of the world.
         physics: bullet or kinematic.
         slam: hector, tinyslam, gmapping, graph, odometry, truth, or `module:attribute` of a custom SLAM.
+        people: number of people, or a crowd such as `dense` or `20?attentive=0.5`.
         control_hz: steps per second.
         seed: seed of world and noise.
         map: file for maps saved by M, for map_server: NAME.yaml, with NAME.pgm.
     """
-    place: dict[str, Any] = {"world": world, "slam": slam, "start": "spawn", "time_limit": math.inf}
+    place: dict[str, Any] = {"world": world, "slam": slam, "start": "spawn", "people": people, "time_limit": math.inf}
     env = LidarEnv(Explore, robot=robot, physics=physics, control_hz=control_hz, render_mode="rgb_array", **place)
     map_paths(map)
     if not map.resolve().parent.is_dir():

@@ -5,8 +5,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
+from lidarnaut import make_explorer, run_episode
 from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.robots import load_robot
 

@@ -7,13 +7,10 @@ from pathlib import Path
 
 import tyro
 
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
-from lidarnaut.envs.core import LidarEnv
+from lidarnaut import LidarEnv, make_explorer, run_episode, save_map
 from lidarnaut.envs.navigation import GoalNavigator, GoalParams, crop_to_known
 from lidarnaut.envs.tasks.explore import Explore
 from lidarnaut.envs.tasks.navigate import Navigate
-from lidarnaut.envs.worlds import save_map
 
 
 def main(world: str = "turtlebot3_world", out: Path = Path("runs/localize_and_drive"), seed: int = 0) -> str:

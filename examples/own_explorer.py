@@ -9,12 +9,10 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut import RobotParams, make_explorer, run_episode
 from lidarnaut.agents.policies import make_policy
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.navigation import Candidates
-from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 

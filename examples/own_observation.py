@@ -6,8 +6,8 @@ import tyro
 from gymnasium import spaces
 
 import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut import RobotParams
 from lidarnaut.envs.robot import Robot
-from lidarnaut.envs.robots import RobotParams
 
 
 class Sectors:

@@ -4,8 +4,7 @@ import gymnasium
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
+from lidarnaut import make_explorer, run_episode
 from lidarnaut.envs.robots import (
     BodyParams,
     Caster,

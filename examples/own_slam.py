@@ -11,8 +11,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
+from lidarnaut import make_explorer, run_episode
 from lidarnaut.envs.estimation import Belief
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import LidarParams

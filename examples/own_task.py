@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 import tyro
 
-from lidarnaut.envs import register
+from lidarnaut import register
 from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.observations import Goal
 from lidarnaut.envs.robot import Robot

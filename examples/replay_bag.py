@@ -10,8 +10,7 @@ import numpy as np
 import tyro
 
 import lidarnaut  # noqa: F401  (registers the environments)
-from lidarnaut.baselines import make_explorer
-from lidarnaut.baselines.episode import run_episode
+from lidarnaut import make_explorer, run_episode
 from lidarnaut.envs.logs import load_log
 from lidarnaut.envs.logs.replay import Options
 from lidarnaut.envs.logs.replay import main as replay

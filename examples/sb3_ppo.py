@@ -14,9 +14,9 @@ import tyro
 from gymnasium.vector import AutoresetMode
 
 import lidarnaut  # noqa: F401  (registers the environments)
+from lidarnaut import run_episode
 from lidarnaut.agents.policies import make_policy
 from lidarnaut.agents.vec_env import GymnasiumVecEnv  # before torch: reduces CPU use of its idle threads
-from lidarnaut.baselines.episode import run_episode
 
 
 def main(

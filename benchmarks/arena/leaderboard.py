@@ -8,7 +8,7 @@ import numpy as np
 
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of, start_of
 from lidarnaut.benchmarks.arena.evaluation_folder import Row
-from lidarnaut.benchmarks.arena.measures import Measures, share_of
+from lidarnaut.benchmarks.arena.measures import share_of
 from lidarnaut.benchmarks.arena.page import Cell, Section, Table
 from lidarnaut.benchmarks.arena.policies import is_bound, short
 from lidarnaut.benchmarks.arena.statistics import Estimate, paired_difference, paired_ratio, probability_of_improvement
@@ -64,9 +64,9 @@ def ranking_sections(episodes: Episodes) -> list[Section]:
     ]
 
 
-def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Measures) -> Table:
+def measures_table(estimates: Mapping[str, Mapping[str, Estimate]], measures: Sequence[Measure]) -> Table:
     lines = []
-    for measure in measures.all:
+    for measure in measures:
         cells = marked({policy: values[measure.name] for policy, values in estimates.items()}, measure)
         lines.append([Cell(measure.title), *cells.values()])
     return Table(("", *map(short, estimates)), lines, is_open=True)

@@ -6,6 +6,8 @@ from dataclasses import replace
 from lidarnaut.benchmarks.arena.statistics import Estimate
 from lidarnaut.envs.measures import COMMON, SUCCESS, Measure, headline_of
 
+NUM_BRIEF = 5
+"""Number of measures in the table of a world in the terminal."""
 DECISION = Measure("decision_ms", "decision", "ms", False, digits=2)
 
 
@@ -42,6 +44,11 @@ class Measures:
         """Columns of the leaderboard."""
         self.on_axes = self.headline, *(self.reached or (SUCCESS,)), *self._named("position_rmse", "map_iou")
         """Absolute measures in comparisons of SLAMs, simulators or crowds."""
+        time = next((measure for measure in self.own if measure.limit), SUCCESS)
+        safe, common = self._named("collisions"), COMMON[: NUM_BRIEF - 2]
+        story = (self.marks[0], *common) if self.marks else (SUCCESS, time, *safe, *others, *common)
+        self.brief = tuple(dict.fromkeys((self.headline, *story)))[:NUM_BRIEF]
+        """Rows of the table in the terminal: the headline, success or the first mark, times, and common measures."""
         self.label = next((measure.label for measure in self._named(self.progress)), "progress")
         """Axis label of the progress curves."""
 

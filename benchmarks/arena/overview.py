@@ -195,7 +195,7 @@ def case_sections(
         Section(
             f"{label.capitalize()} over time and distance", (*curve_figures(f"curves_{place}_{{}}", curves, label),), 3
         ),
-        Section("All measures", (measures_table(estimates, measures),), 3),
+        Section("All measures", (measures_table(estimates, measures.all),), 3),
         Section("Pair by pair", parts, 3),
         unfinished_section(episodes)._replace(level=3),
         *growth,

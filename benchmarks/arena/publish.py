@@ -174,13 +174,17 @@ def _facts(evaluation: Evaluation, episodes: Episodes) -> dict[str, Any]:
     }
 
 
-def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -> None:
-    """Print a table per case, or the leaderboard if there are several, and the path of the report."""
+def print_results(evaluation: Evaluation, summary: Summary, messages: Console, all: bool = False) -> None:
+    """Print a table per case, or the leaderboard if there are several, and the path of the report.
+
+    `all`: print all measures, not only `Measures.brief`.
+    """
     console, report, measures = make_console(), printable(evaluation.folder / "report.html"), evaluation.measures
     episodes = Episodes(evaluation.rows(), measures)
     cases = episodes.by_case()
     for case, here in cases.items() if evaluation.settings.world_sections else ():
-        table = leaderboard.measures_table({policy: summary[policy][case] for policy in here.policies}, measures)
+        estimates = {policy: summary[policy][case] for policy in here.policies}
+        table = leaderboard.measures_table(estimates, measures.all if all else measures.brief)
         number = max(len(here.of(policy)) for policy in here.policies)
         console.print(to_terminal(table, f"{case}, {number} episodes"))
     if len(cases) > 1 or not evaluation.settings.world_sections:
@@ -192,4 +196,6 @@ def print_results(evaluation: Evaluation, summary: Summary, messages: Console) -
                 console.print(to_terminal(leaderboard.ranking_table(part, printed), title))
     if missing := evaluation.missing():
         messages.print(f"{len(missing)} of the episodes are missing; {report} says why.", markup=False)
-    messages.print(f"Interquartile means [95 % intervals]. Report: {report}", highlight=False, markup=False)
+    messages.print(
+        f"Interquartile means (95 % intervals). Report with all measures: {report}", highlight=False, markup=False
+    )

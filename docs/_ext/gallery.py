@@ -1,4 +1,4 @@
-"""Galleries of worlds and robots: a picture of each with a scale bar, its numbers, and where worlds come from."""
+"""Generate galleries of worlds and robots: pictures with scale bars, dimensions, and sources of worlds."""
 
 import math
 from pathlib import Path
@@ -20,18 +20,19 @@ PAGES = {
     "worlds": """\
 # Worlds
 
-White is what can be reached from the spawns (triangles; the filled one is the usual one; squares are their goals), grey
-is solid or not reached, people on fixed routes are orange with the lines that they walk along. Pass the name as
-`world=`. Free area is what a point reaches from the first spawn, and the centre of a disc of 0.22 m radius. Three of
-the 300 worlds of BARN come after the library, worlds 0, 1 and 2 of each procedural family last: environments draw a new
-one at each reset.
+White areas are reachable from the spawns; grey areas are solid or unreachable. Triangles are spawns (filled: the
+default), squares their goals. People on fixed routes are orange, with their routes. Pass the name as `world=`. The free
+area is reachable from the first spawn: for a point, and for the centre of a disc of 0.22 m radius. The library is
+followed by three of the 300 worlds of BARN, and by worlds 0, 1 and 2 of each procedural family, whose
+environments draw a new world at each reset.
 
 """,
     "robots": """\
 # Robots
 
-From above, forward to the right: body, driven wheels (black), casters (grey), lidar with its field of view (blue), and
-the circle that holds body and wheels (dashed). Pass the name as `robot=`.
+Robots from above, forward to the right: body, driven wheels (black), casters (grey), lidar with its field of view
+(blue), and the circle around body and wheels (dashed). Pass the name as `robot=`. The keys of a robot file:
+[Your own robot](../customize/robot.md).
 
 """,
 }
@@ -44,7 +45,7 @@ BAR_LENGTHS = np.array([0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0])
 
 
 def pages(folder: Path) -> dict[str, str]:
-    """Draw the pictures into a folder, and return the pages that show them, by file name."""
+    """Write the pictures to a folder, and return the pages by file name."""
     folder.mkdir(exist_ok=True)
     families = {f"{family}_{seed}": FAMILIES[family](seed, None) for family in FAMILIES for seed in range(3)}
     barn = {name.replace(":", "_"): load_world(name) for name in BARN_NAMES[::149]}
@@ -67,7 +68,7 @@ def pages(folder: Path) -> dict[str, str]:
 
 
 def draw_world(world: World) -> Figure:
-    """Draw a world: what a point can reach in white, spawns as triangles, goals as squares, people, a scale bar."""
+    """Draw a world: reachable area in white, spawns as triangles, goals as squares, people, a scale bar."""
     figure, ax = _new_figure(world.bounds)
     cell = max(0.02, max(world.bounds[2] - world.bounds[0], world.bounds[3] - world.bounds[1]) / 400.0)
     grid, mask = reachable(world, resolution=cell)
@@ -116,7 +117,7 @@ def draw_robot(robot: RobotParams) -> Figure:
 
 
 def _colour(colour: style.Colour) -> tuple[float, ...]:
-    """Return a colour of the renderer as Matplotlib takes it."""
+    """Return a colour of the renderer for Matplotlib."""
     return tuple(value / 255.0 for value in colour)
 
 
@@ -125,7 +126,7 @@ _GOAL = _colour(style.FRONTIER)
 
 
 def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes]:
-    """Return an empty figure that shows some part of the plane [m], with a scale bar below it that covers nothing."""
+    """Return an empty figure for bounds (x_min, y_min, x_max, y_max) [m], with a scale bar below the axes."""
     margin, below = 0.01 * max(bounds[2] - bounds[0], bounds[3] - bounds[1]), 0.13
     x_min, y_min, x_max, y_max = (side + sign * margin for side, sign in zip(bounds, (-1, -1, 1, 1)))
     figure = Figure(figsize=SIZE, facecolor="white")
@@ -143,7 +144,7 @@ def _new_figure(bounds: tuple[float, float, float, float]) -> tuple[Figure, Axes
 
 
 def _of_world(world: World) -> str:
-    """Return size and free areas; of a world of the library also its licence."""
+    """Return size and free areas, and the licence of a library world."""
     x_min, y_min, x_max, y_max = world.bounds
     areas = " and ".join(f"{free_area(world, radius=radius):.1f} m²" for radius in (0.0, 0.22))
     licence = "" if world.source == "generated" else f"; licence: {world.licence}"
@@ -151,10 +152,10 @@ def _of_world(world: World) -> str:
 
 
 def _source(name: str) -> str:
-    """Return where a world of the library comes from, and what was chosen or closed, as an item of a list."""
+    """Return a list item with source, notes and closed openings of a library world."""
     file = read_record(LIBRARY[name], WorldFile)
     closed = sum(math.dist(row[:2], row[2:]) for row in file.closures)
-    added = f" Closed by us: {closed:.1f} m of wall." if file.closures else ""
+    added = f" Added to close the world: {closed:.1f} m of wall." if file.closures else ""
     return f"- `{name}`: {file.source}. {file.notes or ''}{added}".rstrip()
 
 

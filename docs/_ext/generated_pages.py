@@ -1,7 +1,7 @@
-"""Pages that are made when the site is built: environments, galleries of worlds and robots, examples, an episode.
+"""Generate pages during the build of the site: environments, galleries of worlds and robots, examples, an episode.
 
-They come from the registry, docstrings, libraries and sources, so that they cannot differ from the code. They are
-written to `docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores, and to the site itself.
+Sources are the registry, docstrings, libraries and examples, so that pages agree with the code. Output folders are
+`docs/environments/`, `docs/gallery/` and `docs/examples/`, which git ignores, and the site itself.
 """
 
 import ast
@@ -18,6 +18,7 @@ import environment_pages
 import gallery
 import gymnasium
 import numpy as np
+import robot_keys
 from sphinx.application import Sphinx
 
 from lidarnaut.baselines.episode import run_episode
@@ -33,17 +34,17 @@ INCLUDED = {
     "agents/pretrained/crowd/README.md": "pretrained.md",
     "agents/pretrained/reach/README.md": "pretrained.md",
 }
-"""Markdown files outside of docs, and the pages that include them."""
+"""Markdown files outside docs, and the pages that include them."""
 
 PRINTED = ("map", "robot", "sensor", "reward", "observation", "slam", "explorer", "task")
-"""Examples `own_NAME.py` whose output the pages about them show; they take seconds."""
+"""Examples `own_NAME.py` whose output is shown on pages; they take seconds."""
 EPISODE = "episode.html"
-"""Page of an episode, within the site."""
+"""Page of an episode, relative to the site."""
 EXAMPLES = """\
 # Examples
 
-Each is a file in `examples/` that runs by itself, `.venv/bin/python examples/NAME.py`, and in a test on a small budget.
-`--help` tells its arguments.
+Each example is a file in `examples/`. Run it with `.venv/bin/python examples/NAME.py`; `--help` lists its arguments.
+Tests run all examples with small budgets.
 """
 EXAMPLE = """
 ## `{name}`
@@ -59,18 +60,18 @@ EXAMPLE = """
 
 
 _written: list[str] = []
-"""The docstring that `to_rst` has turned last."""
+"""Last docstring converted by `to_rst`."""
 
 
 def example_page(folder: Path) -> str:
-    """Return the page of the examples in a folder, each with its first lines and its source."""
+    """Return the page of the examples in a folder: docstring and source of each."""
     docstrings = {path.name: ast.get_docstring(ast.parse(path.read_text())) for path in sorted(folder.glob("*.py"))}
     names = sorted(docstrings, key=lambda name: name != "quick_start.py")
     return EXAMPLES + "".join(EXAMPLE.format(name=name, text=docstrings[name]) for name in names)
 
 
 def run_examples(folder: Path, out: Path) -> None:
-    """Write what the examples of `PRINTED` print, and pictures of the worlds and the robot of the pages about them."""
+    """Write the output of the examples in `PRINTED`, and pictures and tables for the pages about them."""
     sys.path.insert(0, str(folder))
     for name in (f"own_{part}" for part in PRINTED):
         with contextlib.redirect_stdout(io.StringIO()) as printed:
@@ -81,12 +82,13 @@ def run_examples(folder: Path, out: Path) -> None:
     (text,) = re.findall(r"^```yaml\n(.*?)^```", (out.parent / "world_files.md").read_text(), re.DOTALL | re.MULTILINE)
     (file := out / "world_file.yaml").write_text(text, encoding="utf-8")
     gallery.draw_world(load_world(str(file))).savefig(out / "world_file.png", dpi=gallery.DPI)
+    (out / "robot_keys.txt").write_text(robot_keys.tables(), encoding="utf-8")
     gallery.draw_robot(sys.modules["own_robot"].ROBOT).savefig(out / "own_robot.png", dpi=gallery.DPI)
     sys.path.remove(str(folder))
 
 
 def write_pages(app: Sphinx) -> None:
-    """Write all generated pages below the source folder; pages that have not changed keep their time."""
+    """Write all generated pages below the source folder; unchanged pages keep their modification time."""
     source = Path(app.srcdir)
     for folder, pages in (
         (source / "environments", environment_pages.pages(source)),
@@ -104,7 +106,7 @@ def write_pages(app: Sphinx) -> None:
 
 
 def record_episode(app: Sphinx) -> None:
-    """Write the page of an episode, which others show in a frame: the pretrained explorer in a house it never saw."""
+    """Write the page of an episode, shown in frames: the pretrained explorer in a house outside its training."""
     if app.builder.format != "html":
         return
     env = gymnasium.make("lidarnaut/ExploreHouse-v0", physics="kinematic")
@@ -118,18 +120,18 @@ def record_episode(app: Sphinx) -> None:
 
 
 def link_within(app: Sphinx, name: str, source: list[str]) -> None:
-    """Let links to files that GitHub shows outside of docs lead to the pages that include them."""
+    """Redirect links to files outside docs to the pages that include them."""
     for path, page in INCLUDED.items():
         source[0] = source[0].replace(f"](../{path}", f"]({page}")
 
 
 def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Turn what docstrings have of Markdown into reStructuredText.
+    """Convert Markdown in docstrings to reStructuredText.
 
-    Docstrings of environments are Markdown altogether and have pages of their own: their first line is kept.
+    Docstrings of environments have their own Markdown pages; only their first line is kept.
     """
     if what == "class" and "## Description" in (inspect.getdoc(obj) or ""):
-        lines[1:] = ["", "Its page among the environments documents spaces, rewards, ends and arguments."]
+        lines[1:] = ["", "See its page under Environments for spaces, rewards, episode ends and arguments."]
     lines[:] = [re.sub(r"^#+ (.+)", r"**\1**\n", line) for line in lines]
     text = re.sub(r"(?<!`)`([^`]+)`(?!`)", r"``\1``", "\n".join(lines))
     lines[:] = re.sub(r"\|(\w+)\|", r"\|\1\|", text).split("\n")
@@ -137,7 +139,7 @@ def to_rst(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: lis
 
 
 def keep_attributes(app: Sphinx, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
-    """Undo what napoleon makes of attributes: it takes what stands before a colon in the first line for a type."""
+    """Restore docstrings of attributes: napoleon reads text before a colon in the first line as a type."""
     if what in ("attribute", "data", "property"):
         lines[:] = _written
 

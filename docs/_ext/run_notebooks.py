@@ -1,4 +1,4 @@
-"""Runs the notebooks side by side while other pages are made and read; myst-nb alone runs one after the other."""
+"""Run the notebooks in parallel, while other pages are generated and read; myst-nb runs notebooks in sequence."""
 
 import logging
 import shutil
@@ -12,13 +12,15 @@ from jupyter_cache.executors import load_executor
 from sphinx.application import Sphinx
 
 NOTEBOOKS = "tutorials/"
-"""How the names of pages begin that are notebooks."""
+"""Prefix of the names of pages that are notebooks."""
 _running: list[subprocess.Popen[bytes]] = []
 
 
 def start(app: Sphinx) -> None:
-    """Begin to run all notebooks of `docs/tutorials` anew."""
+    """Start to run all notebooks of `docs/tutorials`; not with `-D nb_execution_mode=off`."""
     config = app.config
+    if config.nb_execution_mode == "off":
+        return
     arguments = app.srcdir, config.nb_execution_cache_path, config.nb_execution_timeout
     _running.append(subprocess.Popen([sys.executable, __file__, *map(str, arguments)], stdout=subprocess.PIPE))
 
@@ -28,12 +30,18 @@ def wait(app: Sphinx, name: str, source: list[str]) -> None:
 
     Pages are read by processes that this one forks, which share its pipe: that ends with the process that writes there.
     """
-    if name.startswith(NOTEBOOKS):
+    if name.startswith(NOTEBOOKS) and _running:
         _running[0].stdout.read()  # type: ignore[union-attr]
 
 
+def finish(app: Sphinx, error: Exception | None) -> None:
+    """End the process that `start` began."""
+    while _running:
+        _running.pop().wait()
+
+
 def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
-    """Run the notebooks of a source folder, and keep what they give where myst-nb looks for it."""
+    """Run the notebooks of a source folder, and store their outputs in the cache of myst-nb."""
     shutil.rmtree(folder, ignore_errors=True)
     cache = get_cache(folder)
     for path in sorted((source / NOTEBOOKS).glob("*.ipynb"), key=lambda path: -path.stat().st_size):
@@ -44,10 +52,10 @@ def run_notebooks(source: Path, folder: Path, timeout: int) -> None:
 
 
 def setup(app: Sphinx) -> dict[str, Any]:
-    """Register; see `start` and `wait`."""
+    """Register; see `start`, `wait` and `finish`."""
     app.connect("builder-inited", start)
     app.connect("source-read", wait)
-    app.connect("build-finished", lambda *_: _running.pop().wait())
+    app.connect("build-finished", finish)
     return {"parallel_read_safe": True, "parallel_write_safe": True}
 
 

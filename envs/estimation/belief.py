@@ -9,21 +9,19 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D, Window
 from lidarnaut.envs.simulation import Reading, Twist
 
 ORIGIN = Pose2D(0.0, 0.0, 0.0)
-"""Identity pose."""
 NO_CELLS = np.empty((0, 2), dtype=np.int32)
-"""Empty array for `MapUpdate.new_cells`."""
 
 
 class Correction(NamedTuple):
-    """Displacement of the map at a loop closure or another redraw, sampled at past poses."""
+    """Displacement of a map, for example by a loop closure, given as past robot poses before and after."""
 
     before: np.ndarray
-    """Past poses in the old map: shape (n, 3), float64 [m, m, rad]."""
+    """Past robot poses in the old map: shape (n, 3), float64 [m, m, rad]."""
     after: np.ndarray
-    """Past poses in the new map: shape (n, 3), float64 [m, m, rad]."""
+    """Past robot poses in the corrected map: shape (n, 3), float64 [m, m, rad]."""
 
     def apply(self, points: np.ndarray) -> np.ndarray:
-        """Move points to the new map, each with the nearest past pose: shape (k, 2), float64, map frame [m]."""
+        """Return map points moved with the nearest past pose to the corrected map: shape (k, 2), float64 [m]."""
         points = np.asarray(points, dtype=np.float64).reshape(-1, 2)
         if len(self.before) == 0 or len(points) == 0:
             return points.copy()
@@ -35,32 +33,31 @@ class Correction(NamedTuple):
 
 
 class MapUpdate(NamedTuple):
-    """Map changes by the last scan."""
+    """Changes of the occupancy grid by the last scan."""
 
     new_cells: np.ndarray
-    """Newly known cells (row, column) relative to `origin`: shape (k, 2), int32; after a redraw, all known cells."""
+    """Cells (row, column) that became known, counted from `origin`: shape (k, 2), int32. All known cells if redrawn."""
     window: Window | None
-    """Cells that may have changed; None if the scan was not integrated."""
+    """Rectangle of cells that may have changed; None if the scan was not inserted."""
     redrawn: bool = False
-    """True if the whole map changed, by a loop closure or a new best particle."""
+    """True if the whole map was recomputed, after a loop closure or a change of the best particle."""
     origin: tuple[float, float] = (0.0, 0.0)
-    """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]. A map may grow later."""
+    """Position (x, y) of the corner of cell (0, 0) at the update, map frame [m]."""
     correction: Correction | None = None
-    """Displacement of the map by a redraw, if known."""
+    """Displacement of the old map if the whole map was recomputed; None if unknown."""
 
 
 NO_UPDATE = MapUpdate(NO_CELLS, None)
-"""Update for a scan that was not integrated."""
 
 
 @dataclass(slots=True)
 class Belief:
-    """Pose estimate and map, in the map frame. Every scan updates the same object in place."""
+    """Output of a SLAM or localizer, in the map frame. Every scan updates the same object in place."""
 
     pose: Pose2D
     """Estimated pose of the robot's base."""
     grid: OccupancyGrid
-    """Estimated map. The data array is updated in place, and replaced when the map grows."""
+    """Estimated occupancy grid. Its array is updated in place, and replaced when the map grows."""
     update: MapUpdate = NO_UPDATE
     covariance: np.ndarray = field(default_factory=lambda: np.zeros((3, 3)))
     """Covariance of x, y and heading: shape (3, 3), float64 [m, m, rad]; zeros if not estimated."""
@@ -70,29 +67,29 @@ class Belief:
     """Alternative poses that explain the scans equally well, as x, y, heading [m, m, rad] and weight relative to
     `pose`: shape (k, 4), float64."""
     twist: Twist | None = None
-    """Estimated velocity of the base, if available."""
+    """Estimated forward speed [m/s] and yaw rate [rad/s]; None if unknown."""
     people: np.ndarray = field(default_factory=lambda: np.empty((0, 5)))
-    """Tracked people, as in `PeopleTracker.people`: shape (n, 5), float64, base frame."""
+    """Tracked people as x, y [m], velocity (x, y) [m/s] and radius [m]: shape (n, 5), float64, base frame."""
     on_people: np.ndarray | None = None
-    """Beams of the last scan that end at possible people, excluded from mapping: shape (num_beams,), bool; None without
-    tracking."""
+    """Mask of the last scan's beams that end at possible people and are not mapped: shape (num_beams,), bool; None
+    without tracking."""
     path: np.ndarray | None = None
-    """Corrected trajectory after a redraw, one pose per scan or key scan: shape (n, 3), float64 [m, m, rad]; otherwise
-    None."""
+    """Corrected trajectory if the map was redrawn, otherwise None: shape (n, 3), float64 [m, m, rad], one pose per
+    processed scan."""
 
     @property
     def hypotheses(self) -> np.ndarray:
-        """`pose` and `rivals` as x, y, heading [m, m, rad] and normalized weight: shape (1 + k, 4), float64."""
+        """Estimated and alternative poses as x, y, heading [m, m, rad], weight (sum 1): shape (1 + k, 4), float64."""
         rows = np.vstack([(*self.pose, 1.0), self.rivals])
         rows[:, 3] /= rows[:, 3].sum()
         return rows
 
 
 class Estimator(Protocol):
-    """Protocol of SLAM, localization and mapping: from readings and odometry to a belief.
+    """Interface of SLAM and localization: estimates pose and map from sensor readings and odometry.
 
-    Constructors take the lidar geometry and parameters. Optional class attributes: `shares_maps = True` if several
-    robots can share one `map`; `uses_first_scan = False` if the scan at reset is ignored. `reset` may receive the
+    Constructors take the lidar geometry and parameters. With the class attribute `shares_maps = True`, several robots
+    can share one map. With `uses_first_scan = False`, the scan at the reset is ignored. `reset` may have an argument
     `covariance` of the initial pose, shape (3, 3), float64 [m, m, rad].
     """
 
@@ -100,21 +97,24 @@ class Estimator(Protocol):
     def belief(self) -> Belief: ...
 
     def reset(self, rng: np.random.Generator, pose: Any = ORIGIN, map: Any = None) -> Belief:
-        """Start at `pose` (map frame), or for None anywhere on a known map; `map` is None for an unknown map."""
+        """Start at `pose` in the map frame and return the estimate; None is an unknown pose on a known map.
+
+        `map`: known or shared map, or None.
+        """
         ...
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a reading; `motion` is the odometry pose of the base relative to the last reading."""
+        """Process a sensor reading; `motion` is the base pose relative to the last reading, by odometry."""
         ...
 
 
 def check_belief(belief: Any, name: str, grid: OccupancyGrid | None = None, before: Any = (None, None)) -> None:
-    """Check the belief returned by the estimator `name`; kernels do not check indices.
+    """Check the pose estimate and map returned by the estimator called `name`.
 
-    `grid`: grid that the belief must hold, if any; `before`: data and shape of the grid before the update.
+    `grid`: grid that must be returned, if any; `before`: data and shape of the grid before the update.
 
     Raises:
-        ValueError: a part has the wrong type or shape, is not finite or lies outside the grid.
+        ValueError: a value has the wrong type or shape, is not finite or lies outside the grid.
     """
     if fault := _fault_of(belief, grid, *before):
         raise ValueError(f"estimator {name}: {fault}")

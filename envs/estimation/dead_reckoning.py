@@ -9,7 +9,7 @@ from .belief import NO_CELLS, ORIGIN, Belief, MapUpdate
 
 
 class DeadReckoning:
-    """`Estimator` that integrates odometry and ignores scans."""
+    """Pose estimation by odometry alone; scans are ignored."""
 
     uses_first_scan = False
     belief: Belief
@@ -17,7 +17,11 @@ class DeadReckoning:
     def reset(
         self, rng: np.random.Generator, pose: Pose2D | None = ORIGIN, map: Any = None, covariance: Any = None
     ) -> Belief:
-        """Start at a pose, ValueError for None. Without a map, the belief has a map of one unknown cell."""
+        """Start at `pose` in the map frame. Without a map, use a map of one unknown cell.
+
+        Raises:
+            ValueError: `pose` is None.
+        """
         if pose is None:
             raise ValueError("dead reckoning needs a start pose; use localizer='amcl'")
         if map is None:

@@ -1,4 +1,4 @@
-"""Map crops at several scales that preserve thin walls."""
+"""Map crops around a robot at several resolutions that preserve thin walls."""
 
 import math
 
@@ -13,7 +13,7 @@ from lidarnaut.envs.geometry.lookup import load
 OCCUPIED_FROM = 50
 """Minimum occupancy of an occupied cell [percent]."""
 LARGEST_POOLED = 8
-"""Maximum side of a block pooled from map cells [cells]; larger blocks are pooled from smaller blocks."""
+"""Maximum side of blocks computed directly from map cells [cells]. Larger blocks are computed from smaller blocks."""
 
 _POOL = 4
 _FREE = np.uint16(0xFF)
@@ -23,7 +23,6 @@ _VISITED = np.uint16(1 << 9)
 
 @njit(cache=True, error_model="numpy")
 def _add_columns(lines, sums):
-    """Write free cells + 256 x occupied cells per column of `lines` to `sums`: shape (n,), uint16."""
     for k in range(sums.shape[0]):
         sums[k] = np.uint16(0)
     for row in range(lines.shape[0]):
@@ -35,11 +34,11 @@ def _add_columns(lines, sums):
 
 @njit(cache=True, error_model="numpy")
 def pool_cells(data, window, block, level):
-    """Pool map cells into blocks, inside a `Window` of changed cells.
+    """Pool map cells into blocks, inside a window (rectangle) of changed cells.
 
-    `data`: map, shape (height, width), int8; `block`: side of a block [cells], a power of two up to `LARGEST_POOLED`;
-    `level`: written, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the share of free
-    cells times 255, and flags for occupied and visited.
+    `data`: occupancy [percent], shape (height, width), int8; `block`: side of a block [cells], a power of two up to
+    `LARGEST_POOLED`; `level`: output, shape (n + 1,), uint16: one word per block, and 0 for outside. A word holds the
+    fraction of free cells times 255, and flags for occupied and visited.
     """
     level_width = (data.shape[1] + block - 1) // block
     first, last = window.col // block, (window.col + window.width - 1) // block + 1
@@ -58,7 +57,7 @@ def pool_cells(data, window, block, level):
 
 @njit(cache=True, error_model="numpy")
 def _pool_blocks(finer, height, width, window, level):
-    """Pool 4 x 4 blocks of a finer level, inside a `Window` of finer blocks."""
+    """Pool 4 x 4 blocks into one, inside a window (rectangle) of changed blocks."""
     level_width = (width + _POOL - 1) // _POOL
     for i in range(window.row // _POOL, (window.row + window.height - 1) // _POOL + 1):
         for j in range(window.col // _POOL, (window.col + window.width - 1) // _POOL + 1):
@@ -74,11 +73,11 @@ def _pool_blocks(finer, height, width, window, level):
 
 @njit(cache=True, error_model="numpy")
 def crop_level(level, height, width, x, y, theta, pixel, crop):
-    """Crop a level around the robot: axis 1 of `crop` points forward, axis 2 to the left.
+    """Crop a pooled map around the robot: axis 1 of `crop` points forward, axis 2 to the left.
 
-    `level`: see `pool_cells`; `x`, `y`, `theta`: pose relative to the map's corner [blocks, blocks, rad]; `pixel`: side
-    of a pixel [blocks]; `crop`: written, shape (3, size, size), uint8: occupied (255), share of free cells times 255,
-    visited (255).
+    `level`: words of the blocks, see `pool_cells`; `x`, `y`, `theta`: robot pose relative to the map's corner [blocks,
+    blocks, rad]; `pixel`: side of a pixel [blocks]; `crop`: output, shape (3, size, size), uint8: occupied (255),
+    fraction of free cells times 255, visited (255).
     """
     size = crop.shape[1]
     c, s = np.float32(math.cos(theta) * pixel), np.float32(math.sin(theta) * pixel)
@@ -103,10 +102,10 @@ def crop_level(level, height, width, x, y, theta, pixel, crop):
 
 
 class Level:
-    """Pyramid level: blocks of one size."""
+    """Map pooled into blocks of one size."""
 
     def __init__(self, block: int, finer: "Level | None") -> None:
-        """Create a level with blocks of side `block` [cells], pooled from `finer` or, if None, from the map."""
+        """Create a map with blocks of side `block` [cells], pooled from the map `finer`, or from map cells if None."""
         self.block, self.finer = block, finer
         self.is_stale = True
         self.pending = NO_WINDOW
@@ -124,14 +123,14 @@ class Level:
             _pool_blocks(finer.words, finer.height, finer.width, window.blocks(finer.block), self.words)
 
     def mark(self, col: float, row: float) -> None:
-        """Mark the block that contains (`col`, `row`) [cells] as visited."""
+        """Mark the block that contains the position (`col`, `row`) [cells] as visited."""
         i, j = math.floor(row) // self.block, math.floor(col) // self.block
         if 0 <= i < self.height and 0 <= j < self.width:
             self.words[i * self.width + j] |= _VISITED
 
 
 class MapPyramid:
-    """Levels of one map, created on demand."""
+    """Map pooled into blocks of several sizes on demand."""
 
     def __init__(self, grid: OccupancyGrid, trails: list[Trail]) -> None:
         self.grid, self._data, self._trails = grid, grid.data, trails
@@ -155,7 +154,10 @@ class MapPyramid:
                 level.mark(col, row)
 
     def crop(self, x: float, y: float, theta: float, pixel: float, out: np.ndarray) -> None:
-        """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m]; see `crop_level`."""
+        """Crop the map around a pose (map frame) into `out`, with pixels of side `pixel` [m].
+
+        `out`: shape (3, size, size), uint8: occupied, free, visited.
+        """
         level = self.level(pixel)
         side = level.block * self.grid.resolution
         left, low = self.grid.origin
@@ -163,7 +165,7 @@ class MapPyramid:
         crop_level(level.words, level.height, level.width, x, y, theta, pixel / side, out)
 
     def level(self, pixel: float) -> Level:
-        """Return the updated level whose block side is nearest to a pixel's side [m]."""
+        """Return the updated pooled map with the block side nearest to `pixel` [m]."""
         level = self._level_of_pixel.get(pixel)
         if level is None:
             block = 2 ** max(round(math.log2(pixel / self.grid.resolution)), 0)

@@ -20,14 +20,14 @@ def arc_motion(distance, turn):
 
 @njit(cache=True, error_model="numpy")
 def wheel_motion(left_ticks, right_ticks, metres_per_tick, track):
-    """Return the motion (x, y, theta) from encoder counts; `track`: distance between the wheels [m]."""
+    """Return the displacement (x, y, theta) from wheel encoder counts; `track`: distance between the wheels [m]."""
     left, right = left_ticks * metres_per_tick, right_ticks * metres_per_tick
     return arc_motion(0.5 * (left + right), (right - left) / track)
 
 
 @njit(cache=True, error_model="numpy")
 def update_bias(gyro, yaw_rate, variance):
-    """Update the gyroscope's bias [rad/s] and bias variance, `gyro`, in place, from a yaw rate measured at rest."""
+    """Update the bias estimate `gyro` (bias [rad/s] and variance) in place from a yaw rate measured at rest."""
     innovation, total = yaw_rate - gyro[0], gyro[1] + variance
     if gyro[1] > 0.0 and innovation * innovation <= 9.0 * total:
         gain = gyro[1] / total
@@ -37,9 +37,9 @@ def update_bias(gyro, yaw_rate, variance):
 
 @njit(cache=True, error_model="numpy")
 def gyro_motion(left_ticks, right_ticks, metres_per_tick, yaw_rate, period, gyro, variance):
-    """Return the motion (x, y, theta) from encoder counts and yaw rate.
+    """Return the displacement (x, y, theta) from wheel encoder counts and yaw rate [rad/s].
 
-    Updates the bias while the wheels rest (zero-velocity update); see `update_bias`.
+    Updates the gyroscope bias while the wheels rest (zero-velocity update).
     """
     if left_ticks == 0 and right_ticks == 0:
         update_bias(gyro, yaw_rate, variance)
@@ -57,7 +57,7 @@ class WheelMotion:
         self._ticks = reading.ticks
 
     def update(self, reading: Reading) -> Pose2D:
-        """Return the pose of the base relative to the last reading."""
+        """Return the base pose relative to the base pose at the last reading."""
         return Pose2D(*wheel_motion(*self._counts(reading), self._metres_per_tick, self._track))
 
     def _counts(self, reading: Reading) -> tuple[int, int]:
@@ -88,5 +88,5 @@ class GyroMotion(WheelMotion):
 
 
 def make_motion_source(robot: RobotParams, control_period: float) -> WheelMotion:
-    """Return the odometry selected by a robot's YAML file; `control_period`: time between readings [s]."""
+    """Create the odometry selected in a robot's parameters; `control_period`: time between readings [s]."""
     return GyroMotion(robot, control_period) if robot.odometry.uses_gyro else WheelMotion(robot)

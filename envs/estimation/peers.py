@@ -7,15 +7,15 @@ from lidarnaut.envs.geometry import Pose2D
 from lidarnaut.envs.robots import RobotParams
 
 PEER_MARGIN = 0.15
-"""Maximum distance of a beam's end from a peer's footprint that counts as a hit [m]."""
+"""Margin around another robot's footprint [m]. Beams that end inside hit that robot."""
 
 
 @njit(cache=True, error_model="numpy")
 def remove_peers(ranges, directions, mount, pose, peers, reach):
-    """Return a scan with NaN for beams that end within `reach` [m] of a peer.
+    """Return a scan with NaN for beams that end within `reach` [m] of another robot.
 
     `directions`: cosine and sine of the beams, shape (2, num_beams); `mount`: position of the lidar, base frame [m];
-    `pose` (x, y, theta) and `peers`, shape (m, 2): map frame [m, rad].
+    `pose` (x, y, theta) and `peers` (positions, shape (m, 2)): map frame [m, rad].
     """
     result = ranges.copy()
     x, y, theta = pose
@@ -33,21 +33,21 @@ def remove_peers(ranges, directions, mount, pose, peers, reach):
 
 
 class PeerFilter:
-    """Removes other robots from scans, to keep them out of the map."""
+    """Filter that removes other robots from scans, to keep them out of the map."""
 
     def __init__(self, robot: RobotParams) -> None:
         self._mount, self._directions = (robot.lidar.mount.x, robot.lidar.mount.y), robot.lidar.directions
         self._reach = robot.radius + PEER_MARGIN
 
     def __call__(self, ranges: np.ndarray, pose: Pose2D, peers: list[Pose2D]) -> np.ndarray:
-        """Return a scan with NaN for beams that end at peers: shape (num_beams,), float32 [m]."""
+        """Return a scan with NaN for beams that end at other robots: shape (num_beams,), float32 [m]."""
         if not peers:
             return ranges
         positions = np.array([peer[:2] for peer in peers])
         return remove_peers(ranges, self._directions, self._mount, tuple(pose), positions, self._reach)
 
     def hits(self, ranges: np.ndarray, pose: Pose2D, peer: Pose2D) -> np.ndarray:
-        """Return the ends of beams that hit a peer: shape (k, 2), float64, base frame [m]."""
+        """Return the ends of beams that hit the robot at pose `peer`: shape (k, 2), float64, base frame [m]."""
         is_hit = np.isnan(self(ranges, pose, [peer])) & ~np.isnan(ranges)
         points: np.ndarray = self._mount + (ranges[is_hit] * self._directions[:, is_hit]).T
         return points

@@ -1,6 +1,6 @@
-"""Kernels of people tracking: person-sized clusters and free-space tests.
+"""Person-sized clusters in scans and free-space tests, compiled with Numba.
 
-`p` is a `lidarnaut.envs.estimation.tracking.TrackerNumbers`; `scan`, `ranges`: shape (num_beams,), float32 [m].
+`p`: tracker parameters as floats; `scan`, `ranges`: shape (num_beams,), float32 [m].
 """
 
 import math
@@ -11,31 +11,29 @@ from numba import njit
 from lidarnaut.envs.geometry.rows import write_row
 
 CLUSTER_SIZE = 6
-"""Number of columns of a cluster: x, y (base frame) [m], radius [m], number of beams, kind, and 1 if static."""
+"""Number of values of a cluster: centre x, y [m], radius [m], number of beams, kind, and 1 if static."""
 BODY, LEG, SLOPE, PART = 0.0, 1.0, 2.0, 3.0
-"""Kinds of clusters: body, leg, piece of a surface, visible part of a body."""
+"""Kinds of clusters: a person's body, a leg, a piece of a wall or other surface, a partly visible body."""
 PASSED, HIDDEN, HIT = 1, 0, -1
-"""Results of `look_at_disc`: the beams pass the disc, the disc is occluded, or a beam ends at the disc."""
+"""Results of a free-space test of a disc: beams pass the disc, the disc is occluded, or a beam ends at the disc."""
 CORE_SHARE = 0.8
-"""Share of a disc's radius that beams must pass; walls may be close to people."""
+"""Fraction of a disc's radius tested for free space, as walls may be close to people."""
 MAX_PART_SHARE = 0.75
-"""Maximum radius of a visible part of a body, as a share of the body's radius."""
+"""Clusters below this fraction of a body's radius are partly visible bodies."""
 BODY_RADIUS, MAX_FLAT_RATIO, MIN_FLAT_SIZE, MIN_FLAT_BEAMS = 0.3, 0.27, 0.25, 8
-"""Flatness test of a cluster: body radius [m]; maximum mean distance of points from the chord, as a share of the height
-of a body's arc; minimum length [m]; minimum number of points."""
+"""Test for flat clusters: assumed radius of a body [m]; maximum mean distance of points from the chord, divided by the
+height of a body's arc; minimum length [m]; minimum number of points."""
 ARC_DEPTH = 0.785
-"""Distance from the mean visible point of a disc to its centre, in radii."""
+"""Distance from the mean visible point of a disc to the disc's centre, divided by the radius."""
 
 
 @njit(cache=True, error_model="numpy")
 def _is_slope(edge, neighbour, p):
-    """Return True if the next beam ends slightly nearer, as on a surface at grazing incidence."""
     return edge - p.slope < neighbour < edge
 
 
 @njit(cache=True, error_model="numpy")
 def _is_flat(x, y, first, last):
-    """Return True if points with mean (x, y) lie close to the line from `first` to `last`."""
     chord_x, chord_y = last[0] - first[0], last[1] - first[1]
     chord = math.hypot(chord_x, chord_y)
     if chord < MIN_FLAT_SIZE:
@@ -47,7 +45,6 @@ def _is_flat(x, y, first, last):
 
 @njit(cache=True, error_model="numpy")
 def _add_cluster(clusters, count, first, last, total, beams, is_slope, p):
-    """Append a cluster from `first` to `last` (x, y) if person-sized; return the number of clusters."""
     width = math.hypot(last[0] - first[0], last[1] - first[1])
     x, y = total[0] / beams, total[1] / beams
     ahead, left = x - p.mount_x, y - p.mount_y
@@ -79,7 +76,7 @@ def find_clusters(ranges, directions, p, clusters):
     """Split a scan at range jumps, write person-sized clusters, and return their number.
 
     Threshold of Borges and Aldon, "Line extraction in 2D range images for mobile robotics" (2004), equation 3.
-    `clusters`: shape (n, CLUSTER_SIZE), float64.
+    `clusters`: output, shape (n, CLUSTER_SIZE), float64.
     """
     num_beams, start = ranges.shape[0], 0
     count = beams = np.int64(0)  # typed, to avoid a second compilation
@@ -109,7 +106,7 @@ def find_clusters(ranges, directions, p, clusters):
 
 @njit(cache=True, error_model="numpy")
 def join_legs(clusters, count, p):
-    """Join each leg with the nearest other leg; return the number of clusters."""
+    """Merge each leg cluster with the nearest other leg cluster into a body; return the number of clusters."""
     i = 0
     while i < count:
         nearest, best = -1, p.step
@@ -131,9 +128,9 @@ def join_legs(clusters, count, p):
 
 @njit(cache=True, error_model="numpy")
 def look_at_disc(scan, pose, x, y, radius, margin, p):
-    """Return `PASSED`, `HIT` or `HIDDEN` for a disc in a scan.
+    """Test a disc for free space with a scan; return `PASSED`, `HIT` or `HIDDEN` (occluded).
 
-    `pose`: of the lidar (x, y, theta), frame of the disc; `margin`: range tolerance [m].
+    `pose`: lidar pose (x, y, theta), frame of the disc; `margin`: range tolerance [m].
     """
     dx, dy = x - pose[0], y - pose[1]
     distance = math.hypot(dx, dy)

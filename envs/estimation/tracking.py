@@ -1,7 +1,6 @@
-"""People tracking in scans: constant-velocity tracks in the odometry frame.
+"""People tracking in lidar scans by Kalman filters with constant velocity, in the odometry frame.
 
-A cluster starts a track only if recent scans saw free space at its position. A track is confirmed as a person after
-significant motion.
+Clusters that are not known to be static start tracks. A track is confirmed as a person after significant motion.
 """
 
 import math
@@ -21,34 +20,34 @@ from .scan_clusters import BODY, CLUSTER_SIZE, HIT, PASSED, SLOPE, find_clusters
 
 MAX_CLUSTERS, MAX_TRACKS = 256, 128
 X, Y, VX, VY, P_XX, P_XV, P_VV, RADIUS, HITS, MISSES, SEEN, BORN_X, BORN_Y, IS_PERSON, ID, ON_FREE = range(16)
-"""Columns of a track: position [m], velocity [m/s] and their covariance (equal on both axes), odometry frame; radius
-[m]; number of hits; number of misses since the last hit; time of the last hit [s]; start position [m]; 1 if
-confirmed as a person; identifier; number of hits in free space."""
+"""Array indices of a track: position [m], velocity [m/s] and their covariance per axis, odometry frame; radius [m];
+number of matched clusters; number of misses since the last match; time of the last match [s]; start position [m]; 1
+if confirmed as a person; identifier; number of matches in free space."""
 TRACK_SIZE = 16
 TRACKED, NOT_STANDING, LARGE_ENOUGH = range(3)
-"""Clusters that count as people in `is_on_person`: confirmed people only; also person-sized clusters not known to be
-static; or all person-sized clusters."""
+"""Strictness of person detection: confirmed people only; also person-sized clusters not known to be static; or all
+person-sized clusters."""
 POSE, TIME, NUM_TRACKS, NUM_SCANS, NUM_BORN, NUM_CLUSTERS = 0, 3, 4, 5, 6, 7
-"""Columns of the tracker's state: odometry pose (3) [m, m, rad], time [s], and number of tracks, of stored scans, of
-tracks since reset, and of clusters."""
+"""Array indices of the tracker's state: odometry pose [m, m, rad], time [s], number of tracks, number of stored scans,
+number of tracks started since the reset, number of clusters."""
 
 
 MAX_UNSEEN_TIME = 0.35
-"""Maximum age of the last hit of a reported unconfirmed track [s]."""
+"""Unconfirmed tracks are reported for this time after the last match [s]."""
 MIN_BODY_RADIUS = 0.27
-"""Minimum radius of a reported person [m]; a scan shows only one side."""
+"""Minimum reported radius of a person [m]. A scan shows only one side."""
 
 
 @dataclass(frozen=True, slots=True)
 class TrackerParams:
-    """Parameters of people tracking, tuned on simulations unless a source is given."""
+    """Parameters of people tracking, tuned in simulations unless a source is given."""
 
     max_range: float = 8.0
-    """Maximum range of clusters [m]."""
+    """Maximum distance of clusters from the lidar [m]."""
     jump: float = 0.08
-    """Minimum distance between neighbouring points to split a cluster [m]; `jump_angle` adds a range-dependent part."""
+    """Constant part of the minimum gap that splits a cluster [m]. `jump_angle` adds a part proportional to range."""
     jump_angle: float = 0.35
-    """Minimum angle between beams and a surface to keep its points in one cluster [rad] (lambda of Borges and Aldon,
+    """Minimum angle between beam and surface for neighbouring points in one cluster [rad] (lambda of Borges and Aldon,
     2004)."""
     max_size: float = 0.8
     """Maximum extent of a person [m]."""
@@ -61,61 +60,61 @@ class TrackerParams:
     min_beams: int = 3
     """Minimum number of beams of a cluster that starts a track."""
     margin: float = 0.1
-    """Distance by which a beam must overshoot a position to prove free space [m]."""
+    """Distance that a beam must pass beyond a position to prove free space [m]."""
     drift: float = 0.01
-    """Growth of `margin` per second of scan age, for odometry drift [m/s]."""
+    """Growth of `margin` with the age of a stored scan, for odometry drift [m/s]."""
     slope: float = 0.4
-    """Maximum decrease in range between neighbouring beams on the same surface [m]."""
+    """Maximum decrease in range between neighbouring beams on one surface [m]."""
     memory: float = 16.0
-    """Duration of the scan history [s]; people may wait in a passage for about ten seconds."""
+    """Duration of the scan history [s]."""
     interval: float = 1.0
-    """Time between scans of the history [s]."""
+    """Time between stored scans [s]."""
     position_std: float = 0.08
-    """Standard deviation of a cluster's position along an axis [m]."""
+    """Standard deviation of a cluster's measured position along an axis [m]."""
     speed_std: float = 0.8
-    """Standard deviation of people's velocities along an axis [m/s]."""
+    """Initial standard deviation of a track's velocity along an axis [m/s]."""
     acceleration: float = 0.6
     """Spectral density of people's white-noise acceleration [m2/s3] (Bar-Shalom et al., "Estimation with Applications
     to Tracking and Navigation", 2001, section 6.2.2)."""
     gate: float = 3.0
-    """Maximum Mahalanobis distance between a track and its cluster."""
+    """Maximum Mahalanobis distance between a track and a matched cluster."""
     max_gap: float = 0.8
-    """Maximum distance between a track and its cluster [m]."""
+    """Maximum distance between a track and a matched cluster [m]."""
     min_hits: int = 4
-    """Minimum number of hits to confirm a person."""
+    """Minimum number of matched clusters to confirm a track as a person."""
     min_travel: float = 0.3
-    """Minimum distance from the start of the track to confirm a person [m]."""
+    """Minimum distance of a track from its start to confirm a person [m]."""
     min_speed: float = 0.2
-    """Minimum speed to confirm a person [m/s]."""
+    """Minimum speed of a track to confirm a person [m/s]."""
     hidden_travel: float = math.inf
-    """Minimum distance from the start of the track to confirm a person if no scan saw free space there [m]."""
+    """Minimum distance of a track from its start to confirm a person never seen in free space [m]."""
     significance: float = 2.0
     """Minimum ratio of speed to its standard deviation to confirm a person."""
     max_std: float = 0.35
-    """Maximum standard deviation of the position of a reported person, along an axis [m]."""
+    """Maximum standard deviation of a reported person's position along an axis [m]."""
     stood_hits: int = 1
-    """Minimum number of stored scans with a hit at a body-sized cluster to treat the cluster as static."""
+    """Minimum number of stored scans with an obstacle at a body-sized cluster to treat the cluster as static."""
     static_hits: int = 12
-    """Minimum number of stored scans with a hit at a person-sized cluster to add the cluster to the map."""
+    """Minimum number of stored scans with an obstacle at a person-sized cluster to add the cluster to the map."""
     max_misses: int = 4
     """Number of scans with free space at a track before the track is deleted."""
     lost_time: float = 3.0
-    """Time after which an occluded person is deleted [s]; a sixth of it for unconfirmed tracks."""
+    """Time after which an occluded person is deleted [s]. Unconfirmed tracks are deleted after a sixth of the time."""
 
 
 _OF_LIDAR = ("mount_x", "mount_y", "mount_yaw", "angle_min", "increment", "range_max", "is_full_turn", "jump_gain")
 _OWN = tuple(field.name for field in fields(TrackerParams))
 TrackerNumbers = namedtuple("TrackerNumbers", [*_OF_LIDAR, *_OWN])  # type: ignore[misc]
-"""Lidar and tracker parameters as floats, for kernels."""
+"""Lidar and tracker parameters as floats, for compiled functions."""
 
 
 def num_kept_scans(params: TrackerParams) -> int:
-    """Return the number of scans in the history."""
+    """Return the number of scans that the tracker stores."""
     return max(1, math.ceil(params.memory / params.interval))
 
 
 def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers:
-    """Return lidar and tracker parameters for kernels."""
+    """Return lidar and tracker parameters as floats, for compiled functions."""
     increment, mount = lidar.angle_increment, lidar.mount
     gain = math.sin(increment) / math.sin(max(params.jump_angle - increment, increment))
     is_full_turn = lidar.fov > 2.0 * math.pi - 1e-6
@@ -125,7 +124,7 @@ def tracker_numbers(lidar: LidarParams, params: TrackerParams) -> TrackerNumbers
 
 @njit(cache=True, error_model="numpy")
 def predict(track, dt, p):
-    """Predict a track `dt` [s] ahead, in place."""
+    """Predict a track's position, velocity and covariance `dt` [s] ahead, in place."""
     q = p.acceleration
     track[X] += dt * track[VX]
     track[Y] += dt * track[VY]
@@ -136,7 +135,7 @@ def predict(track, dt, p):
 
 @njit(cache=True, error_model="numpy")
 def correct(track, x, y, p):
-    """Correct a track with a measured position (x, y) by a Kalman filter, in place."""
+    """Correct a track with a measured position (x, y) [m] by a Kalman filter, in place."""
     s = track[P_XX] + p.position_std**2
     k_x, k_v = track[P_XX] / s, track[P_XV] / s
     dx, dy = x - track[X], y - track[Y]
@@ -163,9 +162,10 @@ def _votes(x, y, radius, time, scans, poses, num_scans, p):
 
 @njit(cache=True, error_model="numpy")
 def _match(tracks, num_tracks, clusters, count, moved, matches, p):
-    """Match tracks to clusters greedily, nearest pair first; return the matched clusters, shape (count,), bool.
+    """Match tracks to clusters greedily, nearest pair first; return the mask of matched clusters.
 
-    `matches`: written, cluster of each track or -1; `moved`: -1 for static clusters, which fast tracks do not match.
+    `matches`: output, cluster index of each track or -1; `moved`: -1 for static clusters, which fast tracks do not
+    match.
     """
     pairs, distances, num_pairs = np.empty((MAX_CLUSTERS, 2), dtype=np.int64), np.empty(MAX_CLUSTERS), 0
     for i in range(num_tracks):
@@ -215,10 +215,11 @@ def _judge(track, ranges, lidar, p):
 
 @njit(cache=True, error_model="numpy")
 def track_people(ranges, directions, motion, period, state, tracks, memory, clusters, p):
-    """Process a scan; update `state`, `tracks`, `memory` and `clusters`.
+    """Update all tracks of people with a scan.
 
-    `motion`: odometry pose of the base relative to the last scan; `period`: time since the last scan [s]; `memory`:
-    scan history, shape (n, num_beams), float32, and lidar poses (x, y, theta, time), shape (n, 4).
+    `motion`: base pose relative to the last scan, by odometry; `period`: time since the last scan [s]; `memory`: stored
+    scans, shape (n, num_beams), float32 [m], and lidar poses (x, y, theta, time), shape (n, 4). Arrays are updated in
+    place.
     """
     scans, poses = memory
     x, y, theta = compose(state[0], state[1], state[2], motion[0], motion[1], motion[2])
@@ -281,7 +282,10 @@ def track_people(ranges, directions, motion, period, state, tracks, memory, clus
 
 @njit(cache=True, error_model="numpy")
 def write_bodies(state, tracks, p, bodies):
-    """Write people and recent unconfirmed tracks to `bodies`, as `PeopleTracker.people`; return their number."""
+    """Write confirmed people and recently seen unconfirmed tracks to `bodies`; return their number.
+
+    `bodies`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
+    """
     count = 0
     c, s = math.cos(state[2]), math.sin(state[2])
     for i in range(int(state[NUM_TRACKS])):
@@ -297,7 +301,10 @@ def write_bodies(state, tracks, p, bodies):
 
 @njit(cache=True, error_model="numpy")
 def on_people(ranges, directions, people, margin, p, mask):
-    """Write the mask of beams that end within `margin` [m] of people to `mask`; `people`: as `PeopleTracker.people`."""
+    """Write the mask of beams that end within `margin` [m] of a person's outline to `mask`.
+
+    `people`: x, y [m], velocity (x, y) [m/s], radius [m], base frame.
+    """
     for k in range(ranges.shape[0]):
         x, y = p.mount_x + ranges[k] * directions[0, k], p.mount_y + ranges[k] * directions[1, k]
         mask[k] = False
@@ -306,10 +313,10 @@ def on_people(ranges, directions, people, margin, p, mask):
 
 
 class PeopleTracker:
-    """Tracks people from scans and odometry of one robot."""
+    """Tracker of people around one robot, from lidar scans and odometry."""
 
     def __init__(self, lidar: LidarParams, period: float, params: TrackerParams = TrackerParams()) -> None:
-        """Create a tracker for scans with a period [s]."""
+        """Create a tracker; `period` is the time between scans [s]."""
         self.params, self._period = params, period
         self._numbers, self._directions = tracker_numbers(lidar, params), lidar.directions
         num_scans = num_kept_scans(params)
@@ -321,14 +328,17 @@ class PeopleTracker:
         self._state[:] = 0.0
 
     def update(self, ranges: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Process a scan, shape (num_beams,), float32 [m]; `motion`: odometry pose relative to the last scan."""
+        """Process a scan, shape (num_beams,), float32 [m]; return the confirmed people.
+
+        `motion`: base pose relative to the last scan, by odometry.
+        """
         arrays = self._state, self._tracks, self._memory, self._clusters
         track_people(ranges, self._directions, tuple(motion), self._period, *arrays, self._numbers)
         return self.people
 
     @property
     def people(self) -> np.ndarray:
-        """Confirmed people as x, y [m], ground velocity [m/s], radius [m]: shape (n, 5), float64, base frame."""
+        """Confirmed people as x, y [m], ground velocity (x, y) [m/s], radius [m]: shape (n, 5), float64, base frame."""
         tracks = self.tracks
         tracks = tracks[(tracks[:, IS_PERSON] > 0.0) & (tracks[:, P_XX] <= self.params.max_std**2)]
         pose = Pose2D(*self._state[POSE : POSE + 3].tolist())
@@ -337,19 +347,20 @@ class PeopleTracker:
 
     @property
     def bodies(self) -> np.ndarray:
-        """Confirmed people and recent unconfirmed tracks, in the columns of `people`."""
+        """Confirmed people and recently seen unconfirmed tracks: shape (n, 5), float64, columns as in `people`."""
         bodies = np.empty((MAX_TRACKS, 5))
         return bodies[: write_bodies(self._state, self._tracks, self._numbers, bodies)]
 
     @property
     def tracks(self) -> np.ndarray:
-        """View of all tracks: shape (n, TRACK_SIZE), float64; columns: see `X`."""
+        """View of all tracks: shape (n, TRACK_SIZE), float64, columns `X` to `ON_FREE`."""
         return self._tracks[: int(self._state[NUM_TRACKS])]
 
     def is_on_person(self, ranges: np.ndarray, margin: float = 0.1, *, doubt: int = TRACKED) -> np.ndarray:
-        """Return the beams that end within `margin` [m] of people: shape (num_beams,), bool.
+        """Return the mask of beams that end within `margin` [m] of people: shape (num_beams,), bool.
 
-        `doubt`: strictness, `TRACKED`, `NOT_STANDING` or `LARGE_ENOUGH`.
+        `doubt`: `TRACKED` (confirmed people), `NOT_STANDING` (also person-sized clusters not known to be static) or
+        `LARGE_ENOUGH` (all person-sized clusters).
         """
         bodies = np.empty((0, 5))
         if doubt > TRACKED:

@@ -5,11 +5,11 @@ import numpy as np
 from lidarnaut.envs.geometry import Pose2D
 
 TRAIL_SPACING = 0.1
-"""Distance between positions of a trail [m]."""
+"""Minimum distance between stored positions of a robot's path [m]."""
 
 
 def interpolate(positions: np.ndarray) -> np.ndarray:
-    """Interpolate a polyline at a spacing of about `TRAIL_SPACING`: shape (n, 2), float64 [m]."""
+    """Resample a polyline at a spacing of about `TRAIL_SPACING`: shape (n, 2), float64 [m]. Vertices are kept."""
     lengths = np.hypot(*np.diff(positions, axis=0).T)
     counts = np.maximum(lengths // TRAIL_SPACING, 1.0).astype(np.int64)
     along = np.concatenate([k + np.arange(n) / n for k, n in enumerate(counts.tolist())] + [[float(len(counts))]])
@@ -18,7 +18,7 @@ def interpolate(positions: np.ndarray) -> np.ndarray:
 
 
 class Trail:
-    """Positions passed by a robot, `TRAIL_SPACING` apart."""
+    """Path of a robot, stored as positions about `TRAIL_SPACING` apart."""
 
     def __init__(self) -> None:
         self._buffer = np.empty((256, 2))
@@ -27,7 +27,7 @@ class Trail:
         """Last stored position (x, y) [m]; infinite if the trail is empty."""
 
     def append(self, pose: Pose2D) -> bool:
-        """Store a position at least `TRAIL_SPACING` from the last one; return True if stored."""
+        """Append a position at least `TRAIL_SPACING` away from the last position. Return True if appended."""
         dx, dy = pose.x - self.last[0], pose.y - self.last[1]
         if dx * dx + dy * dy < TRAIL_SPACING * TRAIL_SPACING:
             return False
@@ -38,7 +38,7 @@ class Trail:
         return True
 
     def extend(self, positions: np.ndarray) -> None:
-        """Append positions with sufficient spacing: shape (n, 2), float64 [m]."""
+        """Append positions, shape (n, 2), float64 [m], without a check of their spacing."""
         count = self._length + len(positions)
         while count > len(self._buffer):
             self._buffer = np.concatenate([self._buffer, np.empty_like(self._buffer)])
@@ -48,7 +48,7 @@ class Trail:
             self.last = (float(positions[-1, 0]), float(positions[-1, 1]))
 
     def replace(self, positions: np.ndarray) -> None:
-        """Replace all positions after a path correction: shape (n, 2), float64 [m]."""
+        """Replace the stored positions, for example after a loop closure: shape (n, 2), float64 [m]."""
         self._length = 0
         self.last = (math.inf, math.inf)
         for x, y in positions.tolist():

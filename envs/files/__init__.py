@@ -1,4 +1,4 @@
-"""Records, archives, lookup by name, locks and atomic writing."""
+"""YAML and JSON records, NumPy archives, lookup by name, locks and atomic writing."""
 
 from .archives import MAX_BYTES, check_file, open_archive, read_bytes
 from .locking import Lock, LockedError

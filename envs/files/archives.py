@@ -9,7 +9,7 @@ import numpy as np
 from .names import printable
 
 MAX_BYTES = 2**31
-"""Maximum size of a file, and of the arrays of an archive [bytes]."""
+"""Maximum size of a file, and of the unpacked arrays of an archive [bytes]."""
 
 
 def check_file(path: Path, limit: float = MAX_BYTES) -> None:
@@ -27,7 +27,7 @@ def check_file(path: Path, limit: float = MAX_BYTES) -> None:
 
 
 def read_bytes(path: Path, limit: int = MAX_BYTES) -> bytes:
-    """Read a file of at most `limit` bytes; raises as `check_file`."""
+    """Return the content of a regular file of at most `limit` bytes; ValueError for other files."""
     check_file(path, limit)
     return path.read_bytes()
 
@@ -38,7 +38,8 @@ def open_archive(path: Path, what: str = "", hint: str = "") -> Iterator[Any]:
 
     Raises:
         OSError: the file cannot be read.
-        ValueError: the archive is damaged or too large, or the block failed; the message contains `what` and `hint`.
+        ValueError: the archive is damaged or too large, or the block failed. `what` (expected content) and `hint`
+            (advice) are part of the message.
     """
     try:
         check_file(path)

@@ -12,19 +12,27 @@ except ImportError:  # Windows
 
 
 class LockedError(RuntimeError):
-    """Another process holds a lock."""
+    """Error for a lock that another process holds."""
 
 
 class Lock:
-    """Folder lock, released when its process ends. Has no effect on systems without file locks."""
+    """Lock on a folder as a context manager, released when the process ends.
+
+    No effect on systems without file locks.
+    """
 
     def __init__(self, folder: Path, name: str = "lock", *, shared: bool = False) -> None:
-        """Prepare a lock on the file `.<name>` in a folder; `shared` locks may coexist."""
+        """Prepare a lock on the file `.<name>` in a folder. Several processes can hold a `shared` lock."""
         self._folder, self._path, self._shared = folder, folder / f".{name}", shared
         self._descriptor = -1
 
     def __enter__(self) -> "Lock":
-        """Acquire the lock; LockedError if another process holds it, ValueError if the file is not regular."""
+        """Acquire the lock.
+
+        Raises:
+            LockedError: another process holds the lock.
+            ValueError: the lock file is not a regular file.
+        """
         if fcntl is None:
             return self
         if self._path.exists():
@@ -46,7 +54,7 @@ class Lock:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Release the lock, but keep the file: removing it would allow a second lock."""
+        """Release the lock and keep its file. Removing the file would allow a second lock."""
         if self._descriptor >= 0:
             os.close(self._descriptor)
             self._descriptor = -1

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 Entry = TypeVar("Entry")
 SHORT = reprlib.Repr()
-"""Shortens long values in messages."""
+"""Formatter that shortens long values in error messages."""
 SHORT.maxstring = SHORT.maxother = 200
 
 
@@ -20,7 +20,10 @@ def printable(text: object) -> str:
 
 
 def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None) -> str:
-    """Return a message about an unknown name: closest match and allowed names. `shown` replaces the name."""
+    """Return a message about an unknown name, with the closest match and the allowed names.
+
+    `shown` replaces the name.
+    """
     allowed = list(allowed)
     parts = [one for one in allowed if len(name) > 2 and name in one]
     close = difflib.get_close_matches(name, allowed, n=1) or parts[:1]
@@ -29,7 +32,7 @@ def explain_unknown(name: str, allowed: Iterable[str], shown: str | None = None)
 
 
 def load_object(name: str) -> Any:
-    """Import `module:attribute`, also from the current directory; both parts may contain dots.
+    """Import and return `module:attribute`, also from the current directory; both parts may contain dots.
 
     Raises:
         ValueError: the form is invalid, or the module or attribute does not exist.
@@ -66,9 +69,9 @@ def _is_imported(value: Any, module: str) -> bool:
 
 
 def resolve(value: Any, table: Mapping[str, Entry], what: str, *, files: bool = False) -> Entry | Any:
-    """Look up a name in a table, or import `module:attribute`; return other objects unchanged.
+    """Return the table entry of a name, or import `module:attribute`; return other objects unchanged.
 
-    `what`: kind of object, for messages; `files`: return the path of a YAML file as a `Path`.
+    `what`: kind of object, for messages; `files=True`: return the path of a YAML file as a `Path`.
 
     Raises:
         ValueError: the name is unknown, or the import failed.

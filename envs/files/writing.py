@@ -9,17 +9,16 @@ from pathlib import Path
 
 _STARTED = time.time()
 _swept: set[Path] = set()
-"""Folders already cleaned of leftover temporary files."""
 
 
 def write_file(path: Path, content: bytes | str) -> None:
-    """Replace a file atomically; OSError leaves the old file unchanged."""
+    """Write a file atomically. After an OSError, the old file is unchanged."""
     with _in_place_of(path) as temporary:
         _write_through(temporary, content)
 
 
 def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
-    """Create a folder with `files` atomically; OSError if the folder exists."""
+    """Create a folder with files (content by name) atomically; OSError if the folder has content."""
     with _in_place_of(path) as temporary:
         temporary.mkdir(parents=True)
         for name, content in files.items():
@@ -29,7 +28,7 @@ def write_folder(path: Path, files: Mapping[str, bytes | str]) -> None:
 
 @contextlib.contextmanager
 def _in_place_of(path: Path) -> Iterator[Path]:
-    """Yield a temporary path, renamed to `path` if the block succeeds."""
+    """Yield a temporary path, renamed to `path` if the `with` block succeeds."""
     temporary = temporary_beside(path)
     _remove(temporary)
     try:
@@ -43,7 +42,7 @@ def _in_place_of(path: Path) -> Iterator[Path]:
 
 
 def append_file(path: Path, text: str) -> None:
-    """Append to a file and sync it to disk; OSError if it is a symbolic link."""
+    """Append text to a file and sync the file to disk; OSError for a symbolic link."""
     with naming(path), open(path, "a", newline="", encoding="utf-8", opener=_open_itself) as file:
         file.write(text)
         file.flush()
@@ -51,10 +50,10 @@ def append_file(path: Path, text: str) -> None:
 
 
 def own_folder(path: Path, name: str = "") -> Path:
-    """Create the folder `path`, or its subfolder `name`, for writing; return it.
+    """Create the folder `path / name` for writing, and return its path.
 
     Raises:
-        ValueError: the subfolder, or an entry up to two levels deep, is a symbolic link: writes could reach any file.
+        ValueError: the folder, or an entry up to two levels below, is a symbolic link.
     """
     folder = path / name
     if not (name and folder.is_symlink()):
@@ -88,7 +87,7 @@ def temporary_beside(path: Path) -> Path:
 
 
 def sweep(folder: Path) -> None:
-    """Remove temporary files of ended processes of this machine."""
+    """Remove temporary files left in a folder by ended processes of this machine."""
     for path in folder.glob(".*.tmp"):
         match = re.fullmatch(rf"\..*\.{re.escape(platform.node())}\.(\d+)\.tmp", path.name)
         if match is not None and not _is_alive(int(match[1]), path):
@@ -97,7 +96,7 @@ def sweep(folder: Path) -> None:
 
 @contextlib.contextmanager
 def naming(path: Path) -> Iterator[None]:
-    """Add `path` to operating system errors that name no file."""
+    """Add `path` to operating system errors that name no file (context manager)."""
     try:
         yield
     except OSError as error:
@@ -128,7 +127,6 @@ def _write_through(path: Path, content: bytes | str) -> None:
 
 
 def _sync_folder(path: Path) -> None:
-    """Sync a folder to disk, so that renames survive a power failure."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)

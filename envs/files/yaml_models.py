@@ -24,14 +24,14 @@ MAX_VALUES = 500_000
 MAX_DEPTH = 50
 """Maximum nesting depth of a YAML file."""
 MAX_DIGITS = 100
-"""Maximum length of a number in a YAML file [characters]; parsing takes quadratic time."""
+"""Maximum length of a number in a YAML file [characters], as parsing takes quadratic time."""
 MAX_MISTAKES = 10
-"""Maximum number of mistakes in an error message."""
+"""Maximum number of mistakes listed in an error message."""
 _adapter = cache(TypeAdapter)
 
 
 class _Loader(getattr(yaml, "CSafeLoader", yaml.SafeLoader)):  # type: ignore[misc]
-    """YAML loader with numbers such as 3e-4, unique keys and size limits."""
+    """YAML loader that reads 3e-4 as a number, rejects duplicate keys and limits the size."""
 
     num_merged = 0
 
@@ -99,7 +99,6 @@ def read_json(path: Path) -> dict[str, Any]:
 
 
 def _check_size(text: str) -> None:
-    """Raise ValueError for deep nesting or too many values, before slow construction."""
     depth = count = 0
     for event in yaml.parse(text, _Loader):
         depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
@@ -111,7 +110,6 @@ def _check_size(text: str) -> None:
 
 
 def _count_values(value: Any, counts: dict[int, int]) -> int:
-    """Return the number of values in nested lists and mappings, cached in `counts`; ValueError for too many."""
     if isinstance(value, int) and not -(2**63) <= value < 2**63:
         raise ValueError(f"integer {value} has more than 64 bits")
     if not isinstance(value, dict | list):
@@ -136,7 +134,10 @@ def read_record(path: str | Path, kind: type[Record]) -> Record:
 
 
 def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
-    """Convert nested mappings from `source` to a pydantic model or dataclass; ValueError if invalid."""
+    """Convert nested mappings to a pydantic model or dataclass; ValueError if invalid.
+
+    `source`: file name in messages.
+    """
     try:
         return _adapter(kind).validate_python(_checked_mapping(content, source))  # type: ignore[arg-type]
     except ValidationError as error:
@@ -144,12 +145,12 @@ def parse_record(content: Any, source: str, kind: type[Record]) -> Record:
 
 
 def dump_record(record: BaseModel) -> str:
-    """Return a record as YAML for `read_record`."""
+    """Return a pydantic model as YAML text that `read_record` can read."""
     return yaml.safe_dump(record.model_dump(mode="json"), sort_keys=False)
 
 
 def explain_errors(error: ValidationError, kind: Any) -> list[str]:
-    """Return one line per mistake in a record of type `kind`."""
+    """Return error messages for invalid data of type `kind`, one line per mistake."""
     lines = []
     faults = error.errors(include_url=False)
     for fault in faults[:MAX_MISTAKES]:
@@ -176,7 +177,6 @@ def _checked_mapping(content: Any, source: str) -> dict[str, Any]:
 
 
 def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[str]:
-    """Return the keys of the record at `parents` in a record of type `kind`, or only the keys without a default."""
     for parent in parents:
         if isinstance(parent, str):
             record = _record_in(kind)
@@ -195,7 +195,6 @@ def _keys(kind: Any, parents: list[int | str], required: bool = False) -> list[s
 
 
 def _record_in(kind: Any) -> Any:
-    """Return the record type inside an annotation such as `list[Record] | None`."""
     if dataclasses.is_dataclass(kind) or hasattr(kind, "_fields"):
         return kind
     if isinstance(kind, type) and issubclass(kind, BaseModel):

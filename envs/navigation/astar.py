@@ -1,7 +1,7 @@
 """Path search on a costmap: A* to one goal, or Dijkstra's algorithm to all cells.
 
-Integer lengths make results reproducible: a straight step over a free cell has length `70 * 16`, a diagonal step `99 *
-16`.
+Path costs are integers, for reproducible results. A straight step over a free cell costs `70 * 16`, a diagonal step `99
+* 16`.
 """
 
 from typing import NamedTuple
@@ -12,40 +12,39 @@ from numba import njit
 from lidarnaut.envs.navigation.costmap import COST_INSCRIBED, COST_LETHAL, COST_MAX_FREE, COST_UNKNOWN
 
 STRAIGHT = 70
-"""Length of a straight step; 99 / 70 is the root of two to 5e-5."""
+"""Length of a straight grid step; `99 / 70` approximates the square root of two."""
 DIAGONAL = 99
 SCALE = 16
-"""Weight of a free cell, which multiplies a step's length."""
+"""Weight of a free cell; multiplied by the length of a step."""
 STEPS = ((0, 1), (1, 0), (0, -1), (-1, 0), (1, 1), (1, -1), (-1, -1), (-1, 1))
-"""Steps (row, column); diagonal step `k + 4` is between straight steps `k` and `k + 1`."""
+"""Moves to the eight neighbours (row, column). Diagonal move `k + 4` combines straight moves `k` and `(k + 1) % 4`."""
 NO_STEP = 255
-"""Predecessor of a cell without a predecessor."""
 ALL_STEPS = np.uint8(255)
 ONWARD = np.full(256, ALL_STEPS)
-"""Bit mask of the steps to try after each step: the step itself and, for a diagonal, its straight components."""
+"""Bit mask of the moves tried after each move in uniform surroundings, as in jump point search."""
 for _k in range(8):
     ONWARD[_k] = 1 << _k if _k < 4 else 1 << _k | 1 << (_k - 4) | 1 << ((_k - 3) & 3)
 LOWEST_BIT = np.array([0, *((k & -k).bit_length() - 1 for k in range(1, 256))], dtype=np.uint8)
-"""Index of the first step in each bit mask of `STEPS`."""
 UNREACHED = np.int32(np.iinfo(np.int32).max)
 NO_GOAL = (-1, -1)
-"""Goal value for a search of all cells."""
 COST_WEIGHT = 3.0
-"""Additional cost of a step at `COST_MAX_FREE`, relative to a step over a free cell."""
+"""Additional cost of a step over a cell of cost `COST_MAX_FREE`, relative to a free cell."""
 NUM_BUCKETS = 1 << 15
 """Number of queue buckets of A*: a power of two, above the largest cost increase per step."""
 BUCKET_SHIFT = 8
-"""Bits of cost per queue bucket of Dijkstra's algorithm. Cells in a bucket cannot improve each other (Dinic 1978)."""
+"""Base-2 logarithm of the cost range of a Dijkstra queue bucket, below the cost of any step (Dinic 1978)."""
 NUM_COARSE_BUCKETS = 1 << 7
 """Number of queue buckets of Dijkstra's algorithm: enough for the longest step, few enough for the L1 cache."""
 MAX_COST_WEIGHT = 9.0
 ESCAPE_WEIGHT = 10.0
-"""Additional cost of cells in collision, which only a robot that starts in collision may cross. Larger than all other
-weights."""
+"""Additional cost of a step over a cell in collision, relative to a free cell. For robots that start in collision."""
 
 
 def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
-    """Return the step weight of each cell cost, shape (256,), uint8; 0 if not traversable."""
+    """Return the search weight of each costmap value, shape (256,), uint8; 0 if not traversable.
+
+    `cost_weight`: additional weight at `COST_MAX_FREE`, relative to a free cell, 0 to 9.
+    """
     if not 0 <= cost_weight <= MAX_COST_WEIGHT:
         raise ValueError(f"cost_weight must lie in [0, {MAX_COST_WEIGHT}], got {cost_weight}")
     weights = np.zeros(256, dtype=np.uint8)
@@ -58,22 +57,21 @@ def step_weights(cost_weight: float, allow_unknown: bool) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy", inline="always")
 def octile(d_row, d_col):
-    """Return the octile distance: the length of the shortest path over free cells."""
+    """Return the cost of the shortest path over free cells (octile distance), 1120 per straight step."""
     d_row, d_col = abs(d_row), abs(d_col)
     return SCALE * (STRAIGHT * max(d_row, d_col) + (DIAGONAL - STRAIGHT) * min(d_row, d_col))
 
 
 class Expansion(NamedTuple):
-    """State of a search. Rasters are flat, shape ((height + 2) * (width + 2),), with a border of one cell."""
+    """State of a grid search. Rasters are flat with a border of one cell."""
 
     travel: np.ndarray
-    """Travel costs, int32; `UNREACHED` for unvisited cells."""
+    """Path cost from the start to each cell, int32; `UNREACHED` for unvisited cells."""
     predecessor: np.ndarray
-    """Index into `STEPS` of the step into each cell, uint8."""
+    """Last move of the path to each cell, uint8: index into the eight moves of `STEPS`."""
     heads: np.ndarray
-    """First queue entry of each bucket, shape (NUM_BUCKETS,), int32; -1 for none."""
+    """Index of the first entry in each queue bucket, int32; -1 if empty."""
     counters: np.ndarray
-    """Level of the current bucket, queue entries, waiting entries, and whether the start cell is lethal, int64."""
 
 
 LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
@@ -81,7 +79,7 @@ LEVEL, NUM_ENTRIES, NUM_WAITING, STARTS_INSIDE = range(4)
 
 @njit(cache=True, error_model="numpy")
 def new_expansion(height, width):
-    """Return the state of a new search."""
+    """Allocate the state of a grid search on `height` x `width` cells."""
     size = (height + 2) * (width + 2)
     travel, predecessor = np.full(size, UNREACHED, dtype=np.int32), np.full(size, NO_STEP, dtype=np.uint8)
     return Expansion(travel, predecessor, np.full(NUM_BUCKETS, -1, dtype=np.int32), np.zeros(4, dtype=np.int64))
@@ -89,7 +87,10 @@ def new_expansion(height, width):
 
 @njit(cache=True, error_model="numpy")
 def begin(expansion, queue, costs, start, goal):
-    """Start a search at a cell; reset only the cells of the previous search."""
+    """Start a new search, reusing the arrays of the previous search.
+
+    `costs`: costmap, shape (height, width), uint8. `start`, `goal`: (row, column); `goal` may be `NO_GOAL`.
+    """
     (row, col), stride = start, costs.shape[1] + 2
     starts_inside = costs[row, col] == COST_LETHAL
     level = octile(goal[0] - row, goal[1] - col) if goal[0] >= 0 else 0
@@ -108,16 +109,17 @@ def begin(expansion, queue, costs, start, goal):
 
 @njit(cache=True, error_model="numpy")
 def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
-    """Continue a search until the goal or the cost `limit` is reached; return the updated counters.
+    """Continue a grid search until the goal or the path cost `limit` is reached.
 
-    A path that starts in collision may cross cells of weight `touching` until it first leaves them. Diagonal steps
-    require both adjacent straight cells to be open. The queue is Dial's (1969) ring of buckets, last in first out. In
-    uniform neighbourhoods only onward steps are tried, as in jump point search (Harabor, Grastien, "Online graph
-    pruning for pathfinding on grid maps", 2011).
+    Returns the current bucket, and the numbers of all and of unprocessed queue entries. A path that starts in collision
+    may cross cells in collision (weight `touching`) until it first leaves them. Diagonal steps require both adjacent
+    straight cells to be open. The queue is Dial's (1969) ring of buckets, last in first out. In uniform surroundings
+    only moves of `ONWARD` are tried, as in jump point search (Harabor, Grastien, "Online graph pruning for pathfinding
+    on grid maps", 2011).
 
     `queue`: cell and next entry of the bucket, shape (n, 2), int32; the search stops early if it is full.
-    `open_weights`: flat raster, uint8, 0 in the border. `stride`: raster width plus 2. `goal`: (row, column) or
-    `NO_GOAL`.
+    `open_weights`: search weight of each cell, flat raster, uint8, 0 in the border. `stride`: raster width plus 2.
+    `goal`: (row, column) or `NO_GOAL`.
     """
     travel, predecessor, heads, counters = expansion.travel, expansion.predecessor, expansion.heads, expansion.counters
     goal_row, goal_col = goal
@@ -195,7 +197,7 @@ def _expand(expansion, queue, open_weights, stride, touching, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def expand(expansion, queue, open_weights, costs, weights, goal, limit):
-    """Continue a search, see `_expand`; return `queue`, enlarged if necessary."""
+    """Continue a grid search, with arguments as `_expand`; return the queue, enlarged if necessary."""
     counters, stride, touching = expansion.counters, np.uint32(costs.shape[1] + 2), np.uint8(weights[COST_INSCRIBED])
     while True:
         # Written here: LLVM drops stores after the loop of `_expand`.
@@ -208,10 +210,10 @@ def expand(expansion, queue, open_weights, costs, weights, goal, limit):
 
 @njit(cache=True, error_model="numpy")
 def search(costs, weights, start_row, start_col, goal_row, goal_col):
-    """Return travel costs and predecessors from a start to a goal, or to all cells if `goal_row` is negative.
+    """Search from a start cell to a goal cell, or to all cells if `goal_row` is negative.
 
-    `costs`: shape (height, width), uint8. Returns int32 travel costs and uint8 indices into `STEPS` of the step into
-    each cell, with a border of one cell. With a goal, only the path is final.
+    `costs`: costmap, shape (height, width), uint8. Returns the path cost to each cell, int32, and the last move of each
+    path, uint8 index into `STEPS`, with a border of one cell. With a goal, only cells on the path are final.
     """
     height, width = costs.shape
     stride = np.uint32(width + 2)

@@ -1,4 +1,4 @@
-"""Frontier candidates: reachable frontiers, their features, and a scoring rule."""
+"""Exploration candidates: reachable frontiers, their features, and a scoring rule."""
 
 import math
 from dataclasses import dataclass
@@ -48,34 +48,34 @@ CANDIDATE = record_type(
         ("span", np.int64, 2),
     ]
 )
-"""Record type of a candidate; see `Candidates`."""
+"""Structured dtype of a candidate (reachable frontier); see `Candidates`."""
 _FEATURES = """
 visible unknown_1m unknown_2m unknown_4m cost cost_ratio rank turn size clearance age ahead left failures chosen
 """
 FEATURES = tuple(_FEATURES.split())
-"""Feature columns of a candidate; see `ExploreFrontiersEnv`."""
+"""Names of the policy inputs for each reachable frontier; see `ExploreFrontiersEnv`."""
 NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Visible unknown area that maps to feature value 0.5 [m2]."""
+"""Unknown area in view that becomes 0.5 in the policy input [m2]."""
 HALF_COST = 5.0
-"""Travel cost that maps to feature value 0.5 [m]."""
+"""Path cost that becomes 0.5 in the policy input [m]."""
 HALF_SIZE = 2.0
-"""Frontier length that maps to feature value 0.5 [m]."""
+"""Frontier length that becomes 0.5 in the policy input [m]."""
 HALF_AGE = 60.0
-"""Frontier age that maps to feature value 0.5 [s]."""
+"""Frontier age that becomes 0.5 in the policy input [s]."""
 OFFSET_SCALE = 16.0
-"""Distance ahead or to the left that maps to feature value 1 [m]."""
+"""Distance ahead or to the left that becomes 1 in the policy input [m]."""
 FAILURE_PENALTY = 1e6
-"""Penalty on the scores of candidates with failed drives."""
+"""Penalty on the score of a frontier after a failed drive."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidates:
-    """Reachable frontiers, sorted by increasing travel cost.
+    """Reachable frontiers that the robot may explore next, sorted by increasing path cost.
 
-    Rules read fields by name, `candidates["cost"]`, with k values for k candidates:
+    `candidates["cost"]` returns the field `cost`. For k candidates, the fields are:
 
     - `viewpoint`: position that sees the frontier (x, y), shape (k, 2), map frame [m].
     - `frontier`: frontier cell in view of the viewpoint (x, y), shape (k, 2), map frame [m].
@@ -87,30 +87,30 @@ class Candidates:
     - `unknown`: unknown share of discs of radius 1, 2 and 4 m around the frontier cell, shape (k, 3).
     - `sectors`: free ranges of 24 sectors around the viewpoint, then their unknown shares, as fractions, shape (k, 48);
       counter-clockwise from the mean direction of the unknown area.
-    - `clearance`: distance from the viewpoint to obstacles over the inflation radius, at most 1.
+    - `clearance`: distance from the viewpoint to obstacles divided by the inflation radius, at most 1.
     - `turn`: angle from the robot's heading to the start of the path, counter-clockwise [rad].
     - `age`: time since the frontier became a candidate [s].
     - `failures`: number of failed drives to the frontier.
     """
 
     table: np.ndarray
-    """Records of the candidates, shape (k,), dtype `CANDIDATE`."""
+    """One record per candidate (reachable frontier), shape (k,), dtype `CANDIDATE`."""
     chosen: int
-    """Index of the candidate of the last drive; -1 if it is gone."""
+    """Index of the candidate nearest to the last chosen frontier; -1 for none."""
     last_failed: bool
     frontier_cells: np.ndarray
-    """Planning cells of all frontiers (row, column), shape (n, 2), int64."""
+    """Cells of all frontiers (row, column), shape (n, 2), int64."""
     costmap: Costmap
-    """Costs of the planning cells; a live view."""
+    """Costmap on which paths to the candidates were planned."""
 
     @property
     def cells(self) -> tuple[np.ndarray, ...]:
-        """Centres of each candidate's frontier cells, k arrays of shape (n, 2), map frame [m]."""
+        """Centres of the frontier cells of each candidate: k arrays of shape (n, 2), map frame [m]."""
         centers = self.costmap.grid.centers(self.frontier_cells)
         return tuple(centers[first:last] for first, last in self["span"].tolist())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return a field of all candidates; ValueError for an unknown name."""
+        """Return a field of all candidates. Raise ValueError for an unknown name."""
         if name not in (names := self.table.dtype.names or ()):
             raise ValueError(f"unknown field of candidates {explain_unknown(name, names)}")
         return self.table[name]
@@ -120,38 +120,37 @@ class Candidates:
 
 
 def failed_last(scores: np.ndarray, candidates: Candidates) -> np.ndarray:
-    """Return scores, shape (k,), with candidates of failed drives last."""
+    """Return scores, shape (k,), with a penalty for candidates after failed drives."""
     return np.where(candidates["failures"] > 0, scores - FAILURE_PENALTY, scores)
 
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class GainOverCost:
-    """Score candidates by gain over cost: `(visible + least_gain) / (cost + least_cost)`.
+    """Score frontiers by unknown area divided by path cost: `(visible + least_gain) / (cost + least_cost)`.
 
-    After González-Baños and Latombe, "Navigation strategies for exploring indoor environments" (2002), who use `gain *
-    exp(-cost)`, which discards distant candidates.
+    After González-Baños and Latombe, "Navigation strategies for exploring indoor environments" (2002). Their score
+    `gain * exp(-cost)` discards distant candidates.
     """
 
     least_gain: PositiveFloat = 0.3
-    """Added to the visible unknown area [m2]: value of a frontier with no such area."""
+    """Constant added to the unknown area in view [m2], for positive scores."""
     least_cost: PositiveFloat = 3.0
-    """Added to the path cost [m]; smaller values favour near frontiers."""
+    """Constant added to the path cost [m]. Smaller values favour near frontiers."""
 
     def __call__(self, candidates: Candidates, belief: Belief) -> np.ndarray:
-        """Return the logarithm of each candidate's ratio, shape (k,), float64."""
+        """Return the logarithm of each candidate's score, with a penalty after failed drives, shape (k,), float64."""
         ratios = np.log(candidates["visible"] + self.least_gain) - np.log(candidates["cost"] + self.least_cost)
         return failed_last(ratios, candidates)
 
 
 def robot_features(robot: RobotParams) -> np.ndarray:
-    """Return a robot's lidar range, radius and speed, scaled to [0, 1), shape (3,), float32."""
+    """Return lidar range, radius and maximum speed, scaled to [0, 1) by `x / (x + h)`, shape (3,), float32."""
     sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
     return (sizes / (sizes + halves)).astype(np.float32)
 
 
 @njit(cache=True, error_model="numpy")
 def _view(occupancy, travel, members, tables, limit, is_complete):
-    """Return row, column, visible cell and travel cost of the cheapest viewpoint; cell -1 if not final."""
     for k in range(len(tables.views)):
         row, col, seen = cheapest_view(occupancy, travel, members, tables.views[k])
         if seen < 0:
@@ -172,11 +171,11 @@ def _is_beyond(members, start, reach, limit):
 
 @njit(cache=True, error_model="numpy")
 def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
-    """Find the reachable frontiers with the lowest travel costs, at least `max_candidates` if possible.
+    """Find the reachable frontiers with the lowest path costs, at least `max_candidates` if possible.
 
-    `layer`: costs, shape (height, width), uint8, and `open_weights` of `_expand`. `frontier`: cells and parts from
-    `split_groups`. `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable.
-    Returns partly filled `CANDIDATE` records (`group_size` in cells) and `queue`.
+    `layer`: costmap, shape (height, width), uint8, and search weights, see `_expand`. `frontier`: see `split_groups`.
+    `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable. Returns partly filled
+    `CANDIDATE` records (`group_size` in cells) and the search queue.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -230,10 +229,10 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Fill in the remaining fields of the candidate records in `table`.
+    """Compute the remaining fields of candidates (reachable frontiers), in place in `table`.
 
-    `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and side of a
-    cell [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
+    `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and cell side
+    [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
     shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
 
     Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 for none.
@@ -280,10 +279,10 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write the policy features of candidates, float32; see `ExploreFrontiersEnv`. Unused rows are 0.
+    """Write the normalized policy inputs of candidates, float32; see `ExploreFrontiersEnv`. Unused entries are 0.
 
-    `max_failures`: number of failures at feature value 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
-    (n, 2 * NUM_SECTORS), and `gaps`, normalised distances between candidates, shape (n, n).
+    `max_failures`: number of failed drives that becomes 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
+    (n, 2 * NUM_SECTORS), and `gaps`, distances between candidates, shape (n, n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0

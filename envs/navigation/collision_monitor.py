@@ -11,7 +11,7 @@ BRAKING = 0.5
 STOP_MARGIN = 0.02
 """Distance kept from obstacles, for range noise and wheel slip [m]."""
 NUM_PASSES = 2
-"""Number of times that a command is slowed down: each slower command follows another arc."""
+"""Number of checks per command. After each slow-down, the robot would follow another arc."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -28,18 +28,17 @@ def _slow_down(commands, ranges, active, directions, mount, radius, braking, per
 class CollisionMonitor:
     """Slows robots down so that they can stop before scanned obstacles.
 
-    Like Nav2's collision monitor with `action_type: approach`, but yaw rates stay, since a circular footprint can
-    always turn. Obstacles are assumed static.
+    Like Nav2's collision monitor with `action_type: approach`, but without limiting yaw rates, since a circular
+    footprint can always turn. Obstacles are assumed static.
     """
 
     def __init__(self, robot: RobotParams, period: float) -> None:
-        """Create a monitor; `period`: control period [s]."""
         lidar = robot.lidar
         mount = lidar.mount.x, lidar.mount.y, lidar.mount.yaw
         self._numbers: Any = lidar.directions, mount, robot.radius + STOP_MARGIN, BRAKING * robot.max_acc_v, period
 
     def slow_down(self, commands: np.ndarray, ranges: np.ndarray, active: np.ndarray) -> None:
-        """Limit commands in place.
+        """Limit the forward speeds of commands in place.
 
         Args:
             commands: shape (n, 2), float64, forward speed and yaw rate [m/s, rad/s].

@@ -12,11 +12,11 @@ from lidarnaut.envs.geometry import OCCUPIED_FROM, OccupancyGrid, Window
 from lidarnaut.envs.geometry.distance_transform import squared_distances
 
 COST_FREE = 0
-"""Cost beyond the inflation radius of every obstacle."""
+"""Cost of a cell outside the inflation radius of all obstacles."""
 COST_MAX_FREE = 252
 """Highest cost of a collision-free cell."""
 COST_INSCRIBED = 253
-"""Cost of a cell with the footprint in collision."""
+"""Cost of a cell that puts the robot's footprint in collision."""
 COST_LETHAL = 254
 """Cost of an occupied cell."""
 COST_UNKNOWN = 255
@@ -25,10 +25,10 @@ COST_UNKNOWN = 255
 
 @pydantic.dataclasses.dataclass(frozen=True, slots=True)
 class CostmapParams:
-    """Inflation parameters. Defaults are those of Nav2's bring-up file."""
+    """Parameters of obstacle inflation. Defaults are those of Nav2's bring-up file."""
 
     robot_radius: PositiveFloat = 0.22
-    """Footprint radius: minimum distance to obstacles [m]."""
+    """Radius of the robot's circular footprint [m]."""
     inflation_radius: float = 0.7
     """Distance from obstacles within which costs increase [m]."""
     cost_scaling_factor: NonNegativeFloat = 3.0
@@ -39,7 +39,7 @@ class CostmapParams:
             raise ValueError(f"inflation_radius must be at least robot_radius, got {self.inflation_radius}")
 
     def reach(self, resolution: float) -> int:
-        """Return the inflation radius in cells of side `resolution` [m]; ValueError unless 1 to 180."""
+        """Return the inflation radius in cells of side `resolution` [m]. Raise ValueError outside 1 to 180 cells."""
         reach = math.floor(self.inflation_radius / resolution + 1e-9)
         if not 1 <= reach <= 180:
             raise ValueError(
@@ -48,7 +48,7 @@ class CostmapParams:
         return reach
 
     def table(self, resolution: float) -> np.ndarray:
-        """Return Nav2's costs, uint8, by squared distance to the nearest obstacle [cells2]."""
+        """Return Nav2's cost for each squared distance to the nearest obstacle [cells2], uint8."""
         # Rounded: five cells of 0.05 m are exactly 0.25 m.
         distances = np.round(np.sqrt(np.arange((self.reach(resolution) + 1) ** 2 + 1)) * resolution, 9)
         costs = COST_MAX_FREE * np.exp(-self.cost_scaling_factor * (distances - self.robot_radius))
@@ -60,7 +60,7 @@ class CostmapParams:
 
 @dataclass(frozen=True, slots=True)
 class Costmap:
-    """Traversal costs on the raster of an occupancy grid."""
+    """Traversal cost of each cell of an occupancy grid."""
 
     costs: np.ndarray
     """Costs, shape (height, width), uint8: 0 free, 1..252 inflated, 253 inscribed, 254 lethal, 255 unknown."""
@@ -70,7 +70,10 @@ class Costmap:
 
 @njit(cache=True, error_model="numpy")
 def inflate(data, reach, table):
-    """Convert occupancy (int8) to costs (uint8), shape (height, width), by `CostmapParams.table`."""
+    """Convert occupancy to traversal costs: shape (height, width), int8 to uint8.
+
+    `reach`: inflation radius [cells]. `table`: costs from `CostmapParams.table`.
+    """
     height, width = data.shape
     squared = squared_distances(data >= OCCUPIED_FROM, reach)
     limit = np.uint16(len(table) - 1)
@@ -83,7 +86,7 @@ def inflate(data, reach, table):
 
 
 def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
-    """Inflate the obstacles of a grid.
+    """Compute a costmap from an occupancy grid.
 
     Unobserved cells stay unknown beyond the footprint radius of known obstacles.
     """
@@ -92,9 +95,9 @@ def make_costmap(grid: OccupancyGrid, params: CostmapParams) -> Costmap:
 
 @njit(cache=True, error_model="numpy")
 def known_window(data):
-    """Return the bounding `Window` of the observed cells of an occupancy grid, shape (height, width), int8.
+    """Return the bounding rectangle of the observed cells of an occupancy grid, shape (height, width), int8.
 
-    Without any observed cell, the window is the whole grid.
+    Without any observed cell, the rectangle is the whole grid.
     """
     height, width = data.shape
     highest_in_row = np.full(height, -1, dtype=np.int8)
@@ -113,7 +116,10 @@ def known_window(data):
 
 
 def crop_to_known(grid: OccupancyGrid, margin: int = 1) -> OccupancyGrid:
-    """Return a view of the observed part of a map with a border of `margin` cells, or the whole unobserved map."""
+    """Crop a map to its observed part and a border of `margin` cells, without a copy.
+
+    An unobserved map is returned whole.
+    """
     window = known_window(grid.data).dilated(margin, grid.data.shape)
     x, y = grid.origin
     origin = x + window.col * grid.resolution, y + window.row * grid.resolution

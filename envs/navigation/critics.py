@@ -1,4 +1,4 @@
-"""Critics of DWB: kernels that roll out twists and score the trajectories.
+"""Critics of Nav2's local planner DWB: kernels that simulate twists and score the trajectories.
 
 Rasters are square, in the base frame, with the robot in the middle and x along columns.
 """
@@ -19,15 +19,15 @@ NUM_CRITICS = 7
 
 
 FRONT_DISTANCE = 0.1
-"""Distance of the alignment point ahead of the robot [m] (Nav2's `forward_point_distance`)."""
+"""Distance from the robot to the point ahead that alignment critics score [m] (Nav2's `forward_point_distance`)."""
 STOPPED_SPEED = 0.25
 """Maximum speed that counts as stopped at the goal [m/s]."""
 SLOWING_FACTOR = 5.0
-"""Cost factor of squared speed while stopping at the goal."""
+"""Weight of the squared forward speed while the robot stops at the goal [s2/m2]."""
 
 
 class RolloutParams(NamedTuple):
-    """Rollout parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
+    """Trajectory parameters: current twist, acceleration limits, duration [s], maximum step [m] and turn [rad]."""
 
     v: float
     w: float
@@ -39,24 +39,24 @@ class RolloutParams(NamedTuple):
 
 
 class Rasters(NamedTuple):
-    """Local costmap and derived rasters."""
+    """Local costmap and rasters derived from it."""
 
     costs: np.ndarray
-    """Costs, shape (side, side), uint8."""
+    """Traversal costs, shape (side, side), uint8, as in `Costmap`."""
     squared: np.ndarray
-    """Squared obstacle distances, shape (side, side), uint16 [cells2], limited by the inflation radius."""
+    """Squared distance to the nearest obstacle, at most the inflation radius, shape (side, side), uint16 [cells2]."""
     steps: np.ndarray
-    """Steps to the path, to its reachable end and to a point beyond that end, shape (3, side, side), int32; see
-    `spread`."""
+    """Number of steps from each cell to the path, to the end of its reachable part and to a point beyond, shape (3,
+    side, side), int32; see `spread`."""
     resolution: float
     """Side of a cell [m]."""
 
 
 class Ending(NamedTuple):
-    """Inputs of DWB's critics `RotateToGoal` and `PathAlign`."""
+    """State of the robot relative to the goal, for DWB's critics `RotateToGoal` and `PathAlign`."""
 
     is_near: bool
-    """True within tolerance of a goal with a heading."""
+    """True within goal tolerance, if the goal has a heading."""
     heading: float
     """Goal heading, base frame [rad]."""
     aligns: bool
@@ -65,7 +65,7 @@ class Ending(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def roll_out(v, w, rollout, poses):
-    """Simulate a twist from the origin with acceleration limits; return the number of poses.
+    """Simulate a commanded twist with acceleration limits; return the number of poses.
 
     Writes `poses`, shape (n, 3): x, y, heading after each step, base frame [m, m, rad].
     """
@@ -96,8 +96,8 @@ def roll_out(v, w, rollout, poses):
 def spread(costs, distances, seeds):
     """Compute the number of 4-connected steps from each cell to the nearest seed, around obstacles.
 
-    Writes `distances`, shape (n, n), int32; n * n in collision, n * n + 1 if unreachable. `seeds`: distinct flat cell
-    indices.
+    Writes `distances`, shape (n, n), int32: n * n for cells in collision, n * n + 1 for unreachable cells. `seeds`:
+    distinct flat cell indices.
     """
     side = costs.shape[0]
     size = side * side
@@ -145,9 +145,10 @@ def _rotate_to_goal(v, poses, num_steps, rollout, ending):
 
 @njit(cache=True, error_model="numpy")
 def meets_people(poses, num_steps, people, sim_time, radius):
-    """Return True if the footprint would touch people who keep their velocity.
+    """Return True if the footprint would touch people with constant velocity on a trajectory.
 
-    `people`: see `PeopleTracker.people`. `sim_time`: trajectory duration [s]. `radius`: footprint radius [m].
+    `people`: position, velocity and radius, shape (n, 5), base frame. `sim_time`: trajectory duration [s]. `radius`:
+    footprint radius [m].
     """
     for i in range(people.shape[0]):
         x, y, v_x, v_y, r = people[i]
@@ -162,7 +163,6 @@ def meets_people(poses, num_steps, people, sim_time, radius):
 
 @njit(cache=True, error_model="numpy")
 def _clearance_cost(poses, num_steps, rasters):
-    """Return the cost of the last cell; NaN for a collision, unless the robot leaves one."""
     side = rasters.costs.shape[0]
     cost_of, squared_of = rasters.costs.reshape(side * side), rasters.squared.reshape(side * side)
     middle = (side // 2) * side + side // 2
@@ -191,8 +191,8 @@ def _steps_at(distances, x, y, resolution, must_lead):
 def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """Score twists by every critic; lower is better, NaN rejects a twist.
 
-    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: whether v < 0, v > 0, w < 0, w > 0 would oscillate. `people`,
-    `radius`: see `meets_people`. Writes `scores`, shape (n, 7), columns from `ROTATE_TO_GOAL` on.
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: True rejects v < 0, v > 0, w < 0 or w > 0 as oscillation. `people`,
+    `radius`: see `meets_people`. Writes `scores`, shape (n, 7), one column per critic, from `ROTATE_TO_GOAL` on.
     """
     poses = np.empty((1000, 3))
     to_path, to_goal, to_goal_ahead = rasters.steps[0], rasters.steps[1], rasters.steps[2]

@@ -1,7 +1,7 @@
-"""Local planner after Nav2's DWB, with the critics of Nav2's bring-up file.
+"""Local planner after Nav2's DWB (dynamic window approach), with the critics of Nav2's bring-up file.
 
-Goal critics aim at the path point that a trajectory can reach. In Nav2, they aim at the edge of the local costmap,
-which draws robots off a path that turns back.
+Goal critics aim at the farthest path point that a trajectory can reach. In Nav2, they aim at the edge of the local
+costmap, which draws robots off a path that turns back.
 """
 
 import math
@@ -25,7 +25,7 @@ MAX_W = 1.0
 NUM_V, NUM_W = 20, 20
 """Numbers of sampled forward speeds and yaw rates."""
 SIM_TIME = 1.7
-"""Duration of a trajectory [s]."""
+"""Duration of a simulated trajectory [s]."""
 LINEAR_GRANULARITY, ANGULAR_GRANULARITY = 0.05, 0.025
 """Maximum step [m] and turn [rad] between poses of a trajectory."""
 GOAL_TOLERANCE = 0.25
@@ -39,11 +39,11 @@ RESOLUTION = 0.05
 SIZE = 3.0
 """Minimum side of the local costmap [m]."""
 INFLATION = 0.48
-"""Inflation beyond the robot's radius [m]."""
+"""Width of the zone with increased costs around the footprint [m]."""
 
 
 class DwbPlanner:
-    """Local planner that samples twists and scores their trajectories; a `LocalPlanner`."""
+    """Local planner that samples velocity commands and scores their trajectories."""
 
     def __init__(self, robot: RobotParams, control_period: float) -> None:
         self._robot = robot
@@ -66,7 +66,6 @@ class DwbPlanner:
         self._heading: float | None = None
         self._has_no_path = False
         self.tracks = np.empty((0, 5))
-        """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
 
     @property
@@ -74,13 +73,12 @@ class DwbPlanner:
         return self._path[self._index :]
 
     def set_path(self, path: np.ndarray, heading: float | None = None) -> None:
-        """Set the path; `heading`: goal heading [rad], None for any."""
+        """Set the path, shape (n, 2), map frame [m], and the goal heading [rad], None for any."""
         self._path = path
         self._index = 0
         self._heading = heading
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the next twist; see `LocalPlanner.command`."""
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         costs, squared = self._look(without_people(obstacles, self.tracks))
         to_goal = self._measure(pose, costs)
@@ -153,7 +151,6 @@ class DwbPlanner:
             self._signs, self._banned = np.zeros(2), np.zeros(2)
 
     def _take_note(self, pose: Pose2D, v: float, w: float) -> None:
-        """Ban the opposite of a reversing command; turns while driving are no oscillation."""
         signs = np.sign([v, w if abs(v) <= RESET_DISTANCE else 0.0])
         turned = signs * self._signs < 0.0
         self._banned = np.where(turned, -signs, self._banned)

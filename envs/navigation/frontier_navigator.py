@@ -1,4 +1,4 @@
-"""Navigation between frontiers, for explorers and for `ExploreFrontiers-v0`."""
+"""Navigation from frontier to frontier, for explorers and for `ExploreFrontiers-v0`."""
 
 import math
 
@@ -22,19 +22,19 @@ from lidarnaut.envs.simulation import Reading, Twist
 
 ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone", "time_up", "looked_around"
 WALKING_SPEED = 0.2
-"""Minimum speed of a walking person [m/s]."""
+"""Speed above which a person counts as walking [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
-"""Maximum length of a drive out of a mapped obstacle [m], and maximum successive attempts."""
+"""Maximum length [m] and maximum number of successive drives out of a mapped obstacle."""
 MET_CELL = 0.3
-"""Cell side for storing positions of people, one per cell [m]."""
+"""Cell side of the grid that stores positions of people, one per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 
 
 class FrontierNavigator:
-    """Finds candidates, drives to the chosen candidate, and reports when a choice is due.
+    """Finds reachable frontiers (candidates), drives to a chosen candidate, and reports when a choice is due.
 
-    Each control period, call `update`, then `command`. After an outcome of `update`, call `choose` with one of
-    `candidates`. Without candidates, exploration is over. Never uses ground truth.
+    Each control period, call `update`, then `command`. After an outcome of `update`, call `choose` with the index of a
+    candidate. Without candidates, exploration is over. Never uses ground truth.
     """
 
     def __init__(
@@ -60,10 +60,10 @@ class FrontierNavigator:
         self._look_radius = min(params.look_radius * robot.radius, 0.75)
         self._min_steps = max(1, round(params.min_time / control_period))
         self.bodies = NO_POINTS
-        """Unmapped obstacle points, such as other robots, shape (n, 2), float64, base frame [m]."""
+        """Obstacle points missing from the map, such as other robots, shape (n, 2), float64, base frame [m]."""
 
     def begin(self, reading: Reading, belief: Belief) -> None:
-        """Begin an episode and find the first candidates."""
+        """Begin an episode and find the first reachable frontiers."""
         self.map = PlanningMap(self._robot, belief.grid.resolution, self._planning_params)
         self._lengths = tuple(max(1, round(length / self.map.side)) for length in self._planning_params.min_lengths)
         self.navigator.reset(reading)
@@ -71,7 +71,7 @@ class FrontierNavigator:
         self._seen = np.empty((0, 3))
         self._failures = NO_POINTS
         self.target: tuple[float, float] | None = None
-        """Frontier chosen last (x, y), map frame [m]."""
+        """Last chosen frontier (x, y), map frame [m]."""
         self._last_failed = False
         # Whether to check again that the chosen frontier exists.
         self._has_changed = True
@@ -88,12 +88,11 @@ class FrontierNavigator:
 
     @property
     def plan(self) -> np.ndarray | None:
-        """Remaining path, shape (n, 2), map frame [m]; None without a path."""
         return self.navigator.plan
 
     @property
     def end_reason(self) -> str:
-        """Reason for no candidates: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
+        """Reason why no frontier is left: `"no_reachable_frontier"`, or `"stuck"` if the robot could not move."""
         is_still = self._now - self._still[2] > self.params.still_time
         return "stuck" if not self._has_start or is_still or self._is_enclosed() else "no_reachable_frontier"
 
@@ -108,14 +107,14 @@ class FrontierNavigator:
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
-        """Begin a drive to a candidate; for `keep_clocks` see `Navigator.drive_to`."""
+        """Begin a drive to a candidate; `keep_clocks`: continue the time limits of the last drive."""
         self._has_changed, self._is_looking = True, False
         path, candidate = self.path_to(index), self.candidates.table[index]
         self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
 
     def path_to(self, index: int) -> np.ndarray:
-        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; only valid when a choice is due."""
+        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; valid until the next path search."""
         row, col = self.candidates["goal"][index].tolist()
         return self._path(self.candidates.costmap.costs, (row, col))
 
@@ -128,14 +127,14 @@ class FrontierNavigator:
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
-        """Process a control period; return the outcome if the drive has ended, otherwise None.
+        """Process a reading; return the outcome, such as `"arrived"`, if the drive has ended, otherwise None.
 
-        An outcome means that a choice among new candidates is due. `others`: see `Navigator.sense`.
+        After an outcome, choose a new candidate. `others`: points on other robots, shape (m, 2), base frame [m].
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Return as `update`, from the progress that `drive` returned."""
+        """Second half of `update`, after `drive`: return the outcome if the drive has ended, otherwise None."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -167,7 +166,6 @@ class FrontierNavigator:
         return obstacles
 
     def _drive_out(self, pose: Pose2D) -> bool:
-        """Begin a drive out of a mapped obstacle that the scan does not show."""
         self._num_exits = 0 if self._has_start else self._num_exits + 1
         if self._has_start or self._num_exits > MAX_EXITS:
             return False
@@ -207,34 +205,34 @@ class FrontierNavigator:
         return True
 
     def look(self, reading: Reading, belief: Belief) -> None:
-        """Process a reading and find the candidates, regardless of the drive."""
+        """Process a reading and find reachable frontiers, even during a drive."""
         self.integrate(belief)
         self.navigator.sense(reading)
         self.find_candidates(reading, belief)
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates, after the reading is processed."""
+        """Find reachable frontiers after a reading has been processed."""
         self._now = reading.time
         self._find(belief.pose)
 
     @property
     def check_from(self) -> float:
-        """First drive step that requires `conclude`; inf if the map is unchanged."""
+        """First control period of a drive with a check that the frontier exists; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading; return the progress, see `Navigator.update`."""
+        """First half of `update`: process a reading; return the progress of the drive, such as `DRIVING`."""
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 
     def fail(self) -> None:
-        """Abandon the goal as unreachable."""
+        """Stop the drive and count a failure for the frontier."""
         self._fail()
         self._last_failed = True
         self.navigator.stop()
 
     def free_costmap(self, pose: Pose2D) -> Costmap:
-        """Return the costs for the largest footprint that is collision-free at a pose; a live view."""
+        """Return the costmap of the largest footprint that is collision-free at a pose."""
         for level in range(self.map.max_level + 1):
             costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
@@ -242,7 +240,7 @@ class FrontierNavigator:
         return costmap
 
     def integrate(self, belief: Belief) -> None:
-        """Process map changes of the last scan."""
+        """Update the planning map with changes by the last scan."""
         update = belief.update
         if update.redrawn:
             if (correction := update.correction) is not None:
@@ -364,7 +362,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Ignore frontier cells that the visit did not clear; return False if the robot must look around first."""
+        """Ignore frontier cells that remain after a visit; return False if the robot must look around first."""
         if not self._is_frontier_left():
             return True
         assert self.target is not None

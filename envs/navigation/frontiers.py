@@ -1,7 +1,7 @@
 """Frontiers: free cells that border on unknown cells (Yamauchi, 1997), and their visibility.
 
-Shared arrays: `occupancy`, shape (height, width), int8; `ignored` and `frontier`, same shape, bool; `tile_counts`,
-int32, number of frontier cells per tile. Cells are (row, column), distances are in cells.
+Arrays: `occupancy`, shape (height, width), int8; `frontier` and `ignored` (excluded cells), same shape, bool;
+`tile_counts`, int32, number of frontier cells per tile. Cells are (row, column), distances are in cells.
 """
 
 import math
@@ -15,12 +15,12 @@ from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
-"""Side of a tile that counts frontier cells [cells]."""
+"""Side of the square tiles that count frontier cells [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def update_frontier(occupancy, ignored, frontier, tile_counts, window):
-    """Update the frontier in a `Window`: free cells with an unknown 8-neighbour, except ignored cells."""
+    """Update the frontier in a rectangle of cells: free cells with an unknown 8-neighbour, except ignored cells."""
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = occupancy.shape
     first, last = max(left - 1, 0), min(right + 1, width)
@@ -42,7 +42,7 @@ def update_frontier(occupancy, ignored, frontier, tile_counts, window):
 
 
 def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
-    """Return which map cells are free with an unknown 8-neighbour, shape (height, width), bool."""
+    """Return a mask of free cells with an unknown 8-neighbour, shape (height, width), bool."""
     height, width = grid.data.shape
     frontier = np.zeros((height, width), dtype=np.bool_)
     tile_counts = np.zeros((height // TILE + 1, width // TILE + 1), dtype=np.int32)
@@ -52,7 +52,7 @@ def frontier_mask(grid: OccupancyGrid) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def ignore_around(ignored, frontier, tile_counts, cells):
-    """Exclude cells, shape (n, 2), int64, and their 8-neighbours from the frontier."""
+    """Exclude cells (row, column), shape (n, 2), int64, and their 8-neighbours from the frontier."""
     height, width = ignored.shape
     for k in range(cells.shape[0]):
         for row in range(max(cells[k, 0] - 1, 0), min(cells[k, 0] + 2, height)):
@@ -111,7 +111,6 @@ def frontier_groups(frontier, tile_counts):
 
 @njit(cache=True, error_model="numpy")
 def _split(cells, first, last, extent, parts, count):
-    """Split cells `first` to `last` - 1 until no bounding box exceeds `extent`; write the bounds to `parts`."""
     stack = [(first, last)]
     while len(stack) > 0:
         a, b = stack.pop()
@@ -140,9 +139,10 @@ def _split(cells, first, last, extent, parts, count):
 
 @njit(cache=True, error_model="numpy")
 def split_groups(cells, starts, extent, least):
-    """Split groups from `frontier_groups` into parts of at most `extent` cells, without groups below `least` cells.
+    """Split groups of frontier cells into parts with bounding boxes of at most `extent` cells.
 
-    Returns shape (m, 4), int64: start and end index in the reordered `cells`, group size [cells], group index.
+    `cells`, `starts`: from `frontier_groups`; `cells` is reordered. Groups below `least` cells are dropped. Returns
+    shape (m, 4), int64: start and end index in `cells`, group size [cells], group index.
     """
     parts = np.empty((len(cells) + 1, 4), dtype=np.int64)
     count = 0
@@ -175,8 +175,8 @@ def information_gain(
 ) -> np.ndarray:
     """Return the unknown area within `radius` [m] of each point, shape (n,), float64 [m2].
 
-    `points`: shape (n, 2), map frame [m]. Outside the map is unknown. `shared_with`: count only area that is also
-    within the radius of this point, shape (2,), map frame [m].
+    `points`: shape (n, 2), map frame [m]. Cells outside the map are unknown. `shared_with`: count only area that is
+    also within the radius of this point, shape (2,), map frame [m].
     """
     cells = grid.cells(points)
     others = cells if shared_with is None else np.broadcast_to(grid.cells(shared_with), cells.shape)
@@ -198,7 +198,7 @@ def is_visible(data, row0, col0, row1, col1):
 
 @njit(cache=True, error_model="numpy")
 def is_frontier_near(data, block, ignored, row, col, reach):
-    """Return True if the map has a frontier cell within `reach` of a planning cell.
+    """Return True if a frontier cell is within `reach` planning cells (blocks of map cells) of (row, col).
 
     `data`: occupancy of the map, int8. `block`: side of a planning cell [map cells].
     """
@@ -218,7 +218,7 @@ def is_frontier_near(data, block, ignored, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_near(frontier, row, col, reach):
-    """Return the frontier cells within `reach` of (row, col), shape (k, 2), int64."""
+    """Return the frontier cells within `reach` cells of (row, col), shape (k, 2), int64."""
     height, width = frontier.shape
     cells = np.empty(((2 * reach + 1) ** 2, 2), dtype=np.int64)
     count = 0
@@ -232,7 +232,7 @@ def frontier_near(frontier, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def frontier_in_sight(occupancy, frontier, at, view, reach):
-    """Return the frontier cells within `reach`, in field of view and line of sight, shape (k, 2), int64.
+    """Return the frontier cells within `reach` cells, in field of view and line of sight, shape (k, 2), int64.
 
     `at`: viewpoint (row, column), fractional. `view`: centre and half width of the field of view [rad].
     """

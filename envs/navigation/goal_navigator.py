@@ -1,4 +1,4 @@
-"""Navigation on known or growing maps."""
+"""Navigation to goals, on known maps or maps that grow during the drive."""
 
 import logging
 import math
@@ -30,12 +30,11 @@ from lidarnaut.envs.simulation import Reading, Twist
 LOGGER = logging.getLogger(__name__)
 STOP = Twist(0.0, 0.0)
 CLEARED_RADIUS = 1.5
-"""Half side of the square that a recovery clears of marked obstacles [m]."""
+"""Half side of the square around the robot that a recovery clears of obstacles marked by scans [m]."""
 UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
-"""Initial and maximum margin of unknown space that paths may cross around map, goal and robot [m]; doubled without a
-path."""
+"""Initial and maximum width of the unknown zone around map, goal and robot that paths may cross [m]."""
 MIN_EDGE_DISTANCE = 1.0
-"""Minimum distance of the robot from the edge of the planning map [m]."""
+"""Distance of the robot from the map edge that triggers a map extension [m]."""
 SENSITIVE_TRACKER = TrackerParams(
     min_travel=0.25,
     hidden_travel=0.4,
@@ -46,7 +45,7 @@ SENSITIVE_TRACKER = TrackerParams(
     static_hits=4,
     body_radius=0.3,
 )
-"""Sensitive tracker settings for local planning: a missed person is worse than a false positive."""
+"""Sensitive settings of the people tracker for local planning: a missed person is worse than a false positive."""
 NO_TRACKS = np.empty((0, 5))
 EXIT_REACH = 1.5
 """Maximum length of a straight path out of a mapped obstacle [m]."""
@@ -56,11 +55,11 @@ BLOCKED_REASONS = {
     COST_UNKNOWN: "in unknown space",
 }
 DETOUR_TIME = 10.0
-"""Duration of treating people as obstacles after a lack of progress [s]."""
+"""Time to treat people as obstacles after a failed drive, for detours [s]."""
 APPROACH_DISTANCE = 0.3
-"""Distance to a goal with a heading below which pure pursuit takes over [m]; DWB stops short of goals beside walls."""
+"""Distance to a goal that has a heading, below which pure pursuit replaces the local planner [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
-"""Spacing of search points around a goal, and maximum path length to the next search point [m]."""
+"""Spacing of points visited in a search around the goal, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
 
 
@@ -70,14 +69,14 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint padding levels that fit the robot. Higher levels are a last resort for outdated maps."""
+"""Number of footprint radii tried first on growing maps. Smaller radii are a last resort for outdated maps."""
 
 
 class LocalPlanner(Protocol):
-    """Follows one path at a time. Constructed with robot, control period [s] and random generator.
+    """Interface of local planners, which follow one path at a time.
 
-    Obstacles are in the base frame, so stops do not depend on the pose estimate. An attribute `tracks` is set to
-    tracked people; see `PeopleTracker.people`.
+    Constructed with robot, control period [s] and random generator. Obstacles are in the base frame, so stops do not
+    depend on the pose estimate. An attribute `tracks` is set to tracked people; see `PeopleTracker.people`.
     """
 
     @property
@@ -92,7 +91,10 @@ class LocalPlanner(Protocol):
         """Set the path: shape (n, 2), n > 0, map frame [m]."""
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the next twist from pose estimate (map frame), velocity and `Navigator.obstacles`."""
+        """Return the next velocity command.
+
+        `pose`: pose estimate, map frame. `twist`: current velocity. `obstacles`: points, shape (n, 2), base frame [m].
+        """
 
 
 MakePlanner = Callable[[RobotParams, float, np.random.Generator], LocalPlanner]
@@ -109,15 +111,15 @@ class GoalParams:
     """Parameters of drives to a goal."""
 
     local_planner: str = "rpp"
-    """Local planner: `rpp`, `rpp:fast`, `dwb`, `mppi`, or `module:attribute` of a `LocalPlanner`."""
+    """Local planner: `rpp` (pure pursuit), `rpp:fast`, `dwb`, `mppi`, or `module:attribute` of a custom planner."""
     track_people: bool = False
     """Track people in scans, for local planners that predict their motion."""
     allow_unknown: bool | None = None
-    """Allow paths through unknown space; None: only on growing maps."""
+    """Allow paths through unknown space; None: only on maps that grow during the drive."""
     goal_tolerance: float = 0.15
-    """Goal tolerance [m]."""
+    """Distance to the goal that counts as arrival [m]."""
     search_radius: float = 0.0
-    """Radius around the goal for visits to further points after arrival, if the task continues [m]; 0 for none."""
+    """Radius of the search around the goal after arrival, while the task continues [m]; 0 for none."""
     heading_tolerance: float = 0.15
     """Heading tolerance at the goal [rad]."""
     update_period: float = 0.3
@@ -129,20 +131,21 @@ class GoalParams:
     max_recoveries: int = 6
     """Maximum number of recovery behaviors per goal."""
     max_searches: int = 1
-    """Maximum number of failed path searches; the robot looks around between searches."""
+    """Number of failed path searches that ends the drive. The robot looks around between searches."""
     lost_patience: float = 5.0
-    """Time before reactive driving after localization is lost [s]. Along a bare wall, localization often recovers."""
+    """Time from loss of localization to reactive driving [s]. Along a bare wall, localization often recovers."""
     lost_time: float = 90.0
-    """Maximum time of reactive driving while lost [s]."""
+    """Maximum time of reactive driving without localization [s]."""
     blind_time: float = 5.0
-    """Maximum time without a valid range [s]."""
+    """Maximum time without a valid lidar range [s]."""
 
 
 class GoalNavigator:
-    """Explorer that drives to one goal at a time, from readings and pose estimates.
+    """Explorer that plans paths to one goal at a time and follows them.
 
-    Each recovery clears marked obstacles and triggers replanning. While lost, the robot drives reactively by the scan;
-    without valid ranges, it waits. On a growing map, paths may cross unknown space and are replanned when blocked.
+    Each recovery clears obstacles marked by scans and triggers replanning. Without localization, the robot drives
+    reactively by the scan. Without valid ranges, the robot waits. On a growing map, paths may cross unknown space and
+    are replanned when blocked.
     """
 
     def __init__(
@@ -150,14 +153,15 @@ class GoalNavigator:
         params: GoalParams = GoalParams(),
         planning: PlanningParams | None = None,
     ) -> None:
-        """Set parameters; `planning`: None selects `ON_KNOWN_MAPS` or `ON_GROWING_MAPS`."""
+        """Create a navigator; `planning`: planning parameters, by default for known or growing maps."""
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""
         self.target: tuple[float, float] | None = None
-        """Current target (x, y), map frame [m]: goal or search point."""
+        """Current target (x, y), map frame [m]: goal or search point near the goal."""
         self.end_reason: str | None = None
-        """Outcome: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while driving."""
+        """Outcome of the drive: "arrived" (by pose estimate), "no_path", "stuck", "lost" or "blind"; None while
+        driving."""
         self._has_path = False
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
@@ -170,11 +174,10 @@ class GoalNavigator:
             PeopleTracker(robot.lidar, control_period, SENSITIVE_TRACKER) if self.params.track_people else None
         )
         self.tracks = NO_TRACKS
-        """Tracked people; see `PeopleTracker.people`."""
         self._waited_until = -math.inf
         self._reactive_driver = ReactiveDriver(robot, control_period, rng)
         self.map: PlanningMap | None = None
-        """Planning map; None before the first `act`."""
+        """Map for path planning; None before the first `act`."""
         self._allow_unknown, self._margin = bool(self.params.allow_unknown), UNKNOWN_MARGIN
         self._time = -math.inf
         self._steps = self._lost_steps = self._blind_steps = 0
@@ -186,7 +189,6 @@ class GoalNavigator:
         self.goal = self.target = self.end_reason = None
         self._search_points: list[tuple[float, float]] = []
         self.num_recoveries = 0
-        """Number of recovery behaviors for this goal."""
         self._heading: float | None = None
         self._has_path = self._has_planned = self._is_turning = False
         self._num_counted = int(self._navigator.record["recoveries"])
@@ -194,7 +196,6 @@ class GoalNavigator:
 
     @property
     def is_driving(self) -> bool:
-        """True if there is a goal and the drive has not ended."""
         return self.goal is not None and self.end_reason is None
 
     @property
@@ -203,7 +204,7 @@ class GoalNavigator:
         return self._planner.remaining if self.is_driving and self._has_path else None
 
     def set_tolerances(self, distance: float, heading: float) -> None:
-        """Set the tolerances of a task [m, rad] before `set_goal`; goals are then poses.
+        """Set the goal tolerances of a task [m, rad] before `set_goal`; goals then include a heading.
 
         The robot aims for half of each tolerance, since its pose estimate is inaccurate. A heading tolerance of pi has
         no effect.
@@ -214,7 +215,9 @@ class GoalNavigator:
             self._heading_tolerance = min(self.params.heading_tolerance, 0.5 * heading)
 
     def set_goal(self, goal: Sequence[float], heading: float | None = None) -> None:
-        """Set a goal (x, y, ...), map frame [m], and optionally a heading there [rad].
+        """Set a goal (x, y), map frame [m], and optionally the heading at the goal [rad].
+
+        After `set_tolerances`, `goal` may include the heading.
 
         Raises:
             ValueError: if a value is not finite.
@@ -235,7 +238,7 @@ class GoalNavigator:
             self.map.reach_beyond([self.goal], self._margin)
 
     def act(self, reading: Reading, belief: Belief) -> Twist:
-        """Return the twist for the next control period and update `end_reason`; see `Explorer`.
+        """Return the velocity command for the next control period and update `end_reason`.
 
         Raises:
             ValueError: if the reading is older than the previous reading.
@@ -320,7 +323,6 @@ class GoalNavigator:
         return False
 
     def _without_people(self, reading: Reading, belief: Belief) -> np.ndarray:
-        """Return ranges for the costmap, with NaN on people, since people could cause long detours."""
         if belief.on_people is None or reading.time < self._waited_until:
             return reading.ranges
         return np.where(belief.on_people, np.float32(np.nan), reading.ranges)
@@ -355,10 +357,10 @@ class GoalNavigator:
         return False
 
     def _find_path(self, pose: Pose2D, planning: PlanningMap) -> bool:
-        """Plan a path with fallbacks; return False if there is none yet.
+        """Plan a path, with fallbacks; return False without a path.
 
-        Fallbacks: smaller footprints, more unknown space, no marked obstacles, a straight exit from a mapped obstacle,
-        and on growing maps narrower gaps.
+        Fallbacks: smaller footprints, more unknown space, no obstacles marked by scans, a straight exit from a mapped
+        obstacle, and on growing maps the smallest footprints.
         """
         assert self.goal is not None
         assert self.target is not None

@@ -22,13 +22,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 COLLISION_COST = 1e5
-"""Cost of a collision at the end of a sequence; twice as much at its start."""
+"""Cost of a collision at the end of a twist sequence; twice as much at the start."""
 SPIN_STRIDE = 10
-"""Stride between sequences that turn on the spot, which noise rarely samples."""
+"""Every `SPIN_STRIDE`-th twist sequence turns on the spot, because noise rarely samples such turns."""
 HEADING_OFFSET = 10
-"""Index offset, from the nearest path point, of the point to head for."""
+"""Number of path points from the nearest point to the point that the robot should face."""
 HEADING_RADIUS = 0.2
-"""Distance to the point to head for, below which heading costs nothing [m]."""
+"""Distance to the path point ahead below which heading costs nothing [m]."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,9 +36,9 @@ class MppiParams:
     """Sampling and cost parameters, tuned for the world family `hall`."""
 
     num_samples: int = 800
-    """Number of sampled sequences (Nav2: 2,000)."""
+    """Number of sampled twist sequences (Nav2: 2,000)."""
     num_steps: int = 20
-    """Length of a sequence [control periods] (Nav2: 56 of 0.05 s)."""
+    """Length of a twist sequence [control periods] (Nav2: 56 of 0.05 s)."""
     v_std: float = 0.5
     """Standard deviation of forward speeds, as a fraction of the maximum speed (Nav2: 0.4)."""
     w_std: float = 0.4
@@ -46,45 +46,45 @@ class MppiParams:
     correlation: float = 0.7
     """Correlation of noise between successive control periods (Nav2: white noise)."""
     temperature: float = 0.3
-    """Cost difference that divides a weight by e (lambda of Williams et al.)."""
+    """Cost increase that divides a sample's weight by e (lambda of Williams et al.)."""
     gamma: float = 0.015
-    """Weight of the control cost for deviations from the previous mean."""
+    """Weight of the control cost for deviations from the previous mean sequence."""
     max_rotation: float = 4.0
     """Maximum yaw rate [rad/s], limited by the robot."""
     backwards: float = 0.0
     """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
     follow: float = 10.0
-    """Cost per second of remaining path at full speed, averaged over the sequence."""
+    """Cost per second of remaining driving time at full speed, averaged over the sequence."""
     align: float = 2.0
     """Cost per metre of mean distance from the path."""
     angle: float = 1.0
     """Cost per radian between the final heading and the direction to the path ahead."""
     nearness: float = 2.0
-    """Cost per second at an obstacle; decreases quadratically with distance."""
+    """Cost per second in contact with an obstacle; decreases quadratically to zero at `margin`."""
     margin: float = 0.25
-    """Gap to obstacles above which `nearness` costs nothing [m]."""
+    """Gap to obstacles above which the cost `nearness` is zero [m]."""
     people: float = 20.0
-    """Cost per second at a person; decreases quadratically with distance."""
+    """Cost per second in contact with a person; decreases quadratically to zero at `people_margin`."""
     people_margin: float = 0.8
-    """Gap to people above which `people` costs nothing [m]."""
+    """Gap to people above which the cost `people` is zero [m]."""
     people_touched: float = 400.0
     """Cost of each control period in contact with a predicted person; decays with prediction time."""
     people_gap: float = 0.05
     """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of `people_gap` per robot speed [s], because people swerve."""
+    """Increase of `people_gap` per m/s of robot speed [s], because people swerve."""
     doubt_time: float = 3.0
-    """Decay time constant of `people_touched` [s], because people turn."""
+    """Time constant of the decay of `people_touched` with prediction time [s]."""
     twirl: float = 0.1
-    """Cost per rad/s of mean yaw rate."""
+    """Cost per rad/s of mean absolute yaw rate."""
     braking: float = 0.3
     """Fraction of maximum deceleration assumed in the final collision check."""
     reverse: float = 2.0
     """Cost per second of driving backwards at full speed."""
     resolution: float = 0.03
-    """Cell side of the obstacle distance raster [m]."""
+    """Cell side of the raster of obstacle distances [m]."""
     max_range: float = 4.0
-    """Maximum range of the obstacle distance raster [m]."""
+    """Maximum half side of the raster of obstacle distances [m]."""
 
 
 _OF_ROBOT = ("period", "radius", "max_v", "min_v", "max_w", "max_acc_v", "max_acc_w")
@@ -93,7 +93,7 @@ MppiNumbers = namedtuple("MppiNumbers", [*_OF_ROBOT, *_OWN])  # type: ignore[mis
 
 
 def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
-    """Return the kernel constants of a robot; `period`: control period [s]."""
+    """Return robot limits and planner parameters for compiled functions; `period`: control period [s]."""
     limits = robot.max_v, -params.backwards * robot.max_v, min(params.max_rotation, robot.max_w)
     of_robot = period, robot.radius, *limits, robot.max_acc_v, robot.max_acc_w
     return MppiNumbers(*map(float, (*of_robot, *attrgetter(*_OWN)(params))))
@@ -103,9 +103,9 @@ def mppi_numbers(robot: RobotParams, period: float, params: MppiParams) -> Any:
 def rate(controls, mean, now, path, along, squared, tracks, p, costs):
     """Compute the costs of twist sequences in the base frame.
 
-    `controls`: sequences, shape (n, num_steps, 2) [m/s, rad/s]. `mean`: their mean. `now`: current twist. `path`: shape
-    (k, 2), k > 0 [m]. `along`: path length up to each point [m]. `squared`: squared obstacle distances [cells2], robot
-    in the centre. `tracks`: see `PeopleTracker.people`. Writes `costs`, shape (n,).
+    `controls`: sequences, shape (n, num_steps, 2) [m/s, rad/s]. `mean`: mean of the sampling distribution. `now`:
+    current twist. `path`: shape (k, 2), k > 0 [m]. `along`: path length up to each point [m]. `squared`: squared
+    obstacle distances [cells2], robot in the centre. `tracks`: see `PeopleTracker.people`. Writes `costs`, shape (n,).
     """
     side, last = squared.shape[0], path.shape[0] - 1
     half, dt = 0.5 * side, p.period
@@ -163,12 +163,11 @@ def _cost_of_people(x, y, v, time, tracks, p):
 
 
 class MppiPlanner:
-    """Local planner by model predictive path integral control; a `LocalPlanner`."""
+    """Local planner that uses model predictive path integral control (MPPI)."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, rng: np.random.Generator, params: MppiParams = MppiParams()
     ) -> None:
-        """Create a planner; `rng`: source of the noise."""
         self._numbers = mppi_numbers(robot, control_period, params)
         self._params, self._horizon = params, params.num_steps * control_period
         noise = rng.standard_normal((params.num_steps, params.num_samples, 2))
@@ -184,7 +183,6 @@ class MppiPlanner:
         self._path = np.empty((0, 2))
         self._index = 0
         self.tracks = np.empty((0, 5))
-        """Tracked people, see `PeopleTracker.people`; set before each `command`."""
         self.blocked = False
 
     @property
@@ -195,7 +193,6 @@ class MppiPlanner:
         self._path, self._index = path, 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the next twist; see `LocalPlanner.command`."""
         p = self._numbers
         self._index = nearest_index(self._path, pose.x, pose.y, self._index, NEAREST_WINDOW)
         path = pose.inverse().transform(self.remaining)
@@ -224,7 +221,6 @@ class MppiPlanner:
         return Twist(v, w)
 
     def _slow_down(self, v: float, w: float, obstacles: np.ndarray) -> tuple[float, float]:
-        """Return a twist on the same arc that can stop before all scanned points, people included."""
         p = self._numbers
         share = stoppable_share(obstacles, v, w, p.radius, p.braking * p.max_acc_v, p.period)
         return share * v, share * w

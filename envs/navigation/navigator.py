@@ -1,6 +1,7 @@
 """Navigator: drives a robot along paths, triggers recovery behaviors, and reports progress.
 
-navigator = Navigator(robot, control_period)
+Example:
+    navigator = Navigator(robot, control_period)
     navigator.reset(reading)
     navigator.drive_to(path)                       # shape (n, 2), map frame [m]
     while navigator.update(reading, belief.pose) in (DRIVING, REPLAN):
@@ -30,13 +31,13 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading, Twist
 
 MAX_OTHERS = 256
-"""Maximum number of points on other robots."""
+"""Maximum number of obstacle points on other robots."""
 NO_POSITION = (math.nan, math.nan)
-"""Position without values (NaN)."""
+"""Placeholder for a missing position (x, y)."""
 
 
 class NavigatorArrays(NamedTuple):
-    """Arrays of a navigator for kernels; see `navigator_kernels`."""
+    """State and constants of a navigator, as arguments of compiled functions."""
 
     records: np.ndarray
     path: np.ndarray
@@ -46,7 +47,7 @@ class NavigatorArrays(NamedTuple):
 
 
 class Navigator:
-    """Drives a robot to one goal at a time."""
+    """Drives a robot along planned paths, with recovery behaviors."""
 
     def __init__(
         self,
@@ -56,10 +57,10 @@ class Navigator:
         *,
         max_time: float = math.inf,
     ) -> None:
-        """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery."""
+        """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery behavior."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        """Kernel constants; see `navigator_numbers`."""
+        """Constants for compiled functions; see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -68,9 +69,9 @@ class Navigator:
         self._path = NO_POINTS
         self._period = control_period
         self.velocity = Twist(0.0, 0.0)
-        """Velocity by odometry."""
+        """Current velocity by odometry."""
         self.motion = ORIGIN
-        """Motion by odometry since the last reading."""
+        """Relative pose between the last two readings, by odometry."""
 
     def reset(self, reading: Reading) -> None:
         records = self._records
@@ -83,12 +84,11 @@ class Navigator:
 
     @property
     def record(self) -> Any:
-        """State, `NAVIGATOR`; a live view."""
+        """Current state, with the fields of `NAVIGATOR`; not a copy."""
         return self._records[0]
 
     @property
     def arrays(self) -> NavigatorArrays:
-        """State, path, obstacles and constants for kernels."""
         return NavigatorArrays(self._records, self._path, self._obstacles, self._directions, self._numbers)
 
     @property
@@ -98,7 +98,6 @@ class Navigator:
 
     @property
     def has_goal(self) -> bool:
-        """True while the robot drives to a goal."""
         return bool(self.record["has_goal"])
 
     @property
@@ -108,16 +107,15 @@ class Navigator:
 
     @property
     def is_recovering(self) -> bool:
-        """True while the robot backs up or spins."""
         return bool(self.record["back_steps"] > 0 or self.record["turn_steps"] > 0)
 
     def note_command(self, twist: Twist) -> None:
-        """Record a commanded twist that replaces `command`."""
+        """Record a velocity command sent instead of the result of `command`."""
         self.record["forward"] = int(twist.v >= 0.0)
 
     @property
     def obstacles(self) -> np.ndarray:
-        """Visible and remembered obstacle points, shape (n, 2), float64, base frame [m]; a live view."""
+        """Visible and remembered obstacle points, shape (n, 2), float64, base frame [m]."""
         return self._obstacles[: self.record["num_seen"]]
 
     def drive_to(
@@ -128,10 +126,10 @@ class Navigator:
         view: tuple[float, float] = NO_POSITION,
         keep_clocks: bool = False,
     ) -> None:
-        """Begin a drive along a path, shape (n, 2), n > 0, map frame [m], to its end or a nearby `goal` (x, y).
+        """Begin a drive along a path to `goal` (x, y), by default the end of the path.
 
-        `view`: position (x, y) to see from the goal. `keep_clocks`: continue the time limits of the last drive, so that
-        new goals do not hide a stuck robot.
+        `path`: shape (n, 2), n > 0, map frame [m]. `view`: position (x, y) to face at the goal. `keep_clocks`: continue
+        the time limits of the last drive, so that new goals do not hide a stuck robot.
         """
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         record = self.record
@@ -145,12 +143,12 @@ class Navigator:
         record["planned"] = record["steps"]
 
     def follow(self, path: np.ndarray) -> None:
-        """Replace the path to the goal: shape (n, 2), n > 0, map frame [m]."""
+        """Replace the path of the current drive: shape (n, 2), n > 0, map frame [m]."""
         self._path = np.ascontiguousarray(path, dtype=np.float64)
         self.record["index"] = 0
 
     def apply_correction(self, correction: Correction) -> None:
-        """Move path, goal and view position with a map correction."""
+        """Apply a map correction, such as a loop closure, to path, goal and view position."""
         if not self.has_goal:
             return
         record, first = self.record, int(self.record["index"])
@@ -160,11 +158,11 @@ class Navigator:
                 record[x], record[y] = correction.apply(np.array([(record[x], record[y])]))[0]
 
     def plan_anew(self) -> None:
-        """Request a new plan, because the whole map has changed."""
+        """Make the next `update` report that replanning is due."""
         self.record["planned"] = self.record["steps"] - self.numbers["replan_steps"]
 
     def restart_progress(self) -> None:
-        """Restart the stall timer."""
+        """Restart the timer that detects a robot without motion."""
         self.record["stall_steps"] = -1
 
     def spin(self, angle: float = 2.0 * math.pi) -> None:
@@ -176,7 +174,7 @@ class Navigator:
         self.record["turn_steps"] = math.ceil(angle / rate / self._period)
 
     def recover(self) -> None:
-        """Move opposite to the last command, or onward if there is more room, and spin."""
+        """Begin a recovery behavior: move opposite to the last command, or onward if there is more room, and spin."""
         record = self.record
         recover(self._records, self._obstacles[: record["num_obstacles"]], record["forward"] == 1, self._numbers)
 
@@ -186,7 +184,7 @@ class Navigator:
             self.record[name] = 0
 
     def sense(self, reading: Reading, others: np.ndarray = NO_POINTS) -> None:
-        """Update odometry and obstacles outside of drives; `update` includes this.
+        """Update odometry and obstacle points; included in `update`.
 
         `others`: further obstacle points, such as other robots, shape (m, 2), float64, base frame [m].
         """
@@ -196,15 +194,18 @@ class Navigator:
         update_obstacles(*state, sensors, tuple(motion), others[:MAX_OTHERS], self._numbers)
 
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
-        """Process a reading at a pose estimate, map frame; return the progress, such as `DRIVING`."""
+        """Process a reading; return the progress of the drive, such as `DRIVING`.
+
+        `pose`: pose estimate, map frame. `others`: see `sense`.
+        """
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)
 
     def check_progress(self, pose: Pose2D, *, bumper: bool) -> int:
-        """Return as `update`, after kernels have processed the reading."""
+        """Return the progress of the drive, such as `DRIVING`, after a reading has been processed."""
         return int(check_progress(self._records, self._obstacles, tuple(pose), bumper, self._numbers))
 
     def command(self, pose: Pose2D) -> Twist:
-        """Return the twist for the next control period."""
+        """Return the next velocity command."""
         state = self._records, self._path, self._obstacles
         return Twist(*compute_velocity_command(*state, tuple(pose), self.velocity.v, self._numbers))

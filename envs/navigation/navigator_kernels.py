@@ -1,6 +1,6 @@
-"""Kernels of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
+"""Compiled functions of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
 
-- `navigators`: state, shape (1,), `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
+- `navigators`: state, shape (1,), dtype `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
 - `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points not remembered.
 - `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
 - `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
@@ -23,9 +23,9 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Maximum bearing of a point well in view, over half the field of view."""
+"""Central fraction of the field of view that counts as well in view."""
 CONTACT_MARGIN = 0.05
-"""Margin around the footprint for clearing remembered contacts [m]."""
+"""Margin around the footprint for deleting contact points of a stalled robot [m]."""
 NAVIGATOR = record_type(
     [
         *FOLLOWER_FIELDS,
@@ -56,13 +56,16 @@ NAVIGATOR = record_type(
         ("num_obstacles", np.int64),  # and other robots
     ]
 )
-"""State of a navigator, map frame [m, rad]."""
+"""Structured dtype of a navigator's state, map frame [m, rad]."""
 
 
 def navigator_numbers(
     robot: RobotParams, period: float, max_time: float, params: NavigatorParams
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the kernel constants of a robot; `period`: control period, `max_time`: maximum drive time [s]."""
+    """Return robot and navigator constants for compiled functions.
+
+    `period`: control period [s]. `max_time`: maximum drive time [s].
+    """
     lidar = robot.lidar
     times = {"max": max_time, "replan": params.replan_time, "stall": params.stall_time, "stuck": params.stuck_time}
     return {
@@ -85,9 +88,10 @@ def navigator_numbers(
 
 @njit(cache=True, error_model="numpy")
 def update_obstacles(navigators, obstacles, sensors, motion, others, constants):
-    """Process a scan; points outside the field of view are remembered and moved by odometry.
+    """Update obstacle points with a scan.
 
-    Each contact replaces the last contact, or contacts would enclose a turning robot.
+    Points outside the field of view are remembered and moved by odometry. Each bumper contact replaces the last
+    contact, or contacts would enclose a turning robot.
     """
     record, numbers = navigators[0], constants[0]
     ranges, directions, bumper = sensors
@@ -121,7 +125,7 @@ def _is_at_goal(record, pose, numbers):
 
 @njit(cache=True, error_model="numpy")
 def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants):
-    """Return the next twist: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
+    """Return the next velocity command: forward speed [m/s] and yaw rate [rad/s], within the robot's limits.
 
     `path`: shape (n, 2), map frame [m]. `v_now`: forward speed by odometry [m/s].
     """
@@ -151,7 +155,7 @@ def compute_velocity_command(navigators, path, obstacles, pose, v_now, constants
 
 @njit(cache=True, error_model="numpy")
 def recover(navigators, points, backwards, constants):
-    """Begin a recovery: BackUp, or forward if there is more room, then Spin, left and right in turn."""
+    """Begin a recovery behavior: back up, or drive forward if there is more room, then spin, left and right in turn."""
     record, numbers = navigators[0], constants[0]
     record.recoveries += 1
     radius, reach = numbers.radius, numbers.back_reach
@@ -194,14 +198,13 @@ def _forget(record, obstacles, radius):
 
 @njit(cache=True, error_model="numpy")
 def _fail(record, obstacles, numbers):
-    """Return `FAILED`; drop remembered points inside the footprint, which would block later drives."""
     _forget(record, obstacles, numbers.radius)
     return FAILED
 
 
 @njit(cache=True, error_model="numpy")
 def check_progress(navigators, obstacles, pose, bumper, constants):
-    """Return the progress of the drive, such as `DRIVING`, after `update_obstacles`."""
+    """Return the progress of the drive, such as `DRIVING`; begin a recovery behavior after a stall."""
     record, numbers = navigators[0], constants[0]
     points = obstacles[: record.num_obstacles]
     record.steps += 1

@@ -1,4 +1,4 @@
-"""Obstacle points in the base frame, without a map."""
+"""Obstacle points of scans and contacts, and collision checks along arcs, base frame."""
 
 import math
 
@@ -9,18 +9,19 @@ NO_POINTS = np.empty((0, 2))
 SIGHT_STEP = 0.02
 """Spacing of collision tests along an arc [m]."""
 DUPLICATE_DISTANCE = 0.02
-"""Distance below which points are duplicates [m]."""
+"""Distance below which two remembered points are duplicates [m]."""
 MIN_SPEED = 1e-9
-"""Minimum forward speed in divisions [m/s]."""
+"""Lower bound of speeds used as divisors [m/s]."""
 MAX_REMEMBERED = 1000
 BUMP_POINTS = 5
 
 
 @njit(cache=True, error_model="numpy")
 def scan_points(ranges, directions, mount, points):
-    """Write the end points of beams with a return, base frame [m]; return their number.
+    """Write the end points of beams with a return to `points`, base frame [m]; return their number.
 
-    `ranges`, `directions`: see `update_obstacles`. `mount`: lidar pose in the base frame (x, y, yaw).
+    `ranges`: shape (num_beams,) [m]. `directions`: cosine and sine of beam angles, base frame, shape (2, num_beams).
+    `mount`: lidar pose in the base frame (x, y, yaw).
     """
     count = 0
     for beam in range(ranges.shape[0]):
@@ -33,10 +34,10 @@ def scan_points(ranges, directions, mount, points):
 
 @njit(cache=True, error_model="numpy")
 def remember(points, num_remembered, num_points, motion, numbers):
-    """Move points with the robot's motion; keep points that the lidar no longer sees.
+    """Move obstacle points by the robot's motion; keep only points that the lidar no longer sees.
 
-    The first `num_remembered` of `num_points` are older, the rest are from the last scan. Returns the number of kept
-    points, at most `MAX_REMEMBERED`.
+    The first `num_remembered` of `num_points` were remembered before, the rest are from the last scan. Returns the
+    number of kept points, at most `MAX_REMEMBERED`.
     """
     dx, dy, dtheta = motion
     mount = numbers.mount
@@ -66,7 +67,7 @@ def remember(points, num_remembered, num_points, motion, numbers):
 
 @njit(cache=True, error_model="numpy")
 def add_bump(points, count, radius, forward):
-    """Append contact points at the front or rear of the footprint; return the number of points."""
+    """Append points of a bumper contact at the front or rear of the footprint; return the number of points."""
     for k in range(BUMP_POINTS):
         bearing = -0.5 + k / (BUMP_POINTS - 1) + (0.0 if forward else math.pi)
         points[count + k, 0] = 0.98 * radius * math.cos(bearing)
@@ -76,7 +77,7 @@ def add_bump(points, count, radius, forward):
 
 @njit(cache=True, error_model="numpy")
 def forget_inside(points, num_remembered, num_points, radius):
-    """Drop remembered points within the robot's `radius` [m]; return their number."""
+    """Delete remembered points within the robot's `radius` [m]; return the number of deleted points."""
     kept = 0
     for k in range(num_points):
         if k >= num_remembered or math.hypot(points[k, 0], points[k, 1]) > radius:
@@ -87,7 +88,7 @@ def forget_inside(points, num_remembered, num_points, radius):
 
 @njit(cache=True, error_model="numpy")
 def points_within(points, distance):
-    """Return the points within `distance` [m] of the origin, shape (n, 2) to (k, 2) [m]."""
+    """Return the points within `distance` [m] of the origin, shape (k, 2) [m]."""
     near = np.empty_like(points)
     count = 0
     for k in range(points.shape[0]):
@@ -100,9 +101,9 @@ def points_within(points, distance):
 def free_distance(points, curvature, radius, distance):
     """Return the distance along an arc before the footprint touches a point [m], at most `abs(distance)`.
 
-    A point inside the footprint, by noise, only blocks motion towards it. `points`: obstacles, shape (n, 2), float64,
-    base frame [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m]. `distance`: negative for
-    backwards [m].
+    A point inside the footprint blocks only motion towards it. `points`: obstacles, shape (n, 2), float64, base frame
+    [m]. `curvature`: positive to the left [1/m]. `radius`: footprint radius [m]. `distance`: negative for backwards
+    [m].
     """
     num_steps = int(abs(distance) / SIGHT_STEP) + 1
     nearest = np.inf
@@ -131,8 +132,8 @@ def free_distance(points, curvature, radius, distance):
 def stoppable_share(points, v, w, radius, braking, period):
     """Return the largest fraction of a twist, at most 1, that allows a stop before a collision.
 
-    The robot drives on for one control period `period` [s], then brakes at `braking` [m/s2]. `points`, `radius`: see
-    `free_distance`.
+    The robot drives on for one control period `period` [s], then brakes at `braking` [m/s2]. `points`: obstacles, base
+    frame [m]. `radius`: footprint radius [m].
     """
     if v == 0.0:
         return 1.0
@@ -142,7 +143,7 @@ def stoppable_share(points, v, w, radius, braking, period):
 
 
 def without_people(points, people, margin=0.15):
-    """Return the points farther than `margin` [m] from people, shape (n, 2) to (k, 2), base frame [m]."""
+    """Return the points farther than `margin` [m] from people, shape (k, 2), base frame [m]."""
     if not len(people):
         return points
     gaps = np.hypot(*(points[:, None] - people[:, :2]).transpose(2, 0, 1)) - people[:, 4]

@@ -29,19 +29,19 @@ SHORTCUT = 4.0
 """Maximum length of a straight shortcut [m]."""
 MAX_POINTS = 1024
 DATA_WEIGHT = 0.2
-"""Weight of each point's original position (Nav2's `w_data`)."""
+"""Weight of each point's original position in path smoothing (Nav2's `w_data`)."""
 SMOOTH_WEIGHT = 0.3
-"""Weight of the midpoint of a point's neighbours (Nav2's `w_smooth`)."""
+"""Weight of the midpoint of a point's neighbours in path smoothing (Nav2's `w_smooth`)."""
 NUM_SWEEPS = 100
 NUM_EXITS = 32
-"""Number of directions tried for an exit."""
+"""Number of directions tried for a straight path out of a mapped obstacle."""
 SMOOTH_TOLERANCE = 1e-4
-"""Maximum displacement in the last smoothing sweep [m]."""
+"""Displacement of path points below which path smoothing stops [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def walk_back(predecessor, row, col):
-    """Return the path cells from the start to (row, col), shape (n, 2), int64."""
+    """Return the path cells from the start of a search to (row, col), shape (n, 2), int64."""
     length = 1
     r, c = row + 1, col + 1
     while predecessor[r, c] != NO_STEP:
@@ -60,7 +60,6 @@ def walk_back(predecessor, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _line_cost(costs, weights, row0, col0, row1, col1):
-    """Return the cost of a straight line between two cells, in units of `search`; -1 if blocked."""
     d_row, d_col = row1 - row0, col1 - col0
     length = math.hypot(d_row, d_col)
     # Four samples per cell skip at most a corner's tip.
@@ -79,7 +78,7 @@ def _line_cost(costs, weights, row0, col0, row1, col1):
 def shorten(costs, weights, travel, cells, reach):
     """Replace stretches of a path, up to `reach` cells long, by straight lines that cost no more.
 
-    `travel`: travel costs with a border of one cell. `cells`: path, shape (n, 2), int64. Returns the corners and both
+    `travel`: path costs, with a border of one cell. `cells`: path, shape (n, 2), int64. Returns the corners and both
     ends, shape (m, 2), int64.
     """
     kept = np.empty_like(cells)
@@ -102,7 +101,7 @@ def shorten(costs, weights, travel, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def nearest_cell(costs, weights, row, col, reach, max_cost):
-    """Return the nearest cell within `reach` cells that costs at most `max_cost`; (-1, -1) for none.
+    """Return the cell nearest to (row, col), within `reach` cells, of cost at most `max_cost`; (-1, -1) for none.
 
     Unknown cells count if `weights` allows them.
     """
@@ -145,9 +144,9 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 @njit(cache=True, error_model="numpy")
 def search_goal(layer, weights, expansion, queue, start, goal, slack):
-    """Search for the cheapest path to within `slack` cells of a goal; return its last cell, (-1, -1) for none.
+    """Search for the cheapest path to the free cell nearest to a goal, within `slack` cells.
 
-    `layer`: costs and the `open_weights` of `_expand`. Also returns `queue`.
+    Returns this cell, (-1, -1) without a path, and the search queue. `layer`: costmap and search weights.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
@@ -162,19 +161,20 @@ def search_goal(layer, weights, expansion, queue, start, goal, slack):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TravelField:
-    """Cost-to-come of every cell from a start."""
+    """Cost-to-come of each costmap cell from a start."""
 
     costmap: Costmap
     weights: np.ndarray
-    """Weight of each cell cost, shape (256,), uint8; see `step_weights`."""
+    """Search weight of each costmap value, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
-    """Cost-to-come, shape (height + 2, width + 2), int32, with a border; `UNREACHED` without a path."""
+    """Integer cost-to-come, shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` without a
+    path."""
     predecessor: np.ndarray
-    """Index into `STEPS` of the step into each cell, uint8, shape of `travel`."""
+    """Last move of the path to each cell, uint8: index into the eight moves of `STEPS`, shape of `travel`."""
 
     @property
     def costs(self) -> np.ndarray:
-        """Cost-to-come, shape (height, width), float32 [m]; inf without a path."""
+        """Cost-to-come of each cell, shape (height, width), float32 [m]; inf without a path."""
         return self._metres(self.travel[1:-1, 1:-1]).astype(np.float32)
 
     def cost(self, cells: np.ndarray) -> np.ndarray:
@@ -215,10 +215,10 @@ def travel_field(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> TravelField | None:
-    """Search from a start (x, y), map frame [m], to all cells (Dijkstra) or to a goal (row, column) (A*).
+    """Compute path costs from a start (x, y), map frame [m], to all cells, or by A* to a goal (row, column).
 
-    A start in collision moves to the nearest traversable cell within the robot's radius; returns None without one. With
-    a goal, only the path is final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
+    An untraversable start moves to the nearest traversable cell within the robot's radius; returns None without such a
+    cell. With a goal, only cells on the path are final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)
@@ -237,7 +237,7 @@ def plan_path(
 ) -> np.ndarray | None:
     """Return the cheapest path between positions (x, y), map frame [m], by A*; None without a path.
 
-    The path may end up to `tolerance` [m] from a goal in collision. Unknown cells, if allowed, cost as much as
+    If the goal is in collision, the path may end up to `tolerance` [m] away. Unknown cells, if allowed, cost as much as
     `COST_MAX_FREE`. Returns points a cell apart, shape (n, 2), float64 [m].
     """
     cell = _traversable_cell(costmap, step_weights(COST_WEIGHT, allow_unknown), goal, tolerance, COST_MAX_FREE)
@@ -272,7 +272,6 @@ def exits(costmap: Costmap, pose: Pose2D, obstacles: np.ndarray, reach: float, l
 
 @njit(cache=True, error_model="numpy")
 def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
-    """Return a path smoothed in place, after Nav2's simple smoother."""
     height, width = costs.shape
     smooth = points.copy()
     for _ in range(NUM_SWEEPS):
@@ -295,7 +294,7 @@ def _relax(points, costs, origin_x, origin_y, resolution, allow_unknown):
 
 
 def smooth_path(costmap: Costmap, path: np.ndarray, *, allow_unknown: bool = False) -> np.ndarray:
-    """Smooth a path without collisions; its ends stay.
+    """Smooth a path after Nav2's simple smoother. Points avoid collisions; both ends stay.
 
     `path`: points about a cell apart, shape (n, 2), n > 0 [m]. Returns points at most a cell apart, shape (m, 2),
     float64 [m].

@@ -1,7 +1,7 @@
-"""Kernels of `planning_map`: update planning cells, marks and costs in a `Window`.
+"""Compiled functions of the planning map: update occupancy, marked obstacles and costs.
 
-`occupancy`, `marks`: occupancy of planning cells by map and by scans, shape (height, width), int8. Cells are (row,
-column), shape (n, 2), int64, possibly outside the raster.
+Planning cells are blocks of map cells. `occupancy`, `marks`: occupancy of planning cells by map and by scans, shape
+(height, width), int8. Cells are (row, column), shape (n, 2), int64, possibly outside the raster.
 """
 
 import math
@@ -17,7 +17,7 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, occupancy, window):
-    """Write the maximum occupancy of each `block` x `block` map cells in a window; unknown is -1."""
+    """Write the maximum of each `block` x `block` map cells to `occupancy`, in a rectangle; unknown is -1."""
     top, left, height, width = window
     rows, cols = data.shape
     lines = np.empty(width * block, dtype=np.int8)
@@ -40,7 +40,7 @@ def join_cells(data, block, occupancy, window):
 
 @njit(cache=True, error_model="numpy")
 def cells_of(points, left, low, side):
-    """Return the cells of points, shape (k, 2) [m]; `left`, `low`: raster origin [m]."""
+    """Return the cells (row, column) that contain points, shape (k, 2) [m]; `left`, `low`: raster origin [m]."""
     cells = np.empty((len(points), 2), dtype=np.int64)
     for k in range(len(points)):
         cells[k, 0] = math.floor((points[k, 1] - low) / side)
@@ -65,7 +65,7 @@ def obstacle_cells(points, marking_range, pose, origin, side):
 
 @njit(cache=True, error_model="numpy")
 def clear_beams(marks, x, y, angles, lengths):
-    """Set the cells along beams free; start (x, y) and lengths in cells, angles in rad."""
+    """Set cells along lidar beams free; start (x, y) and lengths in cells, angles in rad."""
     height, width = marks.shape
     for k in range(len(angles)):
         walk = start_walk(x, y, x + lengths[k] * math.cos(angles[k]), y + lengths[k] * math.sin(angles[k]))
@@ -78,7 +78,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, occupancy, cells, reach):
-    """Mark obstacle cells without an occupied map cell within `reach`; all cells if `reach` is -1."""
+    """Set `cells` occupied in `marks`, except within `reach` cells of an occupied map cell; all if `reach` is -1."""
     height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
@@ -94,10 +94,10 @@ def mark(marks, occupancy, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weights, window):
-    """Update costs in a window by inflation of mapped, marked and visible obstacles.
+    """Update costs in a rectangle of cells by inflation of mapped, marked and visible obstacles.
 
-    `obstacles` count unless an occupied map cell is near; `bodies` always count. Writes `costs`, shape (height, width),
-    uint8, and `open_weights`, see `_expand`.
+    Cells of `obstacles` count unless an occupied map cell is near; cells of `bodies` always count. Writes `costs`,
+    shape (height, width), uint8, and search weights, see `_expand`.
     """
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = occupancy.shape

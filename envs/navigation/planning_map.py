@@ -1,4 +1,4 @@
-"""Planning map, updated incrementally in windows of changed cells."""
+"""Map for path planning: costs and frontiers, updated in rectangles of changed cells."""
 
 import math
 from collections.abc import Sequence
@@ -23,11 +23,11 @@ from lidarnaut.envs.navigation.planning_params import PlanningParams
 from lidarnaut.envs.robots import LidarParams, RobotParams
 
 FIRST_LIMIT = 16.0
-"""Initial travel cost limit of the candidate search [m], doubled as needed."""
+"""Initial path cost limit in the search for reachable frontiers [m], doubled as needed."""
 
 
 class PlanningTables(NamedTuple):
-    """Parameters in cells and units of `search`, for one footprint padding level."""
+    """Planning parameters in cells, or in integer path costs, for one footprint radius."""
 
     costs: np.ndarray
     weights: np.ndarray
@@ -62,37 +62,37 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
 
 
 class CostLayer:
-    """Costs for one footprint padding level."""
+    """Traversal costs and search weights for one footprint radius."""
 
     def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
-        """Costs, shape (height, width), uint8; see `Costmap`."""
+        """Traversal costs, shape (height, width), uint8; see `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Cell weights, uint8; see `_expand`."""
+        """Search weight of each cell, uint8, flat with a border of one cell."""
         self.pending = NO_WINDOW
-        """Window to recompute, with inflation."""
+        """Rectangle of cells with outdated costs."""
         self.in_sight = NO_WINDOW
-        """Window of the obstacles in view at the last update, with inflation."""
+        """Rectangle of cells with costs of obstacles visible at the last update."""
 
 
 class PlanningMap:
-    """Planning cells of a robot's map, in layers as in Nav2: map, marked obstacles, inflation.
+    """Costs and frontiers on planning cells (blocks of map cells), in Nav2's layers: map, obstacles, inflation.
 
     Unlike in Nav2, scans mark only obstacles farther than `same_obstacle` from occupied map cells, so pose errors do
-    not close doors. Beams clear marks, never the map.
+    not close doors. Beams clear marked obstacles, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
         """Create a planning map; `resolution`: side of a map cell [m]."""
         self.params = params
         self.block = max(1, min(round(params.cell / resolution), int(robot.radius / resolution)))
-        """Side of a planning cell [map cells]."""
+        """Number of map cells along the side of a planning cell."""
         self.side = self.block * resolution
-        """Side of a planning cell [m]."""
+        """Side of a planning cell (block of map cells) [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
-        """Constants per footprint padding level: the padded robot, then smaller footprints."""
+        """Planning constants per footprint radius: the padded robot, then smaller footprints."""
         self._data: np.ndarray | None = None
         self._pending = self._known = NO_WINDOW
         self._beyond, self._points = 0.0, np.zeros((1, 2))
@@ -100,12 +100,13 @@ class PlanningMap:
         self.ignored_points = NO_POINTS
         """Centres of ignored frontier cells, shape (m, 2), float64, map frame [m]."""
         self.origin = (0.0, 0.0)
-        """Corner of the first row and column (x, y), map frame [m]."""
+        """Corner of cell (0, 0) (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: Window | None, *, redrawn: bool = False) -> None:
         """Record the map changes of each scan.
 
-        `window`: changed map cells; None for none. `redrawn`: the map was rebuilt; discard marks.
+        `window`: rectangle of changed map cells; None for none. `redrawn`: the whole map was rebuilt; discard marked
+        obstacles.
         """
         if redrawn or grid.data is not self._data:
             self._rebuild(grid, redrawn)
@@ -114,11 +115,11 @@ class PlanningMap:
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Extend the planning map to `margin` [m] beyond map and points (x, y), map frame, at the next `update`."""
+        """Extend the planning map at the next `update` to `margin` [m] beyond map and points (x, y), map frame."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
-        """Update occupancy and frontier."""
+        """Update occupancy and frontier where map changes were recorded."""
         window, self._pending = self._pending, NO_WINDOW
         if window.is_empty:
             return
@@ -132,10 +133,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs of a footprint padding level, 0 to `max_level`, with obstacles near a pose.
+        """Return the costs for a footprint radius, with visible obstacles near a pose.
 
-        `obstacles`: points that the map may explain. `bodies`: points that the map cannot explain. Shape (n, 2),
-        float64, base frame [m].
+        `level`: index of the radius, 0 (padded) to `max_level`. `obstacles`: points that count unless an occupied map
+        cell is near. `bodies`: points that always count. Shape (n, 2), float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
@@ -159,26 +160,25 @@ class PlanningMap:
 
     @property
     def max_level(self) -> int:
-        """Highest footprint padding level."""
+        """Index of the smallest footprint radius."""
         return len(self.tables) - 1
 
     @property
     def grid(self) -> OccupancyGrid:
-        """Planning cells as an occupancy grid."""
+        """Occupancy grid of the planning cells (blocks of map cells)."""
         return OccupancyGrid(self.occupancy, self.side, self.origin)
 
     def costmap(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
-        """Return `layer` as a costmap; a live view."""
+        """Return the costs for a footprint radius as a costmap; arguments as `layer`."""
         return self.costmap_of(self.layer(level, pose, obstacles, bodies))
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
-        """Return the costs of a layer; a live view."""
         return Costmap(layer.costs, self.grid, layer.params)
 
     def integrate(self, pose: Pose2D, ranges: np.ndarray, lidar: LidarParams) -> None:
-        """Mark scanned obstacles that the map lacks; clear marks along beams.
+        """Mark scanned obstacles that the map lacks; clear marked obstacles along beams.
 
         `pose`: base pose, map frame. `ranges`: shape (num_beams,) [m]; inf for no return, NaN for ignored beams.
 
@@ -212,18 +212,21 @@ class PlanningMap:
             self._invalidate(self._window_around(x, y, 0.5 * float(np.ptp(points, axis=0).max()) + self.side))
 
     def clear_marks(self, center: tuple[float, float] = (0.0, 0.0), radius: float = math.inf) -> None:
-        """Clear marks in a square around (x, y), map frame, of half side `radius` [m]; by default all."""
+        """Clear obstacles marked by scans in a square around (x, y), map frame; by default all.
+
+        `radius`: half side of the square [m].
+        """
         window = self._window_around(*center, radius)
         self.marks[window.slices] = UNKNOWN
         self._invalidate(window)
 
     def ignore(self, points: np.ndarray) -> None:
-        """Ignore frontier cells at points, shape (n, 2), float64, map frame [m], and their neighbours."""
+        """Exclude cells at points, shape (n, 2), float64, map frame [m], and their neighbours from the frontier."""
         self.ignored_points = np.concatenate([self.ignored_points, points])
         ignore_around(self.ignored, self.frontier, self.tile_counts, cells_of(points, *self.origin, self.side))
 
     def look_again_at(self, points: np.ndarray) -> None:
-        """Undo `ignore` for points, shape (n, 2), from the next `update` on."""
+        """Include ignored frontier cells at points, shape (n, 2), map frame [m], again at the next `update`."""
         is_given = (self.ignored_points[:, None] == points[None]).all(axis=2).any(axis=1)
         if is_given.any():
             self.ignored_points, self._data = self.ignored_points[~is_given], None
@@ -234,7 +237,7 @@ class PlanningMap:
         return bool(is_frontier_near(self._data, self.block, self.ignored, *self.cell(*point), reach))
 
     def cell(self, x: float, y: float) -> tuple[int, int]:
-        """Return the planning cell (row, column) of a position, map frame [m]; possibly outside."""
+        """Return the raster cell (row, column) of a position, map frame [m]; possibly outside."""
         return math.floor((y - self.origin[1]) / self.side), math.floor((x - self.origin[0]) / self.side)
 
     def _rebuild(self, grid: OccupancyGrid, redrawn: bool) -> None:
@@ -249,15 +252,15 @@ class PlanningMap:
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
         self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Occupancy of planning cells, shape (height, width), int8."""
+        """Occupancy of the planning map, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
         """Obstacles marked by scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
-        """Frontier cells, shape (height, width), bool."""
+        """Mask of frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
-        """Ignored frontier cells, shape (height, width), bool."""
+        """Mask of excluded frontier cells, shape (height, width), bool."""
         ignored = cells_of(self.ignored_points, *self.origin, self.side)
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}

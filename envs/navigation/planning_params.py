@@ -7,17 +7,16 @@ from lidarnaut.envs.navigation.costmap import CostmapParams
 
 @dataclass(frozen=True, slots=True)
 class PlanningParams:
-    """Parameters of planning: costs, frontiers and candidates."""
+    """Parameters of path planning and frontier detection."""
 
     cell: float = 0.1
     """Side of a planning cell, a block of map cells, at most the robot's radius [m]."""
     padding: float = 0.03
-    """Footprint padding, for half a map cell and noise of the pose estimate [m]."""
+    """Footprint padding in planning [m], for half a map cell and noise of the pose estimate."""
     tight_radii: tuple[float, ...] = (1.0, 0.75, 0.5)
-    """Footprint radii of padding levels 1, 2, ..., as fractions of the robot's radius, for gaps that map drift has
-    narrowed."""
+    """Smaller footprint radii tried in order, as fractions of the robot's radius, for gaps that map drift narrows."""
     inflation: float = 0.45
-    """Width of inflation beyond the footprint [m]."""
+    """Width of the zone with increased costs around the footprint [m]."""
     cost_scaling_factor: float = 4.0
     """Exponential decay rate of the inflation cost with distance [1/m]."""
     marking_range: float = 2.5
@@ -25,19 +24,19 @@ class PlanningParams:
     clearing_range: float = 3.0
     """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
     same_obstacle: float = 0.15
-    """Maximum distance between a scanned obstacle and a map cell that explains it [m]."""
+    """Maximum distance between a scanned obstacle and an occupied map cell of the same obstacle [m]."""
     min_lengths: tuple[float, ...] = (0.4, 0.15)
     """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
     max_extent: float = 2.0
-    """Maximum extent of a candidate [m]; longer frontiers are split."""
+    """Maximum extent of a frontier [m]. Longer frontiers are split."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    """Distances of viewpoints from the frontier [m], tried in order until one is reachable and sees the frontier."""
+    """Maximum distances from viewpoint to frontier [m], tried in order until a reachable cell sees the frontier."""
     detour: float = 3.0
-    """Additional path cost to search for a nearer viewpoint before a larger view distance is accepted [m]."""
+    """Additional path cost accepted for a viewpoint nearer to the frontier [m]."""
     view_range: float = 8.0
-    """Maximum range for counting visible unknown area [m], limited by the lidar's range."""
+    """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Distance along the path to the point that defines the turn towards a candidate [m]."""
+    """Length of the path start whose direction is the feature `turn` of a frontier [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""
@@ -46,14 +45,14 @@ class PlanningParams:
 
 @dataclass(frozen=True, slots=True)
 class NavigatorParams:
-    """Parameters of drives: end conditions and recovery behaviors."""
+    """Parameters of drives: end conditions and recovery."""
 
     min_time: float = 1.0
     """Minimum drive time before a vanished frontier ends the drive [s]."""
     replan_time: float = 4.0
     """Interval between replans of the path during a drive [s]."""
     goal_tolerance: float = 1.6
-    """Goal tolerance, in robot radii; at most 0.2 m."""
+    """Distance to the goal that counts as arrival, in robot radii; at most 0.2 m."""
     frontier_radius: float = 0.4
     """Radius around the chosen frontier within which a remaining frontier cell keeps the drive going [m]."""
     stall_time: float = 3.0
@@ -71,7 +70,7 @@ class NavigatorParams:
     still_time: float = 30.0
     """Time allowed to cover `still_distance` [s]."""
     spin_rate: float = 1.0
-    """Yaw rate of spins [rad/s], limited by the robot."""
+    """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
     """Radius for ignoring frontier cells after a visit or repeated failures, in robot radii; at most 0.75 m."""
     retry_radius: float = 0.5
@@ -79,4 +78,4 @@ class NavigatorParams:
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40
-    """Maximum number of looks around while a person may block the last passage."""
+    """Maximum number of times that the robot looks around while a person may block the last passage."""

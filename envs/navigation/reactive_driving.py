@@ -1,4 +1,4 @@
-"""Reactive driving by scan alone."""
+"""Reactive driving: obstacle avoidance by scan alone, without map or goal."""
 
 import math
 
@@ -19,13 +19,13 @@ SPEED = 0.7
 TURN_RATE = 0.8
 """Maximum yaw rate [rad/s], limited by the robot."""
 BIAS_TIME = (6.0, 15.0)
-"""Minimum and maximum duration of a heading bias [s]."""
+"""Minimum and maximum time between changes of the random curvature bias [s]."""
 MAX_BIAS = 0.3
-"""Maximum heading bias, as a curvature [1/m]."""
+"""Maximum random curvature bias [1/m]."""
 
 
 class ReactiveDriver:
-    """Drives along the arc with most clearance. A random heading bias prevents circling."""
+    """Drives along the arc with most clearance. A random curvature bias prevents circling."""
 
     def __init__(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
         self._robot, self._period, self._rng = robot, control_period, rng
@@ -33,7 +33,7 @@ class ReactiveDriver:
         self._bias_steps = 0
 
     def command(self, obstacles: np.ndarray) -> Twist:
-        """Return the twist for the next period; `obstacles`: shape (n, 2), base frame [m]."""
+        """Return the next velocity command; `obstacles`: points, shape (n, 2), base frame [m]."""
         robot = self._robot
         self._bias_steps -= 1
         if self._bias_steps <= 0:

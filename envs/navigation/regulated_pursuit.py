@@ -1,8 +1,8 @@
 """Regulated pure pursuit: curvature, obstacles and remaining distance limit the speed.
 
 After Macenski, Singh, Martin, Gines: "Regulated Pure Pursuit for Robot Path Tracking" (2023). Unlike in Nav2, obstacles
-come from the scan, so stops do not depend on the pose estimate, and a blocked arc shortens the lookahead distance, to
-avoid cutting corners.
+come from the scan, so stops do not depend on the pose estimate. A blocked arc shortens the lookahead distance, to avoid
+cutting corners.
 """
 
 import math
@@ -21,16 +21,16 @@ from lidarnaut.envs.simulation import Twist
 BEND_CHORD = 5
 """Number of path points in a chord, to measure path direction."""
 NEAREST_WINDOW = 40
-"""Number of path points searched for the nearest point: over a second at full speed."""
+"""Number of path points searched for the point nearest to the robot."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
 """Number and spacing [rad] of directions tried on either side of the lookahead point in narrow passages."""
 FOLLOWER_FIELDS = [("index", np.int64), ("side", np.float64), ("rotating", np.int64)]
-"""Follower state: index of the nearest path point, last sidestep (1 left, -1 right), whether turning on the spot."""
+"""Path follower state: index of the nearest path point, last sidestep (1 left, -1 right), whether turning in place."""
 
 
 @dataclass(frozen=True, slots=True)
 class FollowerParams:
-    """Parameters of pure pursuit."""
+    """Parameters of regulated pure pursuit."""
 
     lookahead_time: float = 1.5
     """Lookahead distance divided by speed [s]."""
@@ -41,20 +41,20 @@ class FollowerParams:
     rotate_from: float = 0.785
     """Angle to the lookahead point above which the robot turns on the spot [rad]."""
     rotate_until: float = 0.3
-    """Angle to the lookahead point below which a turn ends [rad]."""
+    """Angle to the lookahead point below which a turn on the spot ends [rad]."""
     max_rotation: float = 1.8
     """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
-    """Minimum time to drive the length of an arc's radius [s]; limits the speed in curves."""
+    """Minimum time to drive a distance of one arc radius [s]; limits the speed in curves."""
     min_speed: float = 0.35
     """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
-    """Minimum time to close the gap to an obstacle [s]; limits speed near obstacles."""
+    """Minimum time to close the gap to an obstacle [s]; limits the speed near obstacles."""
     margin: float = 0.4
-    """Distance kept from obstacles, in robot radii; at most 0.03 m, less 1.5 standard deviations of lidar noise, which
-    shortens the nearest range."""
+    """Distance kept from obstacles, in robot radii; at most 0.03 m. Reduced by 1.5 standard deviations of lidar noise,
+    which shortens the nearest range."""
     sidesteps: tuple[float, ...] = (0.2, 0.4, 0.6, 0.8)
-    """Angles tried on either side to steer past obstacles [rad]."""
+    """Rotations of the lookahead point to either side, tried to steer past obstacles [rad]."""
     braking: float = 0.5
     """Fraction of maximum deceleration assumed for braking."""
 
@@ -74,7 +74,7 @@ FAST = FollowerParams(
 def follower_numbers(
     robot: RobotParams, period: float, params: FollowerParams = FollowerParams()
 ) -> dict[str, float | tuple[float, ...]]:
-    """Return the kernel constants of a robot, for `as_record`; `period`: control period [s]."""
+    """Return robot and path follower constants for compiled functions; `period`: control period [s]."""
     braking_v = params.braking * robot.max_acc_v
     return asdict(params) | {
         "period": period,
@@ -94,7 +94,7 @@ def follower_numbers(
 
 
 def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
-    """Return numbers and tuples as a structured float64 array, shape (1,).
+    """Convert named numbers and tuples to a structured float64 array, shape (1,).
 
     Passing an array to a compiled function takes 0.3 us, a named tuple 0.1 us per field.
     """
@@ -123,10 +123,7 @@ def _carrot_index(path, x, y, first, lookahead):
 
 @njit(cache=True, error_model="numpy")
 def _distance_to_bend(path, first, chord, angle):
-    """Return the path length to a bend of more than `angle` [rad], or to the end [m].
-
-    Chords measure the direction, so raster staircases are no bends.
-    """
+    """Return the path length up to a bend of more than `angle` [rad], or to the end [m]."""
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
     direction = math.atan2(path[ahead, 1] - path[first, 1], path[ahead, 0] - path[first, 0])
@@ -141,7 +138,7 @@ def _distance_to_bend(path, first, chord, angle):
 
 @njit(cache=True, error_model="numpy")
 def turn_rate(angle, numbers):
-    """Return the yaw rate that turns on the spot by `angle` [rad] and brakes in time [rad/s]."""
+    """Return the yaw rate [rad/s] for a turn on the spot by `angle` [rad] with time to brake."""
     rate = min(math.sqrt(2.0 * numbers.braking_w * abs(angle)), 0.5 * abs(angle) / numbers.period)
     return math.copysign(min(rate, numbers.rotation), angle)
 
@@ -154,7 +151,6 @@ def _free(x, y, lookahead, reach, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _sidestep(state, x, y, free, obstacles, numbers):
-    """Return a point beside the lookahead point with a free arc, on the last side if possible; else `_squeeze`."""
     for offset in numbers.sidesteps:
         for side in (state.side, -state.side):
             c, s = math.cos(side * offset), math.sin(side * offset)
@@ -168,7 +164,6 @@ def _sidestep(state, x, y, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _squeeze(x, y, free, obstacles, numbers):
-    """Return the point near the lookahead point whose free arc has most clearance, for narrow passages."""
     most, found = -np.inf, (x, y, free)
     for k in range(-NUM_SQUEEZES, NUM_SQUEEZES + 1):
         c, s = math.cos(SQUEEZE_STEP * k), math.sin(SQUEEZE_STEP * k)
@@ -218,10 +213,7 @@ def _speed_for(free, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _approach_speed(ahead, left, obstacles, numbers):
-    """Return the maximum speed towards a point that keeps gaps open for `nearness_time`.
-
-    Only the speed towards an obstacle closes a gap, so walls beside the path do not count.
-    """
+    """Return the maximum speed [m/s] towards a point that keeps `nearness_time` to every obstacle ahead."""
     distance = math.hypot(ahead, left)
     v = np.inf
     for k in range(obstacles.shape[0]):
@@ -247,9 +239,9 @@ def _regulated_speed(state, path, ahead, left, free, obstacles, numbers):
 
 @njit(cache=True, error_model="numpy")
 def follow(state, path, x, y, theta, v_now, obstacles, numbers):
-    """Return the twist that follows a path: forward speed [m/s], yaw rate [rad/s], and True if blocked by obstacles.
+    """Return the next command on a path: forward speed [m/s], yaw rate [rad/s], and True if blocked by obstacles.
 
-    `state`: record with `FOLLOWER_FIELDS`, written. `path`: points up to a map cell apart, shape (n, 2), n > 0, map
+    `state`: record with `FOLLOWER_FIELDS`, updated. `path`: points up to a map cell apart, shape (n, 2), n > 0, map
     frame [m]. `x`, `y`, `theta`: pose estimate. `v_now`: forward speed by odometry [m/s]. `obstacles`: shape (k, 2),
     base frame [m].
     """
@@ -277,7 +269,7 @@ def follow(state, path, x, y, theta, v_now, obstacles, numbers):
 
 
 class PathFollower:
-    """Local planner by regulated pure pursuit; a `LocalPlanner`."""
+    """Local planner that uses regulated pure pursuit."""
 
     def __init__(self, robot: RobotParams, control_period: float, params: FollowerParams = FollowerParams()) -> None:
         self._numbers = as_record(follower_numbers(robot, control_period, params))[0]
@@ -295,6 +287,5 @@ class PathFollower:
         self._state["index"] = 0
 
     def command(self, pose: Pose2D, twist: Twist, obstacles: np.ndarray) -> Twist:
-        """Return the next twist; see `LocalPlanner.command`."""
         v, w, self.blocked = follow(self._state[0], self._path, *pose, twist.v, obstacles, self._numbers)
         return Twist(v, w)

@@ -1,7 +1,7 @@
 """Team navigation on a shared map, with rights of way.
 
-Plans avoid peers with the right of way and cross other peers, which yield if they can; see `docs/team.md`. Moving
-footprints replace peers in scans.
+Paths avoid peers with the right of way. Paths may cross other peers, which yield if they can; see `docs/team.md`.
+Current and predicted footprints replace scanned points on peers.
 """
 
 from collections.abc import Sequence
@@ -18,19 +18,19 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Reading
 
 UNASSIGNED = -1
-"""Choice for a robot without a candidate."""
+"""Candidate index of a robot without an assigned frontier."""
 OVERLAP = 2.0
-"""Distance between frontiers without overlapping views [m]."""
+"""Minimum distance between frontiers without overlapping views [m]."""
 BLOCKING_REACH = 1.5
 """Length of the path ahead on which a peer blocks a robot [m]."""
 PEER_CLEARANCE = 0.05
 """Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5
-"""Prediction time of peers' footprints as obstacles [s]."""
+"""Prediction time for the motion of peers [s]."""
 
 
 def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, overlap: float = OVERLAP) -> None:
-    """Reduce the visible unknown area of candidates near another robot's frontier, in place.
+    """Reduce the unknown area in view (`visible`) of candidates near another robot's frontier, in place.
 
     Up to `overlap` [m] from `frontier` (x, y), map frame, area is scaled by distance (after Burgard, Moors, Stachniss,
     Schneider, "Coordinated multi-robot exploration", 2005).
@@ -40,7 +40,7 @@ def discount(candidates: Candidates, frontier: Sequence[float] | np.ndarray, ove
 
 
 class TeamNavigator:
-    """Navigator of one or several robots, ordered by index.
+    """Navigates one or several robots that explore a shared map.
 
     Each control period, call `update`, `choose` for the returned robots, then `command` of each robot.
     """
@@ -70,7 +70,7 @@ class TeamNavigator:
     def update(
         self, readings: Sequence[Reading], beliefs: Sequence[Belief], *, is_asked: bool = False
     ) -> list[TeamRobot]:
-        """Process readings; return the robots that need a frontier.
+        """Process a reading of each robot; return the robots that need a new frontier.
 
         Idle robots are included if another robot needs a frontier, or if `is_asked`.
         """
@@ -87,7 +87,10 @@ class TeamNavigator:
         return due
 
     def choose(self, due: Sequence[TeamRobot], choices: Sequence[int]) -> None:
-        """Begin drives to chosen candidates; `UNASSIGNED` robots wait, look around or end."""
+        """Begin drives to the chosen candidates (reachable frontiers).
+
+        Robots with `UNASSIGNED` in `choices` wait, look around or stop exploring.
+        """
         for robot, index in zip(due, choices, strict=True):
             if index != UNASSIGNED:
                 robot.choose(index)

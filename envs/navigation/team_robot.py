@@ -18,18 +18,18 @@ PASSING_CLEARANCE = 0.15
 """Gap between the footprints of a passing and a waiting robot [m]."""
 OUTLINE_POINTS = 16
 PAUSE_TIME = 1.0
-"""Time between searches for a frontier while other robots have all frontiers [s]."""
+"""Time between frontier searches while all frontiers are assigned to other robots [s]."""
 BLOCKED_TIME = 1.0
-"""Time without progress after which a robot is blocked [s]."""
+"""Time without progress after which a robot counts as blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Gap between a waiting robot and the other robot's path, both with footprints, that ends the wait [m]."""
+"""Distance from the path of a passing robot, beyond two robot radii, that ends a wait [m]."""
 MAX_WAIT = 15.0
 
 
 def outline(pose: Pose2D, peer: Pose2D, radius: float) -> np.ndarray:
-    """Return the circular outline of a peer as obstacle points, shape (16, 2), base frame [m].
+    """Return the circular outline of another robot as obstacle points, shape (16, 2), base frame [m].
 
-    `pose`, `peer`: poses of robot and peer, map frame. `radius`: radius of the outline [m].
+    `pose`, `peer`: poses of this and the other robot, map frame. `radius`: radius of the outline [m].
     """
     away = pose.between(peer)
     angles = np.linspace(0.0, 2.0 * math.pi, OUTLINE_POINTS, endpoint=False)
@@ -45,9 +45,9 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 
 
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
-    """Return the cheapest cell to reach that lets another robot pass; None for none.
+    """Return the cell (row, column) of lowest path cost that lets another robot pass; None for none.
 
-    `field`: travel field of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
+    `field`: path costs of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
     `radius`: footprint radius of both [m].
     """
     grid = field.costmap.grid
@@ -65,7 +65,7 @@ def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tu
 
 
 class TeamRobot(FrontierNavigator):
-    """Frontier navigator in a team, with right of way, yielding and waiting."""
+    """Explores frontiers with a robot of a team, which yields to teammates with the right of way."""
 
     def __init__(
         self,
@@ -78,7 +78,7 @@ class TeamRobot(FrontierNavigator):
         max_time: float = math.inf,
         planning: PlanningParams = PlanningParams(),
     ) -> None:
-        """Create a robot; see `FrontierNavigator`.
+        """Create a navigator for one robot of a team.
 
         `patience`: number of control periods without a reachable frontier before exploration ends.
         """
@@ -89,9 +89,8 @@ class TeamRobot(FrontierNavigator):
         self.yielding_to: TeamRobot | None = None
         """Robot that this robot lets pass, if any."""
         self.passing = NO_POINTS
-        """Outline points of peers that plans may cross, shape (n, 2), base frame [m]."""
+        """Points on robots that must yield, shape (n, 2), base frame [m]. Planned paths may cross these points."""
         self.outcome: str | None = None
-        """Outcome of the last drive; None while driving."""
         self._patience, self._radius, self._period = patience, robot.radius, control_period
         self._has_begun = self._has_looked_around = self._keeps_clocks = False
         self._idle_steps = self._pause_steps = self._wait_steps = 0
@@ -103,30 +102,29 @@ class TeamRobot(FrontierNavigator):
 
     @property
     def precedence(self) -> tuple[bool, int]:
-        """Precedence: the robot with the lower value has the right of way."""
+        """Sort key of the right of way: the robot with the lower value goes first."""
         return self.driving_to is None, self.index
 
     @property
     def is_blocked(self) -> bool:
-        """True if the robot drives to a goal without progress."""
+        """True if a driving robot has made no progress for `BLOCKED_TIME`."""
         drive = self.navigator
         return drive.has_goal and not drive.is_recovering and drive.record["stall_steps"] * self._period > BLOCKED_TIME
 
     @property
     def is_idle(self) -> bool:
-        """True without a drive, recovery or wait."""
+        """True while the robot does not drive, recover or yield."""
         is_busy = self.navigator.has_goal or self.navigator.is_recovering or self.yielding_to is not None
         return self._has_begun and not is_busy
 
     @property
     def may_turn_away(self) -> bool:
-        """True if the robot may switch to another frontier."""
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
-        """Process a reading without peers; return True if the robot needs a frontier.
+        """Process a reading without beams on peers; return True if the robot needs a new frontier.
 
-        With `is_asked`, a paused robot searches, too.
+        `is_asked`: let a pausing robot search for frontiers, too.
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -150,12 +148,12 @@ class TeamRobot(FrontierNavigator):
         return self.outcome is not None
 
     def learn(self, belief: Belief) -> None:
-        """Process map changes of another robot's scan."""
+        """Update the planning map with changes by another robot's scan."""
         if self._has_begun:
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find the candidates during a drive; the next drive continues its time limits."""
+        """Find reachable frontiers during a drive, for a new choice that continues the time limits."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 
@@ -164,13 +162,13 @@ class TeamRobot(FrontierNavigator):
         super().choose(index, keep_clocks=keep_clocks or self._keeps_clocks)
 
     def wait(self) -> None:
-        """Pause while other robots have all frontiers."""
+        """Stop for `PAUSE_TIME` while all frontiers are assigned to other robots."""
         self._has_looked_around, self.ended = False, None
         self.navigator.stop()
         self._pause_steps = max(1, round(PAUSE_TIME / self._period))
 
     def look_around_or_end(self) -> None:
-        """Look around if no frontier is left; end exploration after `patience` idle steps."""
+        """Look around if no frontier is left; end exploration after `patience` idle control periods."""
         if not self._has_looked_around:
             self._has_looked_around = True
             self.look_around()
@@ -179,7 +177,7 @@ class TeamRobot(FrontierNavigator):
             self.navigator.stop()
 
     def yield_to(self, other: "TeamRobot", pose: Pose2D) -> bool:
-        """Leave another robot's path; return False if there is no free cell."""
+        """Drive off another robot's path; return False if no waiting cell is reachable."""
         path = other.plan
         field = None if path is None else travel_field(self.free_costmap(pose), pose[:2])
         cell = None if path is None or field is None else find_waiting_cell(field, path, self._radius)
@@ -201,7 +199,6 @@ class TeamRobot(FrontierNavigator):
         return is_off or self._wait_steps * self._period > MAX_WAIT
 
     def _replan(self, pose: Pose2D) -> bool:
-        """Replan; cross peers if no path leads around them."""
         if super()._replan(pose):
             return True
         bodies, self.bodies = self.bodies, NO_POINTS

@@ -1,4 +1,4 @@
-"""Visibility from viewpoints: kernels that cast rays over planning cells.
+"""Visibility from viewpoints by ray casting on an occupancy raster.
 
 Rays pass unknown cells and end at occupied cells (González-Baños and Latombe, "Navigation strategies for exploring
 indoor environments", 2002).
@@ -20,16 +20,16 @@ RAYS = np.array(
 )
 """Unit ray directions (row, column), shape (NUM_RAYS, 2)."""
 SHARE_RADII = (1.0, 2.0, 4.0)
-"""Radii of the discs around a frontier whose unknown share is computed [m]."""
+"""Radii of the discs around a frontier for computing the unknown share [m]."""
 SHARE_STEPS = 10
 
 
 @njit(cache=True, error_model="numpy")
 def cast_view(occupancy, row, col, reach, free, unknown):
-    """Cast rays of length `reach` [cells] from a cell's centre; cells outside the raster are unknown.
+    """Cast rays of length `reach` [cells] from a cell's centre. Cells outside the raster are unknown.
 
     Writes for each ray: `free`, length up to an occupied cell [cells], and `unknown`, unknown area in view [cells2].
-    Returns the ray in the mean direction of unknown area.
+    Returns the index of the ray in the mean direction of the unknown area.
     """
     height, width = occupancy.shape
     per_cell = 2.0 * math.pi / NUM_RAYS
@@ -58,9 +58,10 @@ def cast_view(occupancy, row, col, reach, free, unknown):
 
 @njit(cache=True, error_model="numpy")
 def fill_sectors(free, unknown, first, reach, sectors):
-    """Write the sectors around a viewpoint, counter-clockwise from the ray `first`; see `cast_view`.
+    """Summarise rays in sectors, counter-clockwise from the ray with index `first`; see `cast_view`.
 
-    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray over `reach`, then unknown share, of each sector.
+    Writes `sectors`, shape (2 * NUM_SECTORS,), float32: shortest ray of each sector divided by `reach`, then unknown
+    share of each sector.
     """
     full = math.pi * reach * (reach + 1) / NUM_RAYS
     for k in range(NUM_SECTORS):
@@ -74,7 +75,7 @@ def fill_sectors(free, unknown, first, reach, sectors):
 
 @njit(cache=True, error_model="numpy")
 def unknown_share(occupancy, row, col, radius):
-    """Return the unknown share of a disc of `radius` [cells] around a cell, by samples."""
+    """Return the unknown fraction of a disc of `radius` [cells] around a cell, estimated by samples."""
     height, width = occupancy.shape
     step = max(radius / SHARE_STEPS, 1.0)
     num = int(radius / step)
@@ -91,9 +92,9 @@ def unknown_share(occupancy, row, col, radius):
 
 @njit(cache=True, error_model="numpy")
 def cheapest_view(data, travel, cells, reach):
-    """Find the cell with the lowest travel cost within `reach` and in line of sight of any of `cells`.
+    """Find the cell with the lowest path cost within `reach` and in line of sight of any of `cells`.
 
-    `travel`: with a border of one cell. Returns row, column and index of the visible cell; -1 for none.
+    `travel`: path costs, with a border of one cell. Returns row, column and index of the visible cell; -1 for none.
     """
     height, width = data.shape
     best, best_row, best_col, seen = travel[0, 0], -1, -1, -1

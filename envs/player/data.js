@@ -1,6 +1,7 @@
 // Decoding of recordings written by `pack` in page.py, and lookup by time.
 
 const UNKNOWN = 0, FREE = 1, OCCUPIED = 2;
+const VISIBLE_ERROR = 0.05; // least distance of estimated and true path that can be seen [m]
 const TYPES = { float32: Float32Array, int32: Int32Array, uint8: Uint8Array };
 
 /** Decode the page's data into episodes. */
@@ -47,6 +48,9 @@ class Episode {
     [this.rows, this.cols] = about.map.shape;
     this.kinds = new Uint8Array(this.rows * this.cols);
     this.mapSample = -1; // sample of `kinds`
+    this.hasMap = this.map_cells.length > 0 || this.candidates.length > 0;
+    // Kinds of people and other robots; "" if the recording does not tell them.
+    this.bodies = about.bodies || Array(this.people_radii.length).fill("");
     this.worldPoses = new Float32Array(3 * this.count);
     this.errors = new Float32Array(this.count);
     this.worldRoute = [];
@@ -58,6 +62,11 @@ class Episode {
       this.worldPoses.set(pose, 3 * i);
       this.errors[i] = Math.hypot(pose[0] - this.true_poses[3 * i], pose[1] - this.true_poses[3 * i + 1]);
     }
+  }
+
+  /** Whether the estimated path can be told from the true one. */
+  get isAstray() {
+    return this.errors.some((error) => error > VISIBLE_ERROR);
   }
 
   /** Return the goal at a sample, world frame; null without a goal. */
@@ -135,6 +144,20 @@ class Episode {
     }
     this.mapSample = i;
     return bottom < 0 ? null : [top, left, bottom, right];
+  }
+
+  /** Return whether the first or the last map has frontier cells. */
+  hasFrontier() {
+    const before = this.mapSample;
+    const found = [0, this.count - 1].some((i) => {
+      this.showMap(i);
+      return this.kinds.some((kind, cell) => {
+        const row = (cell / this.cols) | 0;
+        return kind === FREE && this.isFrontier(row, cell - row * this.cols);
+      });
+    });
+    this.showMap(before);
+    return found;
   }
 
   /** Return true if a free cell has an unknown neighbor (8-connected). */

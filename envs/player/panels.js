@@ -1,4 +1,4 @@
-// Panels of an episode: ground truth, and map with estimates.
+// Panels of an episode: ground truth, and map with estimates; without a map, ground truth with estimates.
 
 const TIP_REACH = 16; // maximum pointer distance from a candidate [px]
 const LABELS = 6; // maximum number of displayed scores
@@ -6,12 +6,14 @@ const LABELS = 6; // maximum number of displayed scores
 class Panels {
   constructor(episode, truth, map, tip) {
     Object.assign(this, { episode, truth, map, tip, bounds: boundsOf(episode), candidates: [] });
+    this.showsPath = map || episode.isAstray;
     this.image = document.createElement("canvas");
     [this.image.width, this.image.height] = [episode.cols, episode.rows];
     this.imageContext = this.image.getContext("2d");
     this.pixels = this.imageContext.createImageData(episode.cols, episode.rows);
     this.words = new Uint32Array(this.pixels.data.buffer);
     this.world = document.createElement("canvas");
+    if (!map) return;
     for (const type of ["pointermove", "pointerdown"]) map.addEventListener(type, (event) => this.point(event));
     map.addEventListener("pointerleave", (event) => {
       if (event.pointerType === "mouse") tip.hidden = true; // touch: keep the tip after release
@@ -21,7 +23,7 @@ class Panels {
   /** Adapt to screen size and theme. */
   layout() {
     const { bounds, episode } = this, ratio = (bounds[2] - bounds[0]) / (bounds[3] - bounds[1]);
-    for (const canvas of [this.truth, this.map]) canvas.style.aspectRatio = ratio;
+    for (const canvas of [this.truth, this.map].filter(Boolean)) canvas.style.aspectRatio = ratio;
     this.width = this.truth.clientWidth;
     this.height = this.truth.clientHeight;
     this.view = new View(bounds, this.width, this.height);
@@ -38,8 +40,8 @@ class Panels {
     const changed = episode.showMap(sample);
     if (changed) this.paint(changed);
     this.candidates = candidates ? episode.candidatesOf(episode.decisionAt(moment)) : [];
-    this.drawTruth(sample, truePose, scan);
-    this.drawMap(sample, pose, truePose);
+    this.drawTruth(sample, truePose, pose, scan);
+    if (this.map) this.drawMap(sample, pose, truePose);
     this.tip.hidden = true;
   }
 
@@ -65,17 +67,20 @@ class Panels {
     }
   }
 
-  drawTruth(sample, pose, showsScan) {
+  /** Draw ground truth; without a map also the estimated pose. */
+  drawTruth(sample, pose, estimate, showsScan) {
     const { episode, colors, view } = this, context = prepare(this.truth);
     context.drawImage(this.world, 0, 0, this.width, this.height);
     if (showsScan) this.drawScan(context, sample);
     for (let k = 0; k < episode.people_radii.length; k++) {
       const first = 4 * (sample * episode.people_radii.length + k);
       const [x, y, vx, vy] = episode.people.subarray(first, first + 4);
-      view.disc(context, x, y, episode.people_radii[k], colors.person, 3);
       view.line(context, [[x, y], [x + vx, y + vy]], colors.person, 2);
+      view.disc(context, x, y, episode.people_radii[k], colors.person, 3);
+      if (episode.bodies[k] === "blind") view.cross(context, x, y, episode.people_radii[k], colors.paper);
     }
     this.drawTask(context, sample);
+    if (!this.map) this.drawEstimates(context, sample, estimate);
     view.path(context, episode.true_poses, sample, pose, colors.true, 2);
     view.robot(context, pose, episode.about.radius, colors.true, colors.paper);
   }
@@ -119,15 +124,21 @@ class Panels {
     context.fillRect(0, 0, this.width, this.height);
     view.raster(context, image, episode.about.start, episode.about.map);
     this.drawTask(context, sample);
-    view.path(context, episode.worldPoses, sample, pose, colors.estimated, 2);
-    view.line(context, episode.plan(sample), colors.plan, 2.5, [6, 4]);
-    for (const { at, ahead, radius: size } of episode.tracksAt(sample)) {
-      view.ring(context, ...at, size, colors.person);
-      view.line(context, [at, ahead], colors.person, 2);
-    }
+    this.drawEstimates(context, sample, pose);
     this.drawCandidates(context);
     view.robot(context, pose, radius, colors.estimated, colors.paper);
     view.robot(context, truePose, radius, colors.true, colors.paper, true);
+  }
+
+  /** Draw the estimated path, the plan and tracked people. */
+  drawEstimates(context, sample, pose) {
+    const { episode, colors, view } = this;
+    if (this.showsPath) view.path(context, episode.worldPoses, sample, pose, colors.estimated, 2);
+    view.line(context, episode.plan(sample), colors.plan, 2.5, [6, 4]);
+    for (const { at, ahead, radius } of episode.tracksAt(sample)) {
+      view.ring(context, ...at, radius, this.map ? colors.person : colors.estimated);
+      view.line(context, [at, ahead], this.map ? colors.person : colors.estimated, 2);
+    }
   }
 
   /** Draw candidates: size by score, the chosen one filled, scores next to the best ones. */

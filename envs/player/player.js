@@ -2,11 +2,29 @@
 
 const SPEEDS = [1, 2, 5, 10, 20, 50, 100, 200];
 const PLAY_TIME = 45; // target duration of playback at the default speed [s]
-const hasCandidates = (episode) => episode.decision_times.length;
+const LEAST_ERROR = 1e-3; // below, no error is plotted [m]
+const hasCandidates = (episode) => episode.candidates.length > 0;
+const hasScan = (episode) => episode.scans.some((step) => step > 0 && step !== episode.noReturn);
+const hasError = (episode) => episode.errors.some((error) => error > LEAST_ERROR);
+const hasEstimate = (episode) => episode.hasMap || episode.isAstray;
+const hasBody = (...kinds) => (episode) => episode.bodies.some((kind) => kinds.includes(kind));
+// Text, color, class, and whether an episode has it. The first group is on the left panel.
 const LEGEND = [
-  ["goal", "goal", "dot", (episode) => episode.goal(0)], ["route", "goal", "", (episode) => episode.worldRoute.length],
-  ["true path", "true"], ["scan", "lidar", "dot"], ["estimated path", "estimated"], ["frontier", "frontier"],
-  ["candidate", "frontier", "dot", hasCandidates], ["plan", "plan"], ["chosen candidate", "plan", "dot", hasCandidates],
+  ["goal", "goal", "dot", (episode) => episode.goals.some((value) => !Number.isNaN(value))],
+  ["route", "goal", "", (episode) => episode.worldRoute.length],
+  ["true path", "true", "", () => true],
+  ["scan", "lidar", "dot", hasScan],
+  ["person", "person", "dot", hasBody("attentive", "standing", "fixed_route")],
+  ["person who ignores the robot", "person", "dot blind", hasBody("blind")],
+  ["other robot", "person", "dot", hasBody("robot")],
+  ["person or other robot", "person", "dot", hasBody("")],
+  ["estimated path", "estimated", "", hasEstimate],
+  ["frontier", "frontier", "", (episode) => episode.hasFrontier()],
+  ["candidate", "frontier", "dot", hasCandidates],
+  ["chosen candidate", "plan", "dot", (episode) => episode.decision_chosen.some((chosen) => chosen >= 0)],
+  ["plan", "plan", "", (episode) => episode.plans.length],
+  ["tracked person", "tracked", "ring", (episode) => episode.tracks.length],
+  ["contact", "contact", "", (episode) => episode.contacts.some((count) => count > 0)],
 ];
 
 /** Return a new element with attributes and children. */
@@ -21,10 +39,13 @@ const byId = (id) => document.getElementById(id);
 
 /** One episode: heading, current values, two panels. */
 class Row {
-  constructor(episode, number) {
+  constructor(episode, number, namesWorld) {
     const { about } = episode, name = about.explorer || "explorer";
     this.episode = episode;
-    const canvases = ["Ground truth", "Map and estimates"].map((title) => {
+    this.hasCandidates = hasCandidates(episode);
+    const isMixed = !episode.hasMap && (episode.plans.length || episode.tracks.length || episode.isAstray);
+    const titles = [`Ground truth${isMixed ? " and estimates" : ""}`, ...(episode.hasMap ? ["Map and estimates"] : [])];
+    const canvases = titles.map((title) => {
       const canvas = element("canvas");
       canvas.setAttribute("role", "img");
       canvas.setAttribute("aria-label", `${title} of ${name}`);
@@ -32,13 +53,13 @@ class Row {
     });
     const tip = element("div", { className: "tip", hidden: true });
     const [truth, map] = canvases;
-    const figures = [
-      element("figure", {}, truth, element("figcaption", {}, "Ground truth")),
-      element("figure", {}, map, tip, element("figcaption", {}, "Map and estimates")),
-    ];
+    const figures = canvases.map((canvas, k) =>
+      element("figure", {}, canvas, ...(canvas === map ? [tip] : []), element("figcaption", {}, titles[k])),
+    );
     this.now = [about.progress, "pose error", "path", "contacts"].map((title) => [title, element("b")]);
+    const shown = this.now.filter(([title]) => title !== "pose error" || hasError(episode));
     this.decision = element("p", { className: "decision" });
-    const facts = [about.world, about.robot, about.seed === undefined ? "" : `seed ${about.seed}`].filter(Boolean);
+    const facts = [namesWorld ? about.world : "", about.robot, about.seed === undefined ? "" : `seed ${about.seed}`].filter(Boolean);
     this.element = element(
       "section",
       { className: "episode" },
@@ -47,10 +68,11 @@ class Row {
         { className: "head" },
         element("h3", {}, name),
         element("span", { className: "muted" }, facts.join(", ")),
-        element("span", { className: "now" }, ...this.now.map(([title, value]) => element("span", {}, `${title} `, value))),
+        element("span", { className: "now" }, ...shown.map(([title, value]) => element("span", {}, `${title} `, value))),
+        ...(this.hasCandidates ? [] : [this.decision]),
       ),
       element("div", { className: "pair" }, ...figures),
-      this.decision,
+      ...(this.hasCandidates ? [this.decision] : []),
     );
     this.element.style.setProperty("--color", `var(--${number ? "second" : "first"})`);
     this.panels = new Panels(episode, truth, map, tip);
@@ -77,7 +99,7 @@ class Row {
   /** Describe the last decision. */
   decided(time) {
     const { episode } = this, k = episode.decisionAt(time), candidates = episode.candidatesOf(k);
-    if (k < 0) return episode.decision_times.length ? "" : "This policy has no candidates.";
+    if (k < 0 || !this.hasCandidates) return "";
     const chosen = candidates.findIndex((one) => one.isChosen);
     const when = `Decision ${k + 1} of ${episode.decision_times.length}, ${clockText(episode.decision_times[k])}`;
     if (chosen < 0) return `${when}: none of ${candidates.length} candidates`;
@@ -91,26 +113,32 @@ class Row {
 class Player {
   constructor(episodes) {
     this.end = Math.max(...episodes.map((episode) => episode.end));
-    this.rows = episodes.map((episode, k) => new Row(episode, k));
+    const worlds = new Set(episodes.map((episode) => episode.about.world)); // a single one is in the title
+    this.rows = episodes.map((episode, k) => new Row(episode, k, worlds.size > 1));
     byId("episodes").append(...this.rows.map((row) => row.element));
-    byId("episodes").className = episodes.length > 1 ? "two" : "";
+    const isBare = !episodes.some((episode) => episode.hasMap);
+    byId("episodes").className = `${episodes.length > 1 ? "two" : "one"} ${isBare ? "bare" : ""}`;
     for (const [text, color, kind, isShown] of LEGEND) {
-      if (isShown && !episodes.some(isShown)) continue;
-      const mark = element("span");
-      mark.style.background = `var(--${color})`;
-      byId("legend").append(element("li", { className: kind || "" }, mark, text));
+      if (!episodes.some(isShown)) continue;
+      const mark = element("span", {}, kind.includes("blind") ? "×" : "");
+      mark.style.setProperty("--mark", `var(--${color === "tracked" ? (isBare ? "estimated" : "person") : color})`);
+      byId("legend").append(element("li", { className: kind }, mark, text));
     }
+    for (const id of ["show-candidates", "about-candidates"]) {
+      (byId(id).closest("label") || byId(id)).hidden = !episodes.some(hasCandidates);
+    }
+    byId("show-scan").closest("label").hidden = !episodes.some(hasScan);
     const seek = (time) => this.seek(time), title = capitalised(episodes[0].about.progress);
     const percent = (episode) => episode.progress.map((value) => 100 * value);
     const centimetres = (episode) => episode.errors.map((value) => 100 * value);
-    this.plots = [
-      new Plot(byId("plot-progress"), `${title} [%]`, episodes, percent, this.end, seek),
-      new Plot(byId("plot-error"), "Position error [cm]", episodes, centimetres, this.end, seek),
-    ];
+    this.plots = [new Plot(byId("plot-progress"), `${title} [%]`, episodes, percent, this.end, seek)];
+    if (episodes.some(hasError)) {
+      this.plots.push(new Plot(byId("plot-error"), "Position error [cm]", episodes, centimetres, this.end, seek));
+    } else byId("plot-error").closest("figure").hidden = true;
     this.fillFigures(episodes);
     this.connect();
     byId("status").hidden = true;
-    byId("player").hidden = false;
+    for (const id of ["player", "controls"]) byId(id).hidden = false;
     this.layout();
   }
 
@@ -119,11 +147,13 @@ class Player {
     slider.max = this.end;
     slider.addEventListener("input", () => this.seek(Number(slider.value)));
     byId("play").addEventListener("click", () => this.play(!this.isPlaying));
+    byId("show-details").addEventListener("click", () => byId("details").showModal());
     speed.append(...SPEEDS.map((one) => element("option", { value: one }, `${one} x`)));
     speed.value = SPEEDS.find((one) => this.end / one <= PLAY_TIME) || SPEEDS[SPEEDS.length - 1];
     for (const id of ["show-candidates", "show-scan"]) byId(id).addEventListener("change", () => this.draw());
     document.addEventListener("keydown", (event) => this.onKey(event));
-    new ResizeObserver(() => this.size() !== this.laidOut && this.layout()).observe(byId("episodes"));
+    const observer = new ResizeObserver(() => this.size() !== this.laidOut && this.layout());
+    for (const canvas of document.querySelectorAll("canvas")) observer.observe(canvas);
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.layout());
     const fromHash = () => this.seek(Number((location.hash.match(/t=([\d.]+)/) || [0, 0])[1]));
     window.addEventListener("hashchange", fromHash);
@@ -163,8 +193,9 @@ class Player {
     requestAnimationFrame(step);
   }
 
+  /** Return the sizes of all canvases, as text. */
   size() {
-    return `${byId("episodes").clientWidth} x ${byId("episodes").clientHeight}`;
+    return [...document.querySelectorAll("canvas")].map((one) => `${one.clientWidth} x ${one.clientHeight}`).join();
   }
 
   layout() {

@@ -1,7 +1,7 @@
 // Plots over time with a cursor at the current time.
 
 const PLOT = { left: 44, right: 10, top: 22, bottom: 22 }; // borders [px]
-const STEPS = [0.5, 1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600];
+const STEPS = [1, 2, 5, 10, 15, 30, 60, 120, 300, 600, 900, 1800, 3600];
 
 /** Return a time as 1:02:03 or 2:03. */
 function clockText(seconds) {
@@ -58,7 +58,7 @@ class Plot {
     context.textAlign = "center";
     for (let time = 0; time <= this.end; time += step) {
       this.stroke(context, [[this.x(time), PLOT.top], [this.x(time), PLOT.top + this.height]]);
-      context.fillText(clockText(time), Math.max(this.x(time), PLOT.left), PLOT.top + this.height + 15);
+      context.fillText(clockText(time), Math.min(this.x(time), canvas.clientWidth - 14), PLOT.top + this.height + 15);
     }
     this.episodes.forEach((episode, k) => this.drawCurve(context, episode, k));
   }

@@ -13,8 +13,9 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import NO_POINTS, Candidates, FrontierNavigator
 from lidarnaut.envs.navigation.costmap import OCCUPIED_FROM
 from lidarnaut.envs.simulation import Twist
+from lidarnaut.envs.simulation.crowd.person_row import KIND
 
-from .recording import CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
+from .recording import BODY_KINDS, CANDIDATE_COLUMNS, FREE, NO_RETURN, OCCUPIED, RANGE_STEPS, Recording, ends_of
 
 PERIOD = 0.5
 """Sampling period [s]."""
@@ -127,6 +128,7 @@ class EpisodeRecorder:
         lidar, area = env.robot.lidar, getattr(env.task, "area", None)
         floor = np.zeros((1, 1)) if area is None else area.explorable
         frame = (1.0, (0.0, 0.0)) if area is None else (area.walls.resolution, tuple(map(float, area.walls.origin)))
+        kinds = [BODY_KINDS[int(kind)] for kind in env.simulator.crowd.rows[:, KIND]]
         radii = env.simulator.people[:, 2].tolist() + [env.robot.radius] * (len(env.robots) - 1)
         map_shape, map_origin, cells, changes, map_ends = self._map.arrays()
         facts = {
@@ -144,6 +146,7 @@ class EpisodeRecorder:
             "start": list(env.map_pose),
             "map": {"shape": map_shape, "resolution": env.belief.grid.resolution, "origin": map_origin},
             "floor": {"resolution": frame[0], "origin": list(frame[1])},
+            "bodies": kinds + ["robot"] * (len(env.robots) - 1),
             "figures": {},
         }
         times, chosen, rows = zip(*self._decisions) if self._decisions else ((), (), ())

@@ -19,6 +19,8 @@ RANGE_STEPS = 254
 """Number of quantization steps of the lidar's range."""
 NO_RETURN, NO_MEASUREMENT = 255, 0
 """Scan values for beams without return, and for lost beams."""
+BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
+"""Names of the kinds of people in `lidarnaut.envs.simulation.crowd.person_row`, in their order."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
@@ -45,7 +47,8 @@ class Recording:
     """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, its name; `radius` [m]; `lidar`
     with `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, world pose of the map
     frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` (map frame [m]); `floor` with
-    `resolution` and `origin` (world frame); `figures`, final metrics as text."""
+    `resolution` and `origin` (world frame); `figures`, final metrics as text; optionally `bodies`, per column of
+    `people_radii` one of `BODY_KINDS` or "robot"."""
     time: Annotated[np.ndarray, np.float32, "n"]
     """Time since the reset [s]."""
     true_poses: Annotated[np.ndarray, np.float32, "n", 3]

@@ -73,6 +73,19 @@ class View {
     context.fill();
   }
 
+  /** Draw a diagonal cross within a circle. */
+  cross(context, x, y, radius, color) {
+    const [left, top] = this.at(x, y), reach = 0.5 * Math.max(radius * this.scale, 3);
+    context.beginPath();
+    for (const side of [-1, 1]) {
+      context.moveTo(left - reach, top - side * reach);
+      context.lineTo(left + reach, top + side * reach);
+    }
+    context.strokeStyle = color;
+    context.lineWidth = Math.min(2, 0.6 * reach);
+    context.stroke();
+  }
+
   ring(context, x, y, radius, color) {
     context.beginPath();
     context.arc(...this.at(x, y), Math.max(radius * this.scale, 3), 0, 2 * Math.PI);

@@ -23,17 +23,17 @@ from . import reach_kernels as own_at
 AHEAD = 0.8
 """Default lookahead distance [m]."""
 MAX_DESCENT = 6.0
-"""Maximum path length searched for the carrot's direction [m]."""
+"""Length of the shortest path searched for the farthest visible point [m]."""
 CARROT_PARAMS = GoalParams(max_recoveries=1_000_000, max_searches=1_000_000, search_radius=1.0)
-"""Goal navigation without a limit of recoveries or searches."""
+"""Parameters of goal navigation without a limit of recovery behaviors or searches."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_carrot(own, x, y, lengths, ahead):
-    """Return the point (x, y) `ahead` metres along the shortest path from a position, world frame [m].
+    """Return the lookahead point (x, y) on the shortest path to the goal, world frame [m].
 
-    The direction is that of the farthest path cell with a collision-free straight line. For `own` and `lengths` see
-    `measure_goal`.
+    The point lies `ahead` [m] from (x, y), toward the farthest path cell with a collision-free straight line. `own`:
+    state array of the task; `lengths`: geodesic distances of cells to the goal [m].
     """
     if own[own_at.LEFT] <= ahead:
         return own[own_at.TRUE_X], own[own_at.TRUE_Y]
@@ -71,7 +71,10 @@ def _is_free(x, y, to_x, to_y, lengths):
 
 @njit(cache=True, error_model="numpy")
 def write_carrots(rows, owns, lengths, ahead, active, out):
-    """Write the observation `ShortestCarrot` of active robots to `out`, shape (n, 3), float32."""
+    """Write direction (cosine, sine) and relative distance of lookahead points to `out`: shape (n, 3), float32.
+
+    `active`: environments to process.
+    """
     for k in range(rows.shape[0]):
         if active[k]:
             x, y = find_carrot(owns[k], rows[k, at.X], rows[k, at.Y], lengths[k], ahead)
@@ -80,21 +83,21 @@ def write_carrots(rows, owns, lengths, ahead, active, out):
 
 
 class PlannedCarrot:
-    """Lookahead point on the path of a `GoalNavigator`, or on the straight line to the goal.
+    """Observation of a lookahead point on the planned path, or on the straight line to the goal.
 
-    Cosine and sine of its direction, robot frame; remaining path length / lookahead distance, at most 1. Call `write`
-    after every control period.
+    Cosine and sine of the point's direction, robot frame; remaining path length divided by lookahead distance, at most
+    1. Call `write` after every control period.
     """
 
     def __init__(self, task: Any, ahead: float) -> None:
-        """Set task and lookahead distance [m]; ValueError if not positive."""
+        """Set task and lookahead distance [m]; ValueError if the distance is not positive."""
         check_positive(ahead=ahead)
         self._task, self._ahead = task, float(ahead)
         self._reading: Reading | None = None
         self._navigator: GoalNavigator
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (3,), float32)`."""
+        """Return the observation space `Box(-1, 1, (3,), float32)`."""
         return spaces.Box(-1.0, 1.0, (3,), np.float32)
 
     def reset(self, robot: Robot) -> None:
@@ -119,7 +122,7 @@ class PlannedCarrot:
 
 
 class ShortestCarrot(PlannedCarrot):
-    """Lookahead point on the true shortest path around static obstacles, for training."""
+    """Observation of a lookahead point on the true shortest path around static obstacles, for training."""
 
     uses_ground_truth = True
 
@@ -135,9 +138,9 @@ class ShortestCarrot(PlannedCarrot):
 
 
 CARROTS = {"plan": PlannedCarrot, "shortest": ShortestCarrot}
-"""Carrots by source of the path."""
+"""Classes of lookahead observations by source of the path."""
 
 
 def make_carrot(task: Any, path: str = "plan", ahead: float = AHEAD) -> PlannedCarrot:
-    """Return the carrot on a "plan" or "shortest" path; ValueError for other paths."""
+    """Create the lookahead observation for a "plan" or "shortest" path; ValueError for other paths."""
     return resolve(path, CARROTS, "path of carrot")(task, ahead)

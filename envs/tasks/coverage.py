@@ -14,10 +14,10 @@ from lidarnaut.envs.worlds import ExplorableArea
 from lidarnaut.envs.worlds.map_files import OCCUPIED_THRESH
 
 EXPLORABLE, KNOWN, SEEN = 1, 2, 4
-"""Bits of a raster cell: explorable, known in the map, observed by a true scan."""
+"""Bits of a cell of the world's raster: explorable, known in the map, observed from the true pose."""
 EXPLORED = EXPLORABLE | KNOWN | SEEN
 TOLERANCE = 2.0
-"""Distance from a beam within which points are observed [raster cells]."""
+"""Maximum distance of observed points from a beam [raster cells]."""
 
 
 class Frame(NamedTuple):
@@ -29,7 +29,7 @@ class Frame(NamedTuple):
 
 
 class TrueScan(NamedTuple):
-    """A scan, and the true lidar position (x, y), world frame [m]."""
+    """Lidar scan with the true position (x, y) of the lidar, world frame [m]."""
 
     ranges: np.ndarray
     """Ranges, shape (num_beams,), float32 [m]."""
@@ -46,9 +46,9 @@ class TrueScan(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def sees(scan, x, y, tolerance):
-    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches it.
+    """Return True if a beam within `tolerance` [m] of a point (x, y), world frame [m], reaches the point.
 
-    If beams are less than two tolerances apart, adjacent beams count too.
+    The beams on both sides of the point count if less than two tolerances apart.
     """
     dx, dy = x - scan.x, y - scan.y
     distance = math.sqrt(dx * dx + dy * dy)
@@ -79,11 +79,11 @@ def sees(scan, x, y, tolerance):
 
 @njit(cache=True, error_model="numpy")
 def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pending):
-    """Mark raster cells of new map cells as known, and those observed by a true scan as seen.
+    """Mark the world's cells under new map cells as known, and as explored if a scan observes them.
 
-    `new_cells`: (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`: bits of the
-    raster, shape (height, width), uint8; `pending`: `num_pending` cells (row, column) that are known but not seen,
-    shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
+    `new_cells`: map cells (row, column), shape (k, 2), int32; `start`: pose of the map frame, world frame; `cells`:
+    bits of the world's cells, shape (height, width), uint8; `pending`: `num_pending` known cells (row, column) not yet
+    observed, shape (n, 2), int32. Returns the number of newly explored cells, and the new `num_pending`.
     """
     height, width = cells.shape
     # affine transform from map cells to raster cells
@@ -117,7 +117,7 @@ def mark_known(new_cells, map_frame, start, cells, frame, scan, pending, num_pen
 
 @njit(cache=True, error_model="numpy")
 def mark_seen(cells, frame, scan, pending, num_pending):
-    """Mark pending cells that a true scan observes; arguments and return values as for `mark_known`."""
+    """Mark known cells in `pending` that a scan observes as explored."""
     tolerance = TOLERANCE * frame.resolution
     count = kept = 0
     for k in range(num_pending):
@@ -136,12 +136,12 @@ def mark_seen(cells, frame, scan, pending, num_pending):
 class Coverage:
     """Explored cells of the explorable area.
 
-    A cell is explored if the map contains it at its true position, and the true scan that added it, or a later one,
-    observed it.
+    A cell is explored if the map contains the cell at its true position, and the scan that added the cell, or a later
+    one, observed it from the true pose.
     """
 
     def __init__(self, area: ExplorableArea, start: Pose2D, lidar: LidarParams) -> None:
-        """`start` is the pose of the map frame, world frame."""
+        """Start without explored cells; `start` is the pose of the map frame, world frame."""
         self.area = area
         self.start = start
         self._mount = lidar.mount
@@ -156,7 +156,7 @@ class Coverage:
         self._num_explored = 0
 
     def update(self, update: MapUpdate, resolution: float, ranges: np.ndarray, true_pose: Pose2D) -> float:
-        """Process a map update, and return the change of the explored area [m2], negative after corrections.
+        """Process a map update; return the change of the explored area [m2], negative after corrections.
 
         `resolution`: size of a map cell [m]; `ranges`: shape (num_beams,), float32 [m]; `true_pose`: base pose, world
         frame.
@@ -181,7 +181,7 @@ class Coverage:
 
     @property
     def explored(self) -> np.ndarray:
-        """Mask of explored cells of the raster, bool."""
+        """Mask of explored cells on the world's raster: shape (height, width), bool."""
         return self._cells == EXPLORED
 
     @property

@@ -110,7 +110,10 @@ class Explore(UnknownWorldTask):
 
     @property
     def rests_between_scans(self) -> bool:  # type: ignore[override]
-        """Whether `update` can be skipped without a new scan; False with `return_home` and in user subclasses."""
+        """Whether `update` can be skipped without a new scan.
+
+        False with `return_home=True` and in user subclasses.
+        """
         return type(self) in (Explore, ExploreTeam) and not self.return_home
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
@@ -203,7 +206,7 @@ class ExploreTeam(Explore):
     """Explore an unknown world with a team of lidar robots that share one map.
 
     ## Description
-    `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
+    The task `Explore` with one to four identical robots that start near each other with known relative poses (Umari and
     Mukhopadhyay, 2017). Each robot matches its scans to the shared map. Beams that end at a teammate's estimated pose
     are not mapped.
 

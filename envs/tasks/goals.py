@@ -1,4 +1,4 @@
-"""Tasks with a goal, geodesic distance, and localizers."""
+"""Base class of tasks with a goal, geodesic distance, and localizers."""
 
 import math
 from abc import abstractmethod
@@ -24,22 +24,22 @@ from lidarnaut.envs.worlds.world import kept_with_world
 from .starts import WorldTask
 
 LOCALIZERS = ("amcl", "odometry", "truth")
-"""Names of localizers. "odometry" and "truth" integrate motion from the true start."""
+"""Names of localizers. "odometry" and "truth" integrate measured or true motion from the true start."""
 
 
 @dataclass(kw_only=True, eq=False)
 class GoalTask(WorldTask):
-    """Base of tasks with a goal."""
+    """Base class of tasks with a goal to drive to."""
 
     measures: ClassVar[Sequence[Measure]] = GOAL
     progress = "progress"
     reset_options = ("goal",)
 
     goal: Any = "random"
-    """`"random"`, `"world"` for the world's own goal, or (x, y, theta) or (x, y), map frame. During an episode, its
-    goal."""
+    """Goal: `"random"`, `"world"` (the world's own goal), or (x, y, theta) or (x, y), map frame. During an episode, the
+    current goal."""
     goal_tolerance: float = 0.3
-    """Distance from the goal that counts as reached [m]."""
+    """Maximum distance from a goal that counts as reached [m]."""
     min_distance: float = 1.0
     """Minimum distance from the start to a random goal [m]."""
 
@@ -64,10 +64,10 @@ class GoalTask(WorldTask):
         return self.set_goal(goal)  # type: ignore[arg-type]
 
     def set_goal(self, goal: Sequence[float]) -> float:
-        """Set a goal, (x, y, theta) or (x, y), map frame, and return its usual time limit [s].
+        """Set a goal, (x, y, theta) or (x, y), map frame, and return the usual time limit [s].
 
         Raises:
-            ValueError: not finite or not reachable.
+            ValueError: the goal is not finite or not reachable.
         """
         if isinstance(goal, str):
             raise ValueError(f"goal must be (x, y[, theta]), all finite, got {goal!r}")
@@ -91,22 +91,22 @@ class GoalTask(WorldTask):
 
     @abstractmethod
     def _measure_path(self) -> float:
-        """Return the path length to a new goal [m]."""
+        """Compute and return the shortest path length to a new goal [m]."""
 
     def _usual_time(self, length: float) -> float:
-        """Return the usual time limit for a path length [m]: four times the time at maximum speed, plus 30 s."""
+        """Return the usual time limit [s] for a path length [m]: four times the time at maximum speed, plus 30 s."""
         return 30.0 + 4.0 * length / self.robot.max_v
 
 
 def make_localizer(name: str, lidar: LidarParams, preset: str | AmclParams) -> Estimator:
-    """Return a localizer; ValueError for an unknown name or preset."""
+    """Create a localizer; ValueError for an unknown name or AMCL preset."""
     if name not in LOCALIZERS:
         raise ValueError(f"unknown localizer {name!r}; choose one of {', '.join(LOCALIZERS)}")
     return Amcl(lidar, load_preset(preset)) if name == "amcl" else DeadReckoning()
 
 
 def known_map(area: ExplorableArea) -> OccupancyGrid:
-    """Return the map of a perfect exploration."""
+    """Return the map of a perfect exploration: all that the lidar can see."""
     walls = area.walls
     data = np.where(area.explorable, np.int8(FREE), np.int8(UNKNOWN))
     data[walls.data > 0] = OCCUPIED
@@ -123,19 +123,19 @@ def _free_space(area: ExplorableArea, pooled: int) -> Costmap:
 
 
 class GeodesicDistance:
-    """True geodesic distance to a goal around static obstacles."""
+    """True shortest path length to a goal around static obstacles."""
 
     def __init__(self, area: ExplorableArea, goal: Pose2D, pooled: int = 1) -> None:
         """Compute distances to a goal, world frame, on blocks of `pooled` x `pooled` cells.
 
         Raises:
-            ValueError: not reachable.
+            ValueError: the robot cannot reach the goal.
         """
         if not area.is_traversable(goal):
             raise ValueError(f"goal {tuple(goal)} (world frame) is not reachable by the robot")
         costmap = _free_space(area, pooled)
         self.grid = costmap.grid
-        """Raster of the distance field."""
+        """Grid of the distance field: 0 is free, 100 is occupied."""
         field = travel_field(costmap, goal[:2], cost_weight=0.0)
         assert field is not None
         self._field: TravelField = field
@@ -143,7 +143,7 @@ class GeodesicDistance:
 
     @property
     def lengths(self) -> np.ndarray:
-        """Distances of all raster cells, float32 [m]; inf outside free space."""
+        """Distances to the goal from all cells: shape (height, width), float32 [m]; inf outside free space."""
         return self._field.costs
 
     def length(self, pose: Pose2D) -> float:
@@ -156,7 +156,7 @@ class GeodesicDistance:
 
 
 def draw_goal(area: ExplorableArea, start: Pose2D, rng: np.random.Generator, min_distance: float = 1.0) -> Pose2D:
-    """Draw a collision-free goal, world frame, at least `min_distance` [m] away in a straight line.
+    """Draw a collision-free goal, world frame, at least `min_distance` [m] from `start` in a straight line.
 
     If 100 draws are nearer, return the farthest.
     """

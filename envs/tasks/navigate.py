@@ -24,7 +24,7 @@ from lidarnaut.envs.worlds import load_map
 from .goals import GeodesicDistance, GoalTask, known_map, make_localizer
 
 INITIAL_STD, INITIAL_STD_THETA = 0.1, math.radians(5.0)
-"""Standard deviations of the localizer's initial pose: position per axis [m], heading [rad]."""
+"""Standard deviations of the localizer's initial pose: position along an axis [m], heading [rad]."""
 
 
 @dataclass(kw_only=True, eq=False)

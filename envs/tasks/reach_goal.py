@@ -30,11 +30,11 @@ from .starts import UnknownWorldTask
 CELL = 0.1
 """Approximate cell size of the geodesic distance field [m]."""
 AIM_RANGE, AIM_STEP = 2.0, 0.5
-"""Distance to the aim point, and displacement that updates it, with `goal_given="bearing"` [m]."""
+"""Distance to an aim point if only the goal's bearing is known, and displacement that updates the aim point [m]."""
 BENCHMARK_LIMIT = 100.0
-"""Time limit of BARN's worlds [s]."""
+"""Time limit in BARN benchmark worlds [s]."""
 BARN_SPEED = 2.0
-"""Speed of the ideal time in BARN's worlds [m/s]."""
+"""Robot speed for the ideal time in BARN benchmark worlds [m/s]."""
 QUANTITIES = {
     "progress": own_at.PROGRESS,
     "time": own_at.TIME,
@@ -43,14 +43,14 @@ QUANTITIES = {
     "clearance": own_at.CLEARANCE,
     "people": own_at.PEOPLE,
 }
-"""Indices of reward quantities in the task's state array."""
+"""Reward terms and their indices in the task's state array."""
 METRICS = {
     "distance_to_goal": own_at.DISTANCE,
     "geodesic_distance": own_at.LEFT,
     "progress": own_at.SHARE,
     "is_success": own_at.SUCCESS,
 }
-"""Indices of metrics in the task's state array."""
+"""Metrics and their indices in the task's state array."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -58,9 +58,9 @@ class ReachGoal(GoalTask, UnknownWorldTask):
     """Drive to a goal in an unknown world.
 
     ## Description
-    A differential-drive robot with a 2D lidar drives to a goal in a world without a map, past walls and people, in the
-    frame of its start. The pose estimate is odometry; with `slam`, map crops and plan can be observed too. Observations
-    contain no ground truth by default.
+    A differential-drive robot with a 2D lidar drives past walls and people to a goal, without a map. The map frame is
+    the start pose. The pose estimate is odometry; a `slam` adds observations of map and plan. Observations contain no
+    ground truth by default.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits,
@@ -164,7 +164,7 @@ class ReachGoal(GoalTask, UnknownWorldTask):
         return super().reset(simulator, robots, rng, options)
 
     def tell_goal(self, pose: Pose2D) -> Pose2D:
-        """Return the goal for controllers, map frame: the true goal, or an aim point with `goal_given="bearing"`."""
+        """Return the goal for controllers, map frame: the goal, or an aim point if only the bearing is known."""
         if self.goal_given == "pose":
             return self.goal
         bearing = math.atan2(self.goal.y - pose.y, self.goal.x - pose.x)

@@ -1,4 +1,4 @@
-"""State array of `ReachGoal`, updated by kernels for one or many environments."""
+"""State array of the task `ReachGoal`, and compiled functions that update it."""
 
 import math
 
@@ -12,39 +12,38 @@ from lidarnaut.envs.simulation.contact import select_near
 from lidarnaut.envs.transition import BY_ROBOT
 
 GOAL_X, GOAL_Y, TRUE_X, TRUE_Y = range(4)
-"""State array indices of the goal, map frame and world frame [m]."""
+"""Indices in the task's state array: goal (x, y) in the map frame and in the world frame [m]."""
 TOLERANCE, ENDS, FIELD_X, FIELD_Y, FIELD_SIDE, LENGTH = range(4, 10)
-"""State array indices of goal tolerance [m], 1 if contact ends the episode, origin and cell size of the distance field
-[m],
-initial geodesic distance [m]."""
+"""Indices in the task's state array: goal tolerance [m], 1 if contact ends the episode, origin and cell size of the
+distance field [m], initial geodesic distance [m]."""
 PROGRESS, TIME, COLLISION, CLEARANCE, PEOPLE = range(10, 15)
-"""State array indices of reward quantities of the last period; see `ReachGoal.weights`."""
+"""Indices in the task's state array: progress [m], duration [s], collision, closeness to obstacles and closeness to
+people in the last control period."""
 END, DISTANCE, LEFT, SHARE, SUCCESS = range(15, 20)
-"""State array indices of end reason, straight and geodesic distance [m], driven fraction, 1 at the goal."""
+"""Indices in the task's state array: end reason, straight and geodesic distance to the goal [m], driven fraction, 1 at
+the goal."""
 MOVED_AT, JERK, LAST_V, LAST_ACC = range(20, 24)
-"""State array indices of the time of first motion [s], summed absolute jerk [m/s3], last commanded forward speed [m/s]
-and
-acceleration [m/s2]."""
+"""Indices in the task's state array: time of first motion [s], summed absolute jerk [m/s3], last commanded forward
+speed [m/s] and acceleration [m/s2]."""
 SIZE = 24
-"""Length of the state array."""
 END_REASONS = (None, "reached", "wall", "person")
-"""Names of end reasons, indexed by entry `END`."""
+"""Reasons for the end of an episode, by index."""
 AT_GOAL, AT_WALL, AT_PERSON = 1, 2, 3
 NEAR_PERSON = 0.5
-"""Gap to a person below which the reward decreases [m]."""
+"""Gap between robot and person below which the reward decreases [m]."""
 NEAR_OBSTACLE = 0.15
-"""Clearance to obstacles below which the reward decreases [m]."""
+"""Gap between robot and obstacles below which the reward decreases [m]."""
 MOVED = 0.1
-"""Path length that counts as moving [m] and starts the clock of BARN's metric."""
+"""Driven length that starts the clock of the BARN benchmark's metric [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def measure_goal(row, own, lengths):
-    """Update `DISTANCE`, `LEFT`, `SHARE` and `SUCCESS` of the state array `own` from the robot's record `row`.
+    """Update distances to the goal, driven fraction and success in the task's state array `own`.
 
-    `lengths`: geodesic distances of raster cells, shape (height, width), float32 [m], inf outside free space. The
-    distance is the minimum over neighbouring cells plus the straight line to their centre; if all are inf, the last
-    value.
+    `row`: simulation state of the robot; `lengths`: geodesic distances of raster cells, shape (height, width), float32
+    [m], inf outside free space. The distance is the minimum over neighbouring cells plus the straight line to their
+    centre; if all are inf, the last value stays.
     """
     x, y = row[at.X], row[at.Y]
     own[DISTANCE] = distance(own[TRUE_X] - x, own[TRUE_Y] - y)
@@ -63,7 +62,7 @@ def measure_goal(row, own, lengths):
 
 @njit(cache=True, error_model="numpy")
 def update_goal(row, own, lengths, segments, circles):
-    """Update the state array after a control period.
+    """Update the task's state array `own` after a control period.
 
     `segments`, shape (n, 4), and `circles`, shape (m, 3), are static obstacles, float64 [m].
     """
@@ -89,7 +88,10 @@ def update_goal(row, own, lengths, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def update_goals(rows, owns, lengths, surroundings, active):
-    """Update the state arrays of active environments; for `surroundings` see `step_rows`."""
+    """Update the task's state array of each environment with True in `active`.
+
+    `surroundings`: segments and circles of static obstacles.
+    """
     for i in range(active.shape[0]):
         if active[i]:
             update_goal(rows[i], owns[i], lengths[i], surroundings[i][0], surroundings[i][1])

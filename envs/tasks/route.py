@@ -10,16 +10,16 @@ from lidarnaut.envs.geometry.lines import lengths_along, points_at
 from lidarnaut.envs.simulation import Twist
 
 END = 0.1
-"""Remaining route length that counts as completed [m]."""
+"""Remaining length below which a route is completed [m]."""
 SPACING = 0.05
 """Distance between neighbouring points of a route [m]."""
 WINDOW = 40
-"""Number of points searched for the nearest one, so that crossing routes are driven in order."""
+"""Number of route points searched for the nearest point. A short search keeps the order at crossings."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Route:
-    """A path with headings and arc lengths."""
+    """Path of equally spaced points with headings and arc lengths."""
 
     points: np.ndarray
     """Points of the route, shape (n, 2), float64 [m]."""
@@ -33,7 +33,7 @@ class Route:
         """Return the route along a polyline, shape (n, 2), n > 1 [m].
 
         Raises:
-            ValueError: wrong shape, non-finite points or zero length.
+            ValueError: wrong shape, non-finite points or a length below `SPACING`.
         """
         corners = np.asarray(corners, dtype=np.float64)
         if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 2 or not np.isfinite(corners).all():
@@ -58,16 +58,15 @@ class Route:
         return Pose2D(float(self.points[0, 0]), float(self.points[0, 1]), float(self.headings[0]))
 
     def seen_from(self, frame: Pose2D) -> "Route":
-        """Transform the route to `frame`, a pose in the current frame."""
+        """Return the route in another frame, given as a pose in the current frame."""
         headings = np.array([wrap_angle(heading - frame.theta) for heading in self.headings])
         return Route(frame.inverse().transform(self.points), headings, self.along)
 
 
 def rectangle(start: Pose2D) -> np.ndarray:
-    """Return the 78 m rectangle of Nguyen et al. (2021), counter-clockwise, shape (n, 2), float64 [m].
+    """Return the rectangle of Nguyen et al. (2021), 78 m long, counter-clockwise, shape (n, 2), float64 [m].
 
-    Corners are arcs of 1 m, since a differential drive cannot turn sharply at speed. `start` begins the first long
-    side.
+    Corners are arcs of 1 m radius. `start`: pose at the beginning of the first long side.
     """
     length, side = 78.0, 24.0
     other = 0.5 * (length + 8.0 - 2.0 * math.pi) - side
@@ -83,15 +82,15 @@ def rectangle(start: Pose2D) -> np.ndarray:
 
 
 class Progress:
-    """Progress along a route; never decreases or jumps at crossings."""
+    """Progress of a robot along a route; never decreases or jumps at crossings."""
 
     def __init__(self, route: Route) -> None:
         self.route = route
         self.index = 0
-        """Index of the nearest route point."""
+        """Index of the route point nearest to the robot."""
 
     def update(self, pose: Pose2D) -> tuple[float, float]:
-        """Return arc length along the route and offset to the left of a pose [m]."""
+        """Return the arc length reached on the route and the offset of `pose` to the left [m]."""
         route = self.route
         ahead = route.points[self.index : self.index + WINDOW] - pose[:2]
         self.index += int(np.argmin(np.einsum("ij,ij->i", ahead, ahead)))
@@ -100,13 +99,16 @@ class Progress:
         return float(route.along[self.index]), float(c * dy - s * dx)
 
     def ahead(self, distances: np.ndarray) -> np.ndarray:
-        """Return the route points at lookahead distances [m], shape (n, 2), at most the last point."""
+        """Return the route points `distances` [m] ahead of the nearest point: shape (n, 2).
+
+        Points beyond the end are the last point.
+        """
         target = self.route.along[self.index] + distances
         return points_at(self.route.points, self.route.along, target)
 
 
 def steer(progress: Progress, pose: Pose2D, speed: float, lookahead: float) -> Twist:
-    """Return the pure pursuit twist at a speed [m/s] and lookahead distance [m].
+    """Return the pure pursuit command (forward speed, yaw rate) for a speed [m/s] and a lookahead distance [m].
 
     Call `progress.update(pose)` before; `pose` is in the frame of the route.
     """

@@ -18,25 +18,25 @@ from lidarnaut.envs.worlds import World
 from .route import END, Progress, Route, steer
 
 PRESET = Path(__file__).parent / "route_map.yaml"
-"""TinySLAM parameters for a drive with a compass."""
+"""File of TinySLAM parameters for a mapping drive with a compass."""
 LOOKAHEAD = 0.6
-"""Lookahead distance of manual driving [m]."""
+"""Lookahead distance of pure pursuit in the mapping drive [m]."""
 UPDATE_DISTANCE = 0.2
-"""Minimum distance between mapped scans [m]."""
+"""Distance after which the next scan is mapped [m]."""
 UPDATE_ANGLE = 0.15
-"""Minimum turn between mapped scans [rad]."""
+"""Turn after which the next scan is mapped [rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteMap:
-    """Result of the mapping drive."""
+    """Map of a route and estimated poses of the mapping drive."""
 
     grid: OccupancyGrid
-    """Map in the frame of the start of the route."""
+    """Occupancy grid in the frame of the route's start."""
     north: float
     """Compass heading of the map's x axis [rad]; NaN without a compass."""
     poses: np.ndarray
-    """Estimated poses, shape (n, 3), float64, map frame [m, m, rad]."""
+    """Estimated poses of the mapping drive: shape (n, 3), float64, map frame [m, m, rad]."""
 
 
 @functools.lru_cache(maxsize=32)
@@ -50,11 +50,11 @@ def make_route_map(
     control_period: float,
     seed: int,
 ) -> RouteMap:
-    """Drive a route manually, map it with a SLAM, and return the map; cached.
+    """Drive along a route, map it with a SLAM, and return the map (cached).
 
-    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, since matching each scan to the
-    previous one would follow its noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m];
-    `resolution`: map cell size [m]. RuntimeError if the robot does not reach the end.
+    The SLAM gets wheel odometry and compass headings. Scans are mapped at intervals, to limit the drift from scan
+    noise. `path`: bytes of route points, float64, shape (n, 2), world frame [m]; `resolution`: map cell size [m].
+    RuntimeError if the robot does not reach the end.
     """
     route = Route.of(np.frombuffer(path).reshape(-1, 2))
     simulator_rng, slam_rng = np.random.default_rng(seed).spawn(2)
@@ -110,7 +110,6 @@ def _turned(motion: Pose2D, turn: float) -> Pose2D:
 
 
 def _clear_driven(grid: OccupancyGrid, poses: np.ndarray, radius: float) -> None:
-    """Mark unknown cells within `radius` [m] of the driven path as free, since lidars miss the floor."""
     reach = math.ceil(radius / grid.resolution)
     disc = np.indices((2 * reach + 1, 2 * reach + 1)).reshape(2, -1).T - reach
     disc = disc[np.hypot(*disc.T) * grid.resolution <= radius]

@@ -1,4 +1,4 @@
-"""World and starts of an episode."""
+"""World and start poses of an episode."""
 
 import math
 from collections.abc import Iterable
@@ -21,33 +21,34 @@ from lidarnaut.envs.worlds.library import WorldSampler, has_no_effects
 from lidarnaut.envs.worlds.map_worlds import FREE_SPACE, area_around, class_at
 
 START_DISTANCE = 2.0
-"""Maximum distance of teammates from the first robot at the start [m]; up to eightfold in narrow spaces."""
+"""Maximum start distance of teammates from the first robot [m]. Up to eight times larger in narrow spaces."""
 START_GAPS = (0.5, 0.25, 0.1, 0.01)
 """Minimum gaps between footprints at the start [m], tried in order."""
 
 
 @dataclass(kw_only=True, eq=False)
 class WorldTask(Task):
-    """Base of tasks with configurable worlds and starts; see `lidarnaut.envs.worlds.world_sampler`."""
+    """Base class of tasks with configurable worlds and start poses."""
 
     needs_explorable = True
-    """Whether visible free space is computed before an episode begins."""
+    """Whether the area visible to the lidar is computed when a world is drawn."""
     world: Any = "turtlebot3_world"
-    """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these."""
+    """Library world, procedural family, path of a world YAML or `map_server` YAML, a `World`, or a list of these to
+    draw from."""
     split: Literal["train", "test"] = "train"
-    """Seed split of a procedural family."""
+    """Seeds of procedural worlds: `"train"` has even seeds, `"test"` odd seeds."""
     world_size: tuple[float, float] | None = None
     """Outer size (x, y) of a procedural world [m]; None for the family's default."""
     difficulty: float | None = None
-    """Difficulty of `clutter` worlds, from 0 to 1; None draws it."""
+    """Difficulty of worlds of the family `clutter`, from 0 to 1; None draws a value."""
     num_worlds: int | None = None
-    """Number of worlds of a procedural family; None for no limit."""
+    """Number of different worlds of a procedural family; None for no limit."""
     start: Any = "random"
-    """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame."""
+    """Start: `"random"`, `"spawn"`, a pose (x, y, theta), or one pose per robot; world frame [m, rad]."""
     map_resolution: float = 0.05
-    """Size of a map cell [m]."""
+    """Side of a map cell [m]."""
     reward: Any = None
-    """Changed weights of reward terms, or a subclass; see `lidarnaut.envs.task.Rewards.of`."""
+    """Changed weights of reward terms by name, or a subclass of `lidarnaut.envs.task.Rewards`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
@@ -61,7 +62,7 @@ class WorldTask(Task):
 
     @property
     def sampler_ahead(self) -> Any:
-        """World sampler for drawing ahead of time; None with user code."""
+        """Function that samples worlds of later episodes; None if sampling runs user code."""
         is_own = getattr(self.draw_world, "__func__", None) is WorldTask.draw_world
         return self._sample if is_own and has_no_effects(self._sample) else None
 
@@ -74,14 +75,18 @@ class WorldTask(Task):
         return drawn
 
     def place(self, world: World, start: Any) -> World:
-        """Crop a map to the area around the first robot."""
+        """Return the world reduced to the free map area of the first robot's start."""
         wanted = self._start if start is None else read_start(start, self.num_robots)
         return world if isinstance(wanted, str) else area_around(world, wanted[0])
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return the starts, with missing robots near the first; ValueError if one is not collision-free."""
+        """Return start poses, world frame. Robots without a given pose start near the first robot.
+
+        Raises:
+            ValueError: a given pose is not collision-free.
+        """
         self._world, self.area = world, explorable_area(world, self.robot, self.map_resolution)
-        """Reachable area of the true world."""
+        """Cells of the true world that the robot can reach or see."""
         robot, area = self.robot, self.area
         wanted = self._start if start is None else read_start(start, self.num_robots)
         if wanted == "random":
@@ -103,17 +108,17 @@ class WorldTask(Task):
 
 @dataclass(kw_only=True, eq=False)
 class UnknownWorldTask(WorldTask):
-    """Base of tasks in a world mapped by a SLAM, in the frame of the first robot's start."""
+    """Base class of tasks in an unknown world, mapped by a SLAM in the frame of the first robot's start."""
 
     slam: Any = DEFAULT_SLAM
-    """SLAM, see `lidarnaut.envs.slam.make_slam`."""
+    """SLAM by name, or your own; see `lidarnaut.envs.slam.make_slam`."""
 
     def attach(self, robot: RobotParams, control_period: float, physics: str) -> None:
         super().attach(robot, control_period, physics)
         self.uses_true_motion = isinstance(self.slam, str) and self.slam == "truth"
 
     def make_estimator(self) -> Estimator:
-        """Return the SLAM; ValueError if unknown, or unable to share a map in a team."""
+        """Create the SLAM; ValueError if unknown, or unable to share a map in a team."""
         robot = self.robot
         slam = make_slam(self.slam, robot.lidar, self.map_resolution, odometry_noise=robot.odometry.noise)
         if self.num_robots > 1 and not getattr(slam, "shares_maps", False):
@@ -127,7 +132,7 @@ class UnknownWorldTask(WorldTask):
 
 
 def read_start(start: Any, num_robots: int = 1) -> str | list[Pose2D]:
-    """Return the argument `start`: "random", "spawn", or poses of one or all robots; ValueError otherwise."""
+    """Check the argument `start`: "random", "spawn", or poses of one or all robots; ValueError otherwise."""
     if isinstance(start, str) and start in ("random", "spawn"):
         return start
     poses = [start] if is_pose(start) else list(start) if isinstance(start, Iterable) else []
@@ -152,7 +157,7 @@ def _reason(area: ExplorableArea, world: World, robot: RobotParams, pose: Pose2D
 def draw_starts(
     area: ExplorableArea, world: World, robot: RobotParams, first: Pose2D, num_robots: int, rng: np.random.Generator
 ) -> list[Pose2D]:
-    """Draw starts near the first robot's pose, world frame, in its line of sight and apart from each other.
+    """Draw start poses of a team, world frame, in the line of sight of the first robot and apart from each other.
 
     In narrow spaces starts are farther away, closer together, or out of sight. ValueError if there is no room within
     eight times `START_DISTANCE`.

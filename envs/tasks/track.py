@@ -37,7 +37,7 @@ AMCL_PARAMS = AmclParams(
     update_min_d=0.2,
     update_min_a=0.1,
 )
-"""AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
+"""Parameters of AMCL with a sharper sensor model than Nav2's defaults, for map cells of 0.02 m."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -46,8 +46,8 @@ class Track(Task):
 
     ## Description
     A differential-drive robot follows a route on a map from an earlier manual drive. An extended Kalman filter fuses
-    AMCL, at a lower rate and with latency, wheel encoders and a compass. The defaults repeat the experiment of Nguyen
-    et al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
+    wheel encoders, a compass, and delayed AMCL poses at a lower rate. The defaults repeat the experiment of Nguyen et
+    al. (2021), see docs/ekf.md: a rectangle of 78 m at 0.8 m/s.
 
     ## Action Space
     `Box(-1, 1, (2,), float32)`: forward speed and yaw rate (counter-clockwise) as fractions of the robot's limits.
@@ -129,7 +129,7 @@ class Track(Task):
         self.route_world = Route.of(rectangle(self._world.spawns[0]) if self.path is None else self.path)
         self.map_pose = self.route_world.start
         self.route = self.route_world.seen_from(self.map_pose)
-        """The route, map frame."""
+        """Route to follow, map frame."""
 
     def default_observations(self) -> Sequence[str]:
         return ("scan", "route", "motion")
@@ -147,13 +147,13 @@ class Track(Task):
         return {"route": partial(RouteAhead, self)}
 
     def draw_world(self, world: Any, rng: np.random.Generator) -> World:
-        """Return the route's world; ValueError for another world."""
+        """Return the world of the route; ValueError for another world."""
         if world is not None:
             raise ValueError("the world of a route cannot change at a reset; make another environment")
         return self._world
 
     def choose_starts(self, world: World, start: Any, rng: np.random.Generator) -> list[Pose2D]:
-        """Return the robot's start near the beginning of the route; ValueError if `start` is given."""
+        """Return the start pose near the beginning of the route, world frame; ValueError if `start` is given."""
         if start is not None:
             raise ValueError("the start of a route cannot change at a reset; make another environment")
         spread, turn = self.start_spread
@@ -162,7 +162,7 @@ class Track(Task):
         return self.starts
 
     def prior(self, index: int, rng: np.random.Generator) -> Prior:
-        """Return the map, made on first use, with its origin as the initial pose."""
+        """Return the map, made at the first call, with its origin as the initial pose."""
         drive = self.physics, self.slam, self.route_world.points.tobytes()
         made_with = self.map_resolution, self.control_period, self.map_seed
         route_map = make_route_map(self._world, self.robot, *drive, *made_with)

@@ -1,4 +1,4 @@
-"""Worlds: a library of files, procedural families, and map files."""
+"""Simulated worlds from library files, procedural families and map files."""
 
 from .barn import BARN_NAMES
 from .explorable import ExplorableArea, explorable_area
@@ -11,9 +11,9 @@ from .world import FixedRoute, World
 
 
 def worlds() -> tuple[str, ...]:
-    """Return the names of worlds for the argument `world` of environments.
+    """Return the names of worlds that the argument `world` of environments accepts.
 
-    These are the worlds of the library, the procedural families, and `barn:0` to `barn:299` of BARN.
+    These are the worlds of the library, the procedural families, and `barn:0` to `barn:299` of the BARN benchmark.
     """
     return (*WORLD_NAMES, *FAMILIES, *BARN_NAMES)
 

@@ -11,13 +11,13 @@ from .world import World, edges
 
 BARN_NAMES = tuple(f"barn:{number}" for number in range(300))
 _OPTIMAL_SPEED = 2.0
-"""Robot speed in the benchmark's optimal times [m/s]."""
+"""Robot speed in the optimal times of the BARN benchmark [m/s]."""
 _WALL_DISTANCE = 5.0
 
 
 @lru_cache(maxsize=len(BARN_NAMES))
 def barn_world(name: str) -> World:
-    """Return a BARN world, cylinders between three walls (cached). ValueError for a name not in `BARN_NAMES`."""
+    """Return a world of the BARN benchmark, a field of cylinders (cached); ValueError for an unknown name."""
     if name not in BARN_NAMES:
         raise ValueError(f"unknown world {name!r}; BARN worlds are {BARN_NAMES[0]} to {BARN_NAMES[-1]}")
     number = BARN_NAMES.index(name)

@@ -16,14 +16,14 @@ from .world import World, kept_with_world
 
 @dataclass(frozen=True, eq=False)
 class ExplorableArea:
-    """Traversable and explorable cells of a world for one robot, on a raster in the world frame."""
+    """Cells of a world that one robot can reach and see, on a raster in the world frame."""
 
     walls: OccupancyGrid
     """Rasterized static geometry: 0 is free, 100 is occupied."""
     traversable: np.ndarray
     """Collision-free cells connected to the first spawn: shape of `walls`, bool."""
     start_cells: np.ndarray
-    """Start positions of robots, with one extra cell of clearance: shape of `walls`, bool."""
+    """Cells for random start positions, with one cell of extra clearance: shape of `walls`, bool."""
     near_people: np.ndarray
     """Cells in collision with people on fixed routes at time 0: shape of `walls`, bool."""
     name: str
@@ -32,7 +32,7 @@ class ExplorableArea:
 
     @cached_property
     def explorable(self) -> np.ndarray:
-        """Free cells visible from traversable cells: shape of `walls`, bool. Computed at first access."""
+        """Free cells that the lidar sees from traversable cells: shape of `walls`, bool. Computed at first access."""
         free = self.walls.data == 0
         pieces, num_pieces = ndimage.label(free, np.ones((3, 3), dtype=bool))
         touches = np.zeros(num_pieces + 1, dtype=bool)
@@ -58,19 +58,19 @@ class ExplorableArea:
     def usual_time_limit(self, speed: float) -> float:
         """Return a time limit for exploration at `speed` [m/s], rounded to ten seconds [s].
 
-        The longer of two times: two sweeps of the area with a 1 m swath, plus 120 s; or driving all corridors at 0.4
-        `speed`, plus 60 s.
+        This is the longer of two times: covering the area twice in lanes of 1 m width, plus 120 s; or driving along all
+        corridors at 0.4 `speed`, plus 60 s.
         """
         sweep = 120.0 + 10.0 * round(0.2 * self.area / speed)
         return max(sweep, 60.0 + 10.0 * round(0.25 * self.corridor_length / speed))
 
     def is_traversable(self, pose: Pose2D) -> bool:
-        """Return True if the robot fits at `pose` (world frame) and can reach the first spawn."""
+        """Return True if the robot fits at `pose` (world frame) and can drive from there to the first spawn pose."""
         row, col = self.walls.cells(np.array([pose.x, pose.y]))
         return bool(self.walls.contains(np.array([row, col])) and self.traversable[row, col])
 
     def draw_pose(self, rng: np.random.Generator) -> Pose2D:
-        """Sample a start pose in the world frame, uniformly. ValueError if people cover every start cell."""
+        """Sample a start pose uniformly, world frame; ValueError if people cover every start cell."""
         cells, blocked = np.flatnonzero(self.start_cells), self.near_people.ravel()
         if blocked[cells].all():
             raise ValueError(f"world {self.name!r} has no free pose: people block every start cell at time 0")
@@ -83,10 +83,10 @@ class ExplorableArea:
 
 @kept_with_world
 def explorable_area(world: World, robot: RobotParams, resolution: float) -> ExplorableArea:
-    """Compute the explorable area, on cells of side `resolution` [m].
+    """Compute which cells of side `resolution` [m] a robot can reach and see in a world.
 
     Raises:
-        ValueError: the robot does not fit at the first spawn.
+        ValueError: the robot does not fit at the first spawn pose.
     """
     walls = rasterize(world, resolution)
     free = walls.data == 0

@@ -27,9 +27,10 @@ WorldSampler = Callable[[np.random.Generator], World]
 
 
 def load_world(world: str | Path | World) -> World:
-    """Load a world from a library or BARN name, a file path or `module:attribute`; check a given `World`.
+    """Load a world by name, from a file or as `module:attribute`; check a given `World`.
 
-    Files are world files or `map_server` YAML files. Results are cached until the file changes.
+    Names are those of the library and `barn:0` to `barn:299`. Files are world files or `map_server` YAML files. Results
+    are cached until the file changes.
 
     Raises:
         ValueError: the name is unknown or the world is invalid.
@@ -175,6 +176,6 @@ def _same(world: World, rng: np.random.Generator) -> World:
 
 
 def has_no_effects(sample: WorldSampler) -> bool:
-    """Return True if a sampler runs no user code."""
+    """Return True if a world sampler runs no user code."""
     kind = getattr(sample, "func", None)
     return kind in (_draw, _same) or (kind is _draw_one_of and all(map(has_no_effects, sample.args[0])))  # type: ignore[attr-defined]

@@ -20,15 +20,15 @@ from .raster import MAX_CELLS
 from .world_file import Number, Size
 
 OCCUPIED_THRESH = 0.65
-"""Occupancy above which a pixel of a saved map is occupied."""
+"""Minimum occupancy of occupied pixels in saved maps, from 0 to 1."""
 FREE_THRESH = 0.196
-"""Occupancy below which a pixel of a saved map is free; grey 205 (unknown) has 0.19608."""
+"""Maximum occupancy of free pixels in saved maps, from 0 to 1. Grey 205 (unknown) has 0.19608."""
 SAVED_UNKNOWN = 205
 """Grey value of unknown cells in images from map_saver."""
 SAVED_VALUES = (0, SAVED_UNKNOWN, 254, 255)
 """Grey values in images from map_saver, and pure white."""
 SAVED_TOLERANCE, SAVED_SHARE = 0.5, 0.98
-"""Grey-value tolerance, and minimum share of pixels with `SAVED_VALUES` in an image from map_saver."""
+"""Criteria for images from map_saver: grey-value tolerance, minimum fraction of pixels with `SAVED_VALUES`."""
 MAX_YAW = 1e-6
 """Maximum yaw of a map that counts as not rotated [rad]."""
 IMAGE_SUFFIXES = (".pgm", ".png", ".bmp", ".jpg", ".jpeg", ".gif", ".tif", ".tiff", ".ppm", ".pbm")
@@ -67,7 +67,7 @@ def map_paths(path: Path) -> tuple[Path, Path]:
 
 
 def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "scale"] = "trinary") -> Path:
-    """Save a grid in map_server format; return the path of the YAML file.
+    """Save an occupancy grid in map_server format; return the path of the YAML file.
 
     Args:
         grid: map to save.
@@ -116,8 +116,8 @@ def save_map(grid: OccupancyGrid, path: str | Path, mode: Literal["trinary", "sc
 def load_map(path: str | Path) -> OccupancyGrid:
     """Load a map from a YAML file, with map_server's modes `trinary`, `scale` and `raw`.
 
-    Unlike map_server, if `free_thresh` would make grey 205 free (older Nav2 map_savers write 0.25) and the image has
-    only map_saver's greys, 205 is unknown and a warning is logged.
+    Older Nav2 versions write a `free_thresh` of 0.25, which makes grey 205 (unknown) free in map_server. Here grey 205
+    stays unknown in images from map_saver, and a warning is logged.
 
     Raises:
         ValueError: the YAML or image is damaged, or the map is rotated.
@@ -135,7 +135,7 @@ def load_map(path: str | Path) -> OccupancyGrid:
 
 
 def _read_image(source: Path, file: MapFile) -> np.ndarray:
-    """Return the occupancy of an image: shape of the image, int8 [percent], -1 for unknown."""
+    """Read a map image as occupancy: shape of the image, int8 [percent], -1 for unknown."""
     path = source.parent / file.image
     if not os.path.isfile(path):  # False for invalid paths
         raise FileNotFoundError(f"{source}: there is no map image {str(path)[:300]}")

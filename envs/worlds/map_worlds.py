@@ -13,15 +13,15 @@ from .raster import check_world, outline
 from .world import World, kept_with_world
 
 WALL_WIDTH = 0.25
-"""Maximum distance from the border of an area to its walls [m]."""
+"""Maximum distance from the border of a free map area to the walls that enclose the area [m]."""
 ENCLOSED_SHARE, EDGE_SHARE = 0.5, 0.2
-"""Minimum share of walls and maximum share of map edge on the border of an enclosed area."""
+"""Criteria for an enclosed area: minimum fraction of its border along walls, maximum fraction along the map edge."""
 DOOR_WIDTH = 1.2
-"""Maximum width of a door [m]."""
+"""Maximum width of a door between rooms [m]."""
 MIN_AREA = 1.0
 """Minimum size of an enclosed area, unless all areas are smaller [m2]."""
 FREE_SPACE = "in free space of the map"
-"""Result of `class_at` for a free cell."""
+"""Phrase in messages for a pose in a free map cell."""
 _PROGRESS_DELAY = 2.0
 """Delay before a progress bar appears [s]."""
 
@@ -90,7 +90,7 @@ def _value_at(values: np.ndarray, grid: OccupancyGrid, pose: Pose2D) -> int:
 
 
 def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
-    """Return a phrase for the state of the map at a pose: free, occupied, unknown or outside."""
+    """Return a phrase for the map cell at a pose, for messages: free, occupied, unknown or outside."""
     value = _value_at(grid.data, grid, pose)
     if value < 0:
         return "in unknown space of the map" if value == UNKNOWN else f"outside of the map, which covers {grid.bounds}"
@@ -100,7 +100,7 @@ def class_at(grid: OccupancyGrid, pose: Pose2D) -> str:
 def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, margin: float = 0.0) -> tuple[int, bool]:
     """Return the label of the largest enclosed area, or else of the largest area, and whether it is enclosed.
 
-    `labels`: shape of the map, from 1; areas end `margin` [m] before walls. `sizes`: of the areas [m2].
+    `labels`: area of each map cell, from 1; `sizes`: of the areas [m2]; `margin`: distance of areas from walls [m].
     """
     reach, rim = (math.ceil(min(gap / grid.resolution, max(labels.shape))) for gap in (margin + WALL_WIDTH, margin))
     is_open = ndimage.minimum_filter((grid.data < OCCUPIED_FROM).astype(np.uint8), 2 * reach + 1, mode="nearest")
@@ -120,7 +120,7 @@ def _choose_area(grid: OccupancyGrid, labels: np.ndarray, sizes: np.ndarray, mar
 
 
 def _largest_room(grid: OccupancyGrid, area: np.ndarray) -> np.ndarray:
-    """Return the largest part of a padded area that is enclosed except for doors, or else all of `area`."""
+    """Return the mask of the largest room in a free area, or else the whole area. Doors separate rooms."""
     rooms, count = ndimage.label(ndimage.distance_transform_edt(area) * grid.resolution > 0.5 * DOOR_WIDTH)
     if count < 2:
         return area
@@ -137,7 +137,7 @@ def _areas(world: World) -> np.ndarray:
 
 
 def area_around(world: World, pose: Pose2D) -> World:
-    """Return the world of the map area that contains a pose (cached), or `world` if there is no other area."""
+    """Return the world of another free map area if that area contains the pose (cached), otherwise `world`."""
     if world.map is None:
         return world
     labels = _areas(world)
@@ -155,7 +155,7 @@ def _other_area(world: World, label: int) -> World:
 
 @kept_with_world
 def left_out(world: World) -> OccupancyGrid:
-    """Return a grid of the known part of a map: 100 for free cells outside the world, 0 elsewhere."""
+    """Return a grid of a map's known part: 100 for free cells outside the world, 0 elsewhere."""
     assert world.map is not None
     labels, known = _areas(world), np.argwhere(world.map.data >= 0)
     (row, col), (last_row, last_col) = known.min(axis=0).tolist(), known.max(axis=0).tolist()

@@ -28,7 +28,6 @@ def _set(data, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _draw_segment(data, x0, y0, x1, y1):
-    """Mark all cells that a segment crosses [cells]; at a corner, both neighbours."""
     walk = start_walk(x0, y0, x1, y1)
     _set(data, walk.row, walk.col)
     while walk.rows_left + walk.cols_left > 0:
@@ -41,7 +40,6 @@ def _draw_segment(data, x0, y0, x1, y1):
 
 @njit(cache=True, error_model="numpy")
 def _draw_disc(data, x, y, radius):
-    """Mark all cells within `radius` of (x, y) [cells]."""
     height, width = data.shape
     for row in range(max(int(np.floor(y - radius)), 0), min(int(np.floor(y + radius)) + 1, height)):
         for col in range(max(int(np.floor(x - radius)), 0), min(int(np.floor(x + radius)) + 1, width)):
@@ -89,7 +87,7 @@ def rasterize(world: World, resolution: float) -> OccupancyGrid:
 def reachable(
     world: World, resolution: float = CHECK_RESOLUTION, radius: float = 0.0
 ) -> tuple[OccupancyGrid, np.ndarray]:
-    """Return the raster of a world, and the mask of cells that a robot can reach from the first spawn.
+    """Return the raster of a world, and the mask of cells that a robot can reach from the first start pose.
 
     `resolution`: side of a cell [m]; `radius`: of the robot [m]. The mask has the shape of the raster, bool.
     """
@@ -110,7 +108,7 @@ def free_area(world: World, radius: float = 0.0) -> float:
 
 
 def leaks(mask: np.ndarray) -> bool:
-    """Return True if a mask from `reachable` touches the edge of the raster."""
+    """Return True if the reachable cells touch the edge of the raster, so that the world is not closed."""
     return bool(mask[[0, -1]].any() or mask[:, [0, -1]].any())
 
 
@@ -160,7 +158,7 @@ def check_world(world: World) -> World:
 
 
 def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
-    """Return the borders between solid and open cells as merged segments (x0, y0, x1, y1): shape (n, 4) [m].
+    """Return the borders between solid and open cells as segments (x0, y0, x1, y1): shape (n, 4) [m].
 
     `solid`: shape (height, width), bool; cells outside the array count as solid. `xs`, `ys`: positions of the grid
     lines, shapes (width + 1,) and (height + 1,) [m].
@@ -178,7 +176,7 @@ def outline(solid: np.ndarray, xs: np.ndarray, ys: np.ndarray) -> np.ndarray:
 
 
 def _runs(marks: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return row, start and end of the runs of True along the rows: three arrays of shape (n,), int64."""
+    """Return row, start and end of all runs of True in the rows of a mask: three arrays of shape (n,), int64."""
     steps = np.diff(np.pad(marks.astype(np.int8), ((0, 0), (1, 1))), axis=1)
     rows, starts = np.nonzero(steps == 1)
     return rows, starts, np.nonzero(steps == -1)[1]

@@ -10,7 +10,7 @@ from lidarnaut.envs.progress import Progress
 NUM_DIRECTIONS = 180
 """Number of directions of lines of sight from a cell."""
 _HEIGHT, _WIDTH = 8, 128
-"""Block size in cells: a byte holds eight rows of a column; adjacent bytes are combined by vector instructions."""
+"""Height and width of a block of cells processed in parallel [cells]. Each byte holds eight cells of a column."""
 _ROWS = 10 * _HEIGHT
 _PROGRESS_DELAY = 2.0
 """Delay before a progress bar appears [s]."""
@@ -19,10 +19,10 @@ _PROGRESS_DELAY = 2.0
 def visible_from(
     free: np.ndarray, goals: np.ndarray, candidates: np.ndarray, reach: float, name: str = ""
 ) -> np.ndarray:
-    """Return the goals, and the candidates with a line of sight of at most `reach` cells to a goal.
+    """Return the mask of goal cells, and of candidate cells that see a goal cell within `reach` [cells].
 
-    All arrays: shape (height, width), bool. Goals and candidates are free cells. A block of cells is processed in
-    parallel, so that the time is proportional to the number of cells. `name`: of the world, for the progress bar.
+    Masks: shape (height, width), bool. Goals and candidates are free cells. Blocks of cells are processed in parallel.
+    `name`: of the world, for the progress bar.
     """
     height = len(free)
     reach = min(reach, 2.0 * max(free.shape))  # longer lines leave the raster
@@ -45,9 +45,9 @@ def visible_from(
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _comes_near(free, goals, straight, diagonal, reach):
-    """Return the cells that can reach a goal with two kinds of steps (rows, columns) through free cells.
+    """Return the cells that can reach a goal cell through free cells with at most `reach` straight or diagonal steps.
 
-    A necessary condition for a line of sight. At most `reach` steps; shape (height, width), bool.
+    Shape (height, width), bool.
     """
     height, width = free.shape
     far = np.uint16(2**16 - 2)
@@ -78,9 +78,10 @@ def _comes_near(free, goals, straight, diagonal, reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _lines(reach):
-    """Return slope, number of steps, and (row, column) offsets of the steps for all lines of sight.
+    """Compute lines of sight in all directions.
 
-    Shapes (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
+    Returns slopes (rows, columns), numbers of steps, and cell offsets (row, column) of the steps: shapes
+    (NUM_DIRECTIONS, 2), (NUM_DIRECTIONS,) and (NUM_DIRECTIONS, longest + 1, 2).
     """
     slopes = np.empty((NUM_DIRECTIONS, 2))
     lengths = np.empty(NUM_DIRECTIONS, dtype=np.int64)
@@ -97,7 +98,7 @@ def _lines(reach):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _pack(mask):
-    """Pack a mask into bytes, padded by zeros: bit b at (row, column) is the mask at (row + b, column)."""
+    """Pack a mask into bytes with a border of zeros. Bit b at (row, column) is the mask at (row + b, column)."""
     height, width = mask.shape
     packed = np.zeros((height + 2 * _HEIGHT, width + 2 * _WIDTH), dtype=np.uint8)
     for row in range(height - 1, -_HEIGHT, -1):
@@ -112,9 +113,9 @@ def _pack(mask):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _look(plain, ends, wanted, lengths, lines, first, last, visible):
-    """Mark in `visible` the wanted cells of rows `first` to `last` that see a goal.
+    """Set `visible` for cells of `wanted`, in rows `first` to `last`, with a line of sight to a goal cell.
 
-    `plain` (free cells without goals), `ends` (goals) and `wanted` are packed by `_pack`.
+    `plain` (free cells other than goals), `ends` (goals) and `wanted` are masks packed into bytes.
     """
     height, width = visible.shape
     left, alive = np.empty(_WIDTH, dtype=np.uint8), np.empty(_WIDTH, dtype=np.uint8)
@@ -145,10 +146,6 @@ def _look(plain, ends, wanted, lengths, lines, first, last, visible):
 
 @njit(cache=True, error_model="numpy", nogil=True)
 def _advance(plain, ends, alive, left):
-    """Advance the lines of the `alive` cells by one step; return True if any can continue.
-
-    `left`: cells that have not seen a goal. Packed bits, shape (_WIDTH,), uint8.
-    """
     remain = np.uint8(0)
     for j in range(_WIDTH):
         left[j] &= ~(alive[j] & ends[j])

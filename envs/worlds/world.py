@@ -10,12 +10,12 @@ from lidarnaut.envs.geometry import OccupancyGrid, Pose2D
 
 Result = TypeVar("Result")
 MAX_COORDINATE = 1e7
-"""Maximum absolute coordinate or size [m]."""
+"""Maximum absolute coordinate or size in a world [m]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FixedRoute:
-    """Person on a closed polyline at constant speed, waiting while a robot is in the way."""
+    """Person walking on a closed polyline at constant speed, waiting if a robot is in the way."""
 
     radius: float
     """Radius of the person [m]."""
@@ -27,7 +27,10 @@ class FixedRoute:
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class World:
-    """Horizontal section of an environment at lidar height, extruded to `height`."""
+    """Static geometry, start poses, goals and people of a simulated world.
+
+    Walls and bodies are a horizontal section at lidar height, extruded to `height`.
+    """
 
     name: str
     segments: np.ndarray
@@ -35,26 +38,26 @@ class World:
     circles: np.ndarray
     """Vertical cylinders as (x, y, radius): shape (m, 3), float64 [m]."""
     spawns: tuple[Pose2D, ...]
-    """Start poses in one connected free area; the first is the default."""
+    """Start poses (x, y, theta) in one connected free area; the first is the default."""
     bounds: tuple[float, float, float, float]
     """Bounds (x_min, y_min, x_max, y_max) of the static geometry [m]."""
     people: tuple[FixedRoute, ...] = ()
     goals: tuple[Pose2D, ...] = ()
-    """Default goal for each spawn, or empty."""
+    """Default goal pose for each start pose, or empty."""
     optimal_length: float | None = None
-    """Reference path length from the first spawn to its goal [m]."""
+    """Reference path length from the first start pose to its goal [m]."""
     height: float = 1.0
     """Height of walls and bodies in the physics engine [m]."""
     source: str = ""
-    """Origin of the geometry."""
+    """Source of the geometry, such as a publication."""
     licence: str = ""
     notes: str = ""
     """Changes made to the source geometry, such as closed gaps."""
     map: OccupancyGrid | None = None
-    """Source map of the world, if any."""
+    """Map that the world was built from, if any."""
 
     def scaled(self, factor: float) -> "World":
-        """Return the world scaled in the plane; people take the same time per round."""
+        """Return the world scaled by `factor` in x and y, including the speeds of people."""
         return replace(
             self,
             segments=factor * self.segments,
@@ -76,7 +79,7 @@ class World:
 
 
 def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
-    """Cache results for the lifetime of the first argument, a world or `ExplorableArea`."""
+    """Decorator that caches results for the lifetime of the first argument, a `World` or its raster."""
     kept: WeakKeyDictionary[World, dict[tuple, Result]] = WeakKeyDictionary()
 
     @wraps(function)
@@ -90,7 +93,10 @@ def kept_with_world(function: Callable[..., Result]) -> Callable[..., Result]:
 
 
 def box(x: float, y: float, length: float, width: float, yaw: float = 0.0) -> np.ndarray:
-    """Return the corners of a rectangle centred at (x, y), counter-clockwise: shape (4, 2) [m]."""
+    """Return the corners of a rectangle centred at (x, y), rotated by `yaw` [rad]: shape (4, 2) [m].
+
+    Order: counter-clockwise.
+    """
     corners = np.array([[-length, -width], [length, -width], [length, width], [-length, width]]) / 2
     return Pose2D(x, y, yaw).transform(corners)
 

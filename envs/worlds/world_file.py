@@ -20,7 +20,10 @@ Loops = list[list[list[Number]]]
 
 
 def _columns(columns: str, positive: tuple[int, ...] = (), optional: int = 0) -> AfterValidator:
-    """Return a validator for rows with the named columns."""
+    """Return a validator for lists of numbers with the named columns.
+
+    `positive`: indices of positive columns; `optional`: number of optional last columns.
+    """
     names = columns.split(", ")
 
     def check(rows: Rows) -> Rows:
@@ -51,7 +54,7 @@ def _points(minimum: int) -> AfterValidator:
 
 
 class RouteFile(BaseModel):
-    """Person on a fixed route in a world file."""
+    """Person on a fixed route in a world file, in metres and seconds."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -61,12 +64,12 @@ class RouteFile(BaseModel):
 
 
 class WorldFile(BaseModel):
-    """World as YAML; lengths in metres, angles in radians."""
+    """Content of a world's YAML file; lengths in metres, angles in radians."""
 
     model_config = ConfigDict(extra="forbid")
 
     source: str
-    """Origin of the geometry."""
+    """Source of the geometry, such as a publication."""
     licence: str
     """License of the source."""
     notes: str = ""
@@ -74,23 +77,23 @@ class WorldFile(BaseModel):
     height: Size = 1.0
     """Height of walls and bodies in the physics engine."""
     spawns: Annotated[Rows, _columns("x, y, heading"), Field(min_length=1)]
-    """Start poses; the first is the default."""
+    """Start poses (x, y, heading); the first is the default."""
     goals: Annotated[Rows, _columns("x, y, heading")] = []
-    """Default goal for each spawn."""
+    """Default goal for each start pose."""
     boxes: Annotated[Rows, _columns("x, y, length, width, yaw", positive=(2, 3), optional=1)] = []
-    """Solid rectangles: centre, size and yaw."""
+    """Solid rectangles: centre, length, width and yaw."""
     polygons: Annotated[Loops, _points(3)] = []
-    """Solid polygons by their corners."""
+    """Solid polygons, each a list of corners."""
     polylines: Annotated[Loops, _points(2)] = []
-    """Thin walls along lists of points; repeat the first point to close a polyline."""
+    """Thin walls along lists of points. The last point of a closed line repeats the first."""
     segments: Annotated[Rows, _columns("x0, y0, x1, y1, thickness", positive=(4,), optional=1)] = []
-    """Straight walls: thin, or solid rectangles if a thickness is given."""
+    """Straight thin walls, or solid rectangles with a given thickness."""
     cylinders: Annotated[Rows, _columns("x, y, radius", positive=(2,))] = []
     """Vertical cylinders."""
     people: list[RouteFile] = []
     """People on closed polylines at constant speed."""
     closures: Annotated[Rows, _columns("x0, y0, x1, y1")] = []
-    """Thin walls that close gaps of the source."""
+    """Thin walls that close gaps of the source geometry."""
 
 
 def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) -> np.ndarray:
@@ -99,7 +102,6 @@ def _thick_wall(x0: float, y0: float, x1: float, y1: float, thickness: float) ->
 
 
 def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
-    """Return True if a point lies inside a polygon (even-odd rule)."""
     x0, y0, x1, y1 = edges(polygon).T
     crosses = (y0 > y) != (y1 > y)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -108,7 +110,7 @@ def _contains(polygon: np.ndarray, x: float, y: float) -> bool:
 
 
 def build_world(name: str, file: WorldFile) -> World:
-    """Build a world from a world file.
+    """Build a world from the content of a world file.
 
     Raises:
         ValueError: the world is empty or not closed, or a spawn or goal is in collision.

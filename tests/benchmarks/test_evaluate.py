@@ -55,7 +55,13 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     table = (tmp_path / "episodes.csv").read_text().splitlines(keepends=True)
     (tmp_path / "episodes.csv").write_text("".join(table[:-1]))
     assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
-    assert "maze, 2 episodes" in capsys.readouterr().out
+    printed = capsys.readouterr().out
+    assert "maze, 2 episodes" in printed
+    assert all(printed.count(f"{measure.title} ") >= 2 for measure in MEASURES.brief)
+    assert "map IoU" not in printed
+    assert main([*BRIEF, "--policies", "random", "--worlds", WORLD, "--out", str(tmp_path), "--report", "--all"]) == 0
+    assert "map IoU" in capsys.readouterr().out
+    assert main([*BRIEF, "--policies", "random", "nearest", "--worlds", WORLD, "maze", "--out", str(tmp_path)]) == 0
     again = read_rows(tmp_path)
     assert len(again) == 8
     assert again[:3] == rows[:3]

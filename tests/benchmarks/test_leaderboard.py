@@ -1,14 +1,19 @@
+import io
 import math
 import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 from scipy import stats
 
 from lidarnaut.benchmarks.arena import leaderboard
 from lidarnaut.benchmarks.arena.episodes import Episodes, best_of
-from lidarnaut.benchmarks.arena.measures import texts
+from lidarnaut.benchmarks.arena.leaderboard import measures_table
+from lidarnaut.benchmarks.arena.measures import Measures, texts
+from lidarnaut.benchmarks.arena.page import to_terminal
 from lidarnaut.benchmarks.arena.statistics import Estimate
+from lidarnaut.envs.measures import EXPLORATION, GOAL, PEOPLE, REACH, ROUTE, TIME_TO_SUCCESS
 from lidarnaut.evaluate_command import main
 from tests.benchmarks.explorations import BY_NAME, MEASURES, read_rows, related, row
 
@@ -90,6 +95,33 @@ def test_typical_is_the_median_and_worst_the_lowest():
 def test_cases_are_named_by_what_differs():
     rows = [row("a"), row("a", slam="truth"), row("a", world="caves", robot="create3")]
     assert list(Episodes(rows, MEASURES).labels.values()) == ["maze, tinyslam", "maze, truth", "caves"]
+
+
+@pytest.mark.parametrize(
+    ("own", "brief"),
+    [
+        (EXPLORATION, ["area_under_curve", "time_to_95", "path_length", "collisions", "position_rmse"]),
+        ((*REACH, *PEOPLE), ["sct", "success", "time_to_goal", "collisions", "spl"]),
+        (GOAL, ["spl", "success", "time_to_goal", "collisions", "way_left"]),
+        (ROUTE, ["progress", "success", "time_to_end", "collisions", "deviation_rmse"]),
+        ((TIME_TO_SUCCESS,), ["success", "time_to_success", "collisions", "path_length", "position_rmse"]),
+    ],
+    ids=["explore", "reach", "goal", "route", "default"],
+)
+def test_five_measures_are_printed_in_the_order_of_the_task(own, brief):
+    assert [measure.name for measure in Measures(own, "progress").brief] == brief
+
+
+def test_the_table_of_three_policies_fits_120_columns_of_a_terminal():
+    measures = Measures((*REACH, *PEOPLE), "progress")
+    never = Estimate(100.0, 78.3, 100.0, 20, 12, (True, False, True))
+    values = {m.name: never if m.limit else Estimate(0.1234, 0.1, 0.95, 20) for m in measures.all}
+    estimates = dict.fromkeys(("pursuit", "ppo:runs/reach_house", "learned:pretrained/crowd"), values)
+    console = Console(file=io.StringIO(), width=400)
+    console.print(to_terminal(measures_table(estimates, measures.brief), "house, 20 episodes"))
+    lines = console.file.getvalue().splitlines()
+    assert 60 < max(map(len, lines)) <= 120
+    assert len([line for line in lines if " to " in line]) == 5
 
 
 def test_ratios_of_times_are_geometric_means():

@@ -146,7 +146,7 @@ def test_an_explorer_that_leaves_and_a_slam_that_fails_cost_their_own_episodes_a
         (["--slam", "own_explorers:Circling"], [": own_explorers:Circling in pimouse_arena: TypeError: Circling() ta"]),
         (["--policies", "own_explorers:Circlign"], ["own_explorers", "no attribute", "did you mean 'Circling'"]),
         (["--policies", "nowhere.at_all:Mine"], ["no module 'nowhere'"]),
-        (["--policies", "own_explorers:WORLD"], ["is no explorer", "predict(observation)"]),
+        (["--policies", "own_explorers:WORLD"], ["is not an explorer", "predict(observation)"]),
         (["--policies", "nearest=own_explorers:Circling"], ["must differ from classic policies"]),
     ],
 )

@@ -41,7 +41,7 @@ def test_the_report_links_to_pages_of_typical_and_worst_episodes(folder):
     assert len(links) == 4  # of two policies
     assert {folder / link for link in links} == set((folder / "players").iterdir())
     titles = {re.search("<title>(.*)</title>", (folder / link).read_text())[1] for link in links}
-    assert titles == {"nearest in turtlebot3_world", "random beside nearest in turtlebot3_world"}
+    assert titles == {"nearest in turtlebot3_world", "random and nearest in turtlebot3_world"}
 
 
 def test_what_was_not_recorded_is_left_out(folder, tmp_path):

@@ -38,6 +38,46 @@ def test_environments_have_a_page_with_picture_spaces_and_docstring():
             assert part in pages[name], (name, part)
 
 
+def test_cards_differ_and_observations_are_explained():
+    import environment_pages
+
+    pages = environment_pages.pages(DOCS)
+    texts = re.findall(r":img-alt: (lidarnaut/Explore\w*-v0)\n\n(.*)\n", pages["index.md"])
+    assert len(texts) >= 8
+    assert len({text for _, text in texts}) == len(texts)
+    assert len([text for _, text in texts if re.search(r"Free area: \d+( to \d+)?\sm²\.", text)]) == 7
+    for name in set(pages) - {"index.md", "explorefrontiersabstract.md"}:  # which refers to another page
+        space = pages[name][pages[name].index("## Observation Space") :]
+        space = space[: space.index("## Rewards")]
+        keys = re.findall(r"`(\w+)`: `(?:Box|MultiBinary)", pages[name][: pages[name].index("## Description")])
+        assert keys, name
+        for key in keys:
+            assert re.search(rf"^\| `{key}`", space, re.MULTILINE), (name, key)
+        assert "as in `Explore`" not in space, name
+
+
+def test_all_keys_of_robot_files_have_type_and_meaning():
+    import robot_keys
+
+    tables = robot_keys.tables()
+    rows = re.findall(r"^\| `(\w+)` \| (.+?) \| (.*?) \| (.+?) \| (.+?) \|$", tables, re.MULTILINE)
+    assert len(rows) == len(re.findall(r"^\| `", tables, re.MULTILINE)) > 50
+    assert (
+        "max_v",
+        "number\N{NO-BREAK SPACE}>\N{NO-BREAK SPACE}0",
+        "m/s",
+        "**required**",
+        "Maximum forward and backward speed.",
+    ) in rows
+    assert (
+        "uses_gyro",
+        "`true` or `false`",
+        "",
+        "`false`",
+        "Measure turns with the gyroscope instead of the wheels.",
+    ) in rows
+
+
 def test_the_gallery_shows_worlds_with_sizes_and_sources_and_robots(tmp_path):
     import gallery
 

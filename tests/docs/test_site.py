@@ -1,6 +1,7 @@
 """The built documentation, `make docs`: what its pages lead to, show, and have room for."""
 
 import functools
+import html
 import json
 import os
 import re
@@ -10,11 +11,13 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 
+import lidarnaut
 from tests.browser import needs_browser, visit
 
 SITE = Path(os.environ.get("LIDARNAUT_SITE", ""))
 """Folder of the site; `make docs` names it once it has built it."""
 needs_site = pytest.mark.skipif(not os.environ.get("LIDARNAUT_SITE"), reason="`make docs` builds the site")
+PLAYER = "episode.html"
 NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/tutorials/*.ipynb"))
 
 
@@ -104,15 +107,82 @@ def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
     assert re.search(r"(reached|wall|person|time_limit) after [\d.]+ s and [\d.]+ m", page)
 
 
+@pytest.fixture(scope="module")
+def answer():
+    """Return what the harness reports of all pages, at two widths of the window."""
+    paths = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
+    return visit(SITE, Path(__file__).with_name("site.html"), f"widths=1280,390&pages={paths}")
+
+
 @needs_site
 @needs_browser
-def test_nothing_lies_out_of_reach_and_code_is_not_cut():
-    paths = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
-    answer = visit(SITE, Path(__file__).with_name("site.html"), f"widths=1280,390&pages={paths}")
+def test_nothing_lies_out_of_reach_and_code_is_not_cut(answer):
     for width, pages in answer["pages"].items():
         assert {name: page for name, page in pages.items() if page["page"] > 0 or page["cut"]} == {}, width
         for name, page in pages.items():
             assert [what for what in page["scrolled"] if width == "1280" or what.startswith("pre")] == [], (width, name)
+
+
+@needs_site
+@needs_browser
+def test_only_the_section_of_the_open_page_is_unfolded_in_the_sidebar(answer):
+    pages = {name: page["navigation"] for name, page in answer["pages"]["1280"].items() if name != PLAYER}
+    assert pages["index.html"]["open"] == pages["genindex.html"]["open"] == ["Get started"]
+    assert pages["environments/reachgoal.html"]["open"] == ["Environments"]
+    assert pages["api/navigation.html"]["open"] == ["Reference"]
+    for name, page in pages.items():
+        assert page["sections"] >= 7, name
+        assert len(page["open"]) == 1, name
+        assert page["links"] < 25, name
+
+
+@needs_site
+@needs_browser
+def test_sidebar_text_and_contents_are_side_by_side_at_1280_pixels(answer):
+    pages = {name: page["navigation"] for name, page in answer["pages"]["1280"].items() if name != PLAYER}
+    assert sum(page["hasContents"] for page in pages.values()) > 40
+    for name, page in pages.items():
+        assert page["isContentsInView"] or not page["hasContents"], name
+        assert page["text"] > 700, name
+
+
+@needs_site
+@needs_browser
+@pytest.mark.parametrize("size", [(1280, 800), (784, 736)], ids=["window", "frame"])
+def test_the_recorded_episode_fits_its_window_and_frame(size):
+    harness = Path(__file__).parents[1] / "player" / "harness.html"
+    answer = visit(SITE, harness, f"page={PLAYER}&width={size[0]}&height={size[1]}&brief=1")
+    assert answer["errors"] == []
+    assert answer["layout"]["scrolled"] <= 0
+    assert answer["layout"]["controls"]["bottom"] <= size[1]
+
+
+@needs_site
+def test_the_api_page_documents_the_public_names_with_types():
+    page = (SITE / "api" / "index.html").read_text(encoding="utf-8")
+    for name in set(lidarnaut.__all__) - {"__version__"}:
+        assert f'id="lidarnaut.{name}"' in page, name
+    signature = page[page.index('id="lidarnaut.evaluate"') :]
+    text = re.sub(r"<[^>]+>", "", signature[: signature.index("</dt>")])
+    assert re.search(r"id:\s+str\s+=\s+'lidarnaut/Explore-v0'", html.unescape(text))
+    for path in sorted((SITE / "api").glob("*.html")):
+        assert "FieldInfo(" not in path.read_text(encoding="utf-8"), path.name
+
+
+@needs_site
+@pytest.mark.parametrize("notebook", NOTEBOOKS, ids=lambda path: path.stem)
+def test_tutorials_offer_their_notebook(notebook):
+    page = read_page(SITE / "tutorials" / f"{notebook.stem}.html")
+    (target,) = [target for target in page.targets if target.endswith(notebook.name)]
+    assert json.loads((SITE / "tutorials" / target).read_text())["cells"]
+
+
+@needs_site
+def test_the_robot_page_has_all_keys():
+    page = (SITE / "customize" / "robot.html").read_text(encoding="utf-8")
+    for text in ("ticks_per_rev", "position_per_metre", "has_compass", "max_acc_w", "center_of_mass", "clearance"):
+        assert re.search(rf"<td[^>]*>.*{text}", page), text
+    assert "turtlebot3_burger" in page
 
 
 def test_a_broken_link_would_be_found(tmp_path):

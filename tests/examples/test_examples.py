@@ -154,7 +154,7 @@ def test_a_policy_in_onnx_drives_without_torch(load, tmp_path):
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
     command = [sys.executable, "-c", code, str(tmp_path / "twist.onnx")]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    first, (explored, has_torch) = done.stdout.splitlines()[0], done.stdout.splitlines()[-1].split()
+    first, (explored, has_torch) = done.stdout.splitlines()[-2], done.stdout.splitlines()[-1].split()
     assert first.startswith("turtlebot3_waffle_pi: ")
     assert float(explored) > 0.1
     assert has_torch == "False"

@@ -5,10 +5,13 @@ import numpy as np
 from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording
 
 
-def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False):
+def synthetic(
+    duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", flicker=20, seed=0, has_goal=False, is_bare=False
+):
     """Return an episode in a hall with sides of `size` [m] whose map grows column by column; a sample each half second.
 
     `flicker` cells in the last three metres change their kind with every sample, and every fourth second is a decision.
+    `is_bare`: without map, candidates, plan and pose error, beside a person who ignores the robot and another robot.
     """
     rng = np.random.default_rng(seed)
     time = np.arange(0.0, duration + 0.25, 0.5)
@@ -36,8 +39,15 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
     candidates[:, 4] = 0.0
     noise = rng.normal(0.0, 0.02, (n, 2))
     angles = np.linspace(-np.pi, np.pi, 90, endpoint=False)
+    about = {}
+    if is_bare:
+        noise, about = 0.0 * noise, {"bodies": ["blind", "robot"]}
+        cells, changes = [np.empty(0, dtype=int)] * n, [np.empty(0, dtype=int)] * n
+        decisions, candidates = decisions[:0], candidates[:0]
+    num_bodies = len(about.get("bodies", [""]))
     return Recording.of(
-        about={
+        about=about
+        | {
             "explorer": explorer,
             "world": "hall",
             "robot": "burger",
@@ -62,8 +72,8 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
         map_cells=np.concatenate(cells),
         map_changes=np.concatenate(changes),
         map_ends=np.cumsum([len(one) for one in cells]),
-        plans=rng.uniform(0.0, 5.0, (6 * n, 2)),
-        plan_ends=6 * np.arange(1, n + 1),
+        plans=rng.uniform(0.0, 5.0, (0 if is_bare else 6 * n, 2)),
+        plan_ends=(0 if is_bare else 6) * np.arange(1, n + 1),
         decision_times=decisions,
         decision_chosen=np.zeros(len(decisions), dtype=np.int32),
         candidates=candidates,
@@ -71,9 +81,9 @@ def synthetic(duration, size=(12.0, 8.0), num_candidates=5, explorer="made_up", 
         segments=[(0, 0, width, 0), (width, 0, width, height), (width, height, 0, height), (0, height, 0, 0)],
         circles=[(width / 2, 1.0, 0.3)],
         route=[(1.0, 1.0), (width - 1.0, 1.0)][: 2 * has_goal],
-        people_radii=[0.2],
-        people=np.column_stack([x, y + 1.0, 0.0 * x, 0.0 * x + 0.5]),
-        tracks=np.column_stack([x, y, 0.0 * x, 0.0 * x + 0.5, 0.0 * x + 0.2]),
-        track_ends=np.arange(1, n + 1),
+        people_radii=[0.2] * num_bodies,
+        people=np.hstack([np.column_stack([x, y + 1.0 + k, 0.0 * x, 0.0 * x + 0.5]) for k in range(num_bodies)]),
+        tracks=np.column_stack([x, y, 0.0 * x, 0.0 * x + 0.5, 0.0 * x + 0.2])[: 0 if is_bare else n],
+        track_ends=np.arange(1, n + 1) * (not is_bare),
         floor=truth == FREE,
     )

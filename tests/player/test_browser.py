@@ -63,6 +63,45 @@ def test_maps_run_backwards_to_what_they_were_and_candidates_are_described_where
     assert all(word in pair[1280]["tip"] for word in ("score", "path"))
 
 
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Return a folder of pages: of an episode with a map, of one without, and of two of each."""
+    folder = tmp_path_factory.mktemp("pages")
+    mapped, bare = synthetic(60.0), synthetic(60.0, is_bare=True)
+    for name, episodes in {"mapped": [mapped], "bare": [bare], "both": [mapped] * 2, "crowd": [bare] * 2}.items():
+        (folder / f"{name}.html").write_text(build_page(episodes))
+    return folder
+
+
+@pytest.mark.parametrize("size", [(1280, 800), (784, 736)], ids=["window", "frame of the site"])
+@pytest.mark.parametrize("name", ["mapped", "bare", "both", "crowd"])
+def test_a_page_fits_its_window_and_nothing_covers_the_plots(folder, name, size):
+    answer = visit(folder, HARNESS, f"page={name}.html&width={size[0]}&height={size[1]}&brief=1")
+    assert answer["errors"] == []
+    layout = answer["layout"]
+    assert layout["scrolled"] <= 0
+    assert layout["play"]["bottom"] <= layout["controls"]["bottom"] <= size[1]
+    assert all(plot["bottom"] <= layout["controls"]["top"] for plot in layout["plots"])
+    assert len(layout["panels"]) == {"mapped": 2, "bare": 1, "both": 4, "crowd": 2}[name]
+    assert all(min(panel["width"], panel["height"]) > 120 for panel in layout["panels"])
+
+
+def test_only_what_a_recording_has_is_shown(folder):
+    mapped, bare = (
+        visit(folder, HARNESS, f"page={name}.html&width=1280&brief=1")["layout"] for name in ("mapped", "bare")
+    )
+    assert mapped["legend"] == [
+        *("true path", "scan", "person or other robot", "estimated path", "frontier", "candidate"),
+        *("chosen candidate", "plan", "tracked person", "contact"),
+    ]
+    assert mapped["labels"][1:] == ["Candidates", "Scan"]
+    assert len(mapped["plots"]) == 2
+    assert bare["legend"] == ["true path", "scan", "person who ignores the robot", "other robot", "contact"]
+    assert bare["labels"][1:] == ["Scan"]
+    assert len(bare["plots"]) == 1
+    assert not any("candidate" in text.lower() for text in bare["texts"])
+
+
 def test_an_hour_opens_within_two_seconds_of_processor_time(tmp_path):
     page = build_page([synthetic(3600.0, (50.0, 30.0), num_candidates=20, flicker=40)])
     (tmp_path / "page.html").write_text(page)

@@ -13,6 +13,8 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from lidarnaut.envs.navigation import crop_to_known
 from lidarnaut.envs.player import EpisodeRecorder, Recording, build_page
 from lidarnaut.envs.player.recorder import PLAN_TOLERANCE, MapHistory, corners
+from lidarnaut.envs.player.recording import BODY_KINDS
+from lidarnaut.envs.simulation.crowd.person_row import ATTENTIVE, BLIND, FIXED_ROUTE, KIND, STANDING
 from tests.player.episodes import synthetic
 
 BEND = [[-2.0, -0.5], [-0.55, -0.55], [-0.55, 0.55], [-2.0, 0.5]]
@@ -140,8 +142,25 @@ def test_people_are_recorded_with_their_velocity_and_tracks_in_the_map_frame():
     recording, people = recorder.recording(), env.unwrapped.simulator.people
     np.testing.assert_allclose(recording.people[-1].reshape(-1, 4), people[:, [0, 1, 3, 4]], rtol=1e-5)
     assert np.hypot(*people[:, 3:].T).min() > 0.05
+    assert recording.about["bodies"] == ["fixed_route"] * len(people)
     np.testing.assert_allclose(recording.tracks, [[1.0, 2.0, 0.5, 0.0, 0.3]], rtol=1e-6)
     assert recording.track_ends.tolist() == [0, 1]
+
+
+def test_who_ignores_the_robot_and_who_is_a_robot_is_recorded():
+    assert [BODY_KINDS[kind] for kind in (ATTENTIVE, BLIND, STANDING, FIXED_ROUTE)] == list(BODY_KINDS)
+    arguments = {"people": "6?attentive=0.5", "physics": "kinematic", "time_limit": 1.0}
+    env = gymnasium.make("lidarnaut/ReachCrowd-v0", **arguments)
+    with EpisodeRecorder(env) as recorder:
+        env.reset(seed=0)
+    kinds = env.unwrapped.simulator.crowd.rows[:, KIND]
+    bodies = recorder.recording().about["bodies"]
+    assert [name == "blind" for name in bodies] == (kinds == BLIND).tolist()
+    assert set(bodies) == {"attentive", "blind"}
+    team = gymnasium.make("lidarnaut/ExploreTeam-v0", world="turtlebot3_world", physics="kinematic")
+    with EpisodeRecorder(team) as recorder:
+        team.reset(seed=0)
+    assert recorder.recording().about["bodies"] == ["robot"]
 
 
 def test_a_map_that_grows_and_is_redrawn_is_replayed():

@@ -16,11 +16,11 @@ class _Family:
     smallest: Size
     """Minimum outer size (x, y) [m]."""
     low: Size
-    """Minimum random outer size (x, y) [m]."""
+    """Lower limit of random outer sizes (x, y) [m]."""
     high: Size
-    """Maximum random outer size (x, y) [m]."""
+    """Upper limit of random outer sizes (x, y) [m]."""
     radius: float = 0.25
-    """Maximum robot radius that fits everywhere without scaling [m]."""
+    """Maximum robot radius without scaling of the world [m]."""
 
 
 _FAMILIES = {
@@ -41,10 +41,10 @@ _FAMILIES = {
 def _generate(
     family: str, seed: int, size: Size | None = None, radius: float = 0.0, difficulty: float | None = None
 ) -> World:
-    """Return a world of a family; equal arguments give identical worlds.
+    """Generate a world of a procedural family; equal arguments give identical worlds.
 
-    `size`: outer size (x, y) [m], rounded to grid units; `radius`: of the robot [m], scales everything except the
-    outer size; `difficulty`: of `clutter`, from 0 to 1. None draws a value.
+    `size`: outer size (x, y) [m], rounded to grid cells; `radius`: of the robot [m], scales everything except the outer
+    size; `difficulty`: of the family `clutter`, from 0 to 1. None draws a value.
 
     Raises:
         ValueError: `size` or `difficulty` is out of range.
@@ -74,5 +74,5 @@ def _is_size(size: Any, smallest: Size) -> bool:
 
 
 FAMILIES: dict[str, Callable[..., World]] = {name: partial(_generate, name) for name in _FAMILIES}
-"""World generators by family: functions of seed (even: training, odd: testing) and optionally outer size [m], robot
-radius [m] and difficulty."""
+"""World generators by family: functions of seed (even: training, odd: testing) and optionally outer size (x, y) [m],
+robot radius [m] and difficulty (0 to 1)."""

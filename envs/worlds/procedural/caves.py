@@ -10,11 +10,11 @@ from ..world import World
 from .plan import Size, world_within
 
 _CELL = 0.4
-"""Side of a cell of the automaton [m]."""
+"""Side of a cell of the cellular automaton [m]."""
 _STEP = 0.1
-"""Grid spacing of the contoured field [m]."""
+"""Grid spacing of the distance field whose contour is the cave wall [m]."""
 _CLEARANCE_RADIUS = 0.35
-"""Radius of the disc that fits everywhere [m]: robot radius plus contour error."""
+"""Radius of a disc that fits through all passages [m]: robot radius plus contour error."""
 _OUTER_WALL = 0.2
 """Minimum thickness of the outer wall [m]."""
 
@@ -39,7 +39,7 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) -> np.ndarray:
-    """Grow a cave; return the mask of collision-free disc centres."""
+    """Grow a cave with a cellular automaton; return the mask of collision-free positions."""
     coarse = [math.ceil(side * _STEP / _CELL) + 1 for side in shape]
     rock = np.pad(rng.random(coarse) < fill, 1, constant_values=True)
     for _ in range(4):
@@ -56,7 +56,6 @@ def _traversable(rng: np.random.Generator, shape: tuple[int, int], fill: float) 
 
 
 def _sweep(distance: np.ndarray) -> None:
-    """Remove rocks smaller than 0.1 m2, in place."""
     labels, _ = ndimage.label(distance >= _CLEARANCE_RADIUS)
     small = np.bincount(labels.ravel()) * _STEP**2 < 0.1
     small[0] = False
@@ -76,7 +75,7 @@ def _link(links, a, b):
 
 @njit(cache=True, error_model="numpy")
 def _march(field, level, links, points):
-    """Find and link the contour's crossings with grid edges (marching squares).
+    """Find the crossings of a contour with grid edges, and link neighbouring crossings (marching squares).
 
     Grid edge 2 k joins point k to its right neighbour, edge 2 k + 1 to its upper neighbour.
     """
@@ -113,7 +112,7 @@ def _march(field, level, links, points):
 
 @njit(cache=True, error_model="numpy")
 def _trace(links, points, tolerance, segments):
-    """Simplify the contour loops within `tolerance`; return the number of segments written."""
+    """Simplify contour loops to line segments within `tolerance` [grid steps]; return the number of segments."""
     count = 0
     loop = np.empty(links.shape[0], dtype=np.int64)
     for start in range(links.shape[0]):
@@ -156,7 +155,8 @@ def _is_straight(points, loop, i, j, n, tolerance):
 def contour(field: np.ndarray, level: float, tolerance: float) -> np.ndarray:
     """Return the closed contours of a field as segments (column, row, column, row): shape (n, 4) [grid steps].
 
-    `field`: shape (height, width), with a border on one side of `level`; `tolerance`: for simplification [grid steps].
+    `field`: shape (height, width), with border values on one side of `level`; `tolerance`: of simplification [grid
+    steps].
     """
     links = np.full((2 * field.size, 2), -1, dtype=np.int64)
     points = np.zeros((2 * field.size, 2))

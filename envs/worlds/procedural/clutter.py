@@ -8,21 +8,21 @@ from .plan import UNIT, Size, units, with_goals, world_within
 
 _RADIUS = 0.075
 _CELL = 3
-"""Side of a cell of the automaton [units]."""
+"""Side of a cell of the cellular automaton [grid cells of 0.05 m]."""
 _WALL_DISTANCE = 5.0
 """Distance of the outer wall from cylinders and goal [m]."""
 _START_DISTANCE = 3.0
 """Distance of the start from the rear wall [m]."""
 _RUN_IN_ROWS = 33
-"""Number of rows between the rear wall and the field."""
+"""Number of cell rows between the rear wall and the field of cylinders."""
 _GOAL_DISTANCE = 3.4
-"""Distance of the goal beyond the field [m]."""
+"""Distance of the goal beyond the field of cylinders [m]."""
 _CLEARANCE_RADIUS = 0.36
-"""Radius of the disc that can cross the field [m]: Jackal radius 0.333 m plus raster error."""
+"""Radius of a disc that can cross every field [m]: Jackal radius 0.333 m plus raster error."""
 _FILL = 0.15, 0.28
-"""Initial share of filled cells at difficulties 0 and 1."""
+"""Initial fraction of filled cells at difficulty 0 and at difficulty 1."""
 _SMOOTHINGS = 2, 5
-"""Range of the number of smoothing iterations, without the upper limit."""
+"""Minimum and maximum number of smoothing iterations, maximum excluded."""
 _PADDING_ROWS = 8
 """Number of empty rows added before and behind a field to check for a passage."""
 
@@ -60,7 +60,6 @@ def _neighbors(cells: np.ndarray) -> np.ndarray:
 
 
 def _grow(rng: np.random.Generator, shape: tuple[int, int], fill: float, smoothings: int) -> np.ndarray:
-    """Grow a field with a cellular automaton; return the mask of filled cells."""
     cells = np.pad(rng.random(shape) < fill, 1)
     cells[:, [0, 1, -2, -1]] = True
     for _ in range(smoothings):

@@ -1,4 +1,4 @@
-"""Furniture in a section 0.2 m above the floor."""
+"""Furniture of floor plans, as a horizontal section 0.2 m above the floor."""
 
 import math
 from collections.abc import Callable
@@ -9,10 +9,10 @@ import numpy as np
 from .plan import Disc, Item, Rect, units
 
 _LEG = 0.5
-"""Radius of a table leg or chair leg [units]."""
+"""Radius of a table leg or chair leg [grid cells of 0.05 m]."""
 
 Bar = tuple[float, float, float, float]
-"""Line between two points as (x0, y0, x1, y1) [units]."""
+"""Line between two points as (x0, y0, x1, y1) [grid cells of 0.05 m]."""
 
 
 def block(length: float, depth: float) -> Item:
@@ -22,13 +22,13 @@ def block(length: float, depth: float) -> Item:
 
 
 def disc(radius: float) -> Item:
-    """Return a round column of `radius` [units]."""
+    """Return a round column of `radius` [grid cells of 0.05 m]."""
     side = math.ceil(2 * radius)
     return Item(side, side, discs=((side / 2, side / 2, radius),))
 
 
 def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
-    """Return straight bars of a thickness [units], rotated by an angle [rad]."""
+    """Return straight bars, rotated by `angle` [rad]; `lines` and `thickness` in grid cells of 0.05 m."""
     ends = np.array(lines, dtype=np.float64).reshape(-1, 2, 2)
     ends = ends @ [[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]]
     low = ends.min(axis=(0, 1)) - thickness
@@ -50,7 +50,10 @@ def bars(lines: list[Bar], thickness: float, angle: float) -> Item:
 
 
 def door_leaf(rng: np.random.Generator, width: int) -> tuple[Item, bool]:
-    """Return a door leaf, open by 90 to 135 degrees, and True if its hinge is at the right; `width` in units."""
+    """Return a door leaf, open by 90 to 135 degrees, and True if its hinge is at the right.
+
+    `width`: of the door [grid cells of 0.05 m].
+    """
     angle = float(rng.uniform(0.0, 0.25 * math.pi))
     points = np.arange(width)[:, None] * [math.sin(angle), math.cos(angle)]
     xs, ys = np.unique(points.astype(int), axis=0).T.tolist()
@@ -77,7 +80,7 @@ def _legs(x0: float, y0: float, x1: float, y1: float) -> tuple[Disc, ...]:
 
 
 def sofa(rng: np.random.Generator) -> Item:
-    """Return a sofa."""
+    """Return a sofa, 1.6 to 2.25 m long."""
     length = int(rng.integers(32, 46))
     rects = [(0, 0, length, 18)]
     if rng.random() < 0.6:
@@ -86,7 +89,7 @@ def sofa(rng: np.random.Generator) -> Item:
 
 
 def bed(rng: np.random.Generator) -> Item:
-    """Return a bed with night stands."""
+    """Return a bed, 0.9 to 1.8 m wide, with night stands."""
     width = int(rng.choice([18, 28, 32, 36]))
     rects: list[Rect] = [(9, 0, 9 + width, 41), (0, 0, 8, 8)]
     if width > 18:
@@ -95,7 +98,7 @@ def bed(rng: np.random.Generator) -> Item:
 
 
 def desk(rng: np.random.Generator) -> Item:
-    """Return a desk with an office chair."""
+    """Return a desk, 1.3 to 1.65 m long, with an office chair."""
     length = int(rng.integers(26, 34))
     rects = ((0, 0, 1, 15), (length - 8, 1, length, 15))
     return Item(length, 21, rects=rects, discs=((length / 2 - 4 + rng.random() * 3, 16.0, 5.0),))
@@ -116,7 +119,7 @@ def table(rng: np.random.Generator) -> Item:
 
 
 def conference(rng: np.random.Generator, length: int) -> Item:
-    """Return a conference table with office chairs; `length` in units."""
+    """Return a conference table of `length` [grid cells of 0.05 m] with office chairs."""
     depth = int(rng.integers(20, 25))
     stand = (7, 10 + depth // 2 - 3, length - 7, 10 + depth // 2 + 3)
     seats = length // 15
@@ -126,7 +129,7 @@ def conference(rng: np.random.Generator, length: int) -> Item:
 
 
 def counter(rng: np.random.Generator, length: int) -> Item:
-    """Return a kitchen counter with a fridge; `length` in units."""
+    """Return a kitchen counter of `length` [grid cells of 0.05 m] with a fridge."""
     return Item(length, 14, rects=((0, 0, length - 14, 12), (length - 13, 0, length, 14)))
 
 
@@ -152,7 +155,7 @@ def bath(rng: np.random.Generator) -> Item:
 
 
 def toilet(rng: np.random.Generator) -> Item:
-    """Return a toilet."""
+    """Return a toilet, 0.4 m wide and 0.65 m deep."""
     return Item(8, 13, rects=((0, 0, 8, 4), (1, 4, 7, 13)))
 
 

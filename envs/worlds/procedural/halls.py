@@ -69,7 +69,6 @@ def _scatter(rng: np.random.Generator, plan: FloorPlan, hall: Rect, items: list[
 
 
 def _count(rng: np.random.Generator, hall: Rect, low: float, high: float) -> int:
-    """Draw a number of items: one per square with a side from `low` to `high` [m]."""
     return min(20, max(1, round(math.prod(extent(hall, 0)) / units(rng.uniform(low, high)) ** 2)))
 
 

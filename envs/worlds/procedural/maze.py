@@ -23,14 +23,16 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _lines(length: float, count: int) -> np.ndarray:
-    """Return the borders of all walls along a side: shape (2 count + 2,) [m]."""
     pitch = (length - _WALL) / count
     starts = pitch * np.arange(count + 1)
     return np.column_stack([starts, starts + _WALL]).ravel()
 
 
 def _carve(rng: np.random.Generator, rows: int, cols: int) -> np.ndarray:
-    """Return the solid cells of a depth-first maze: shape (2 rows + 1, 2 cols + 1), bool; corridors at odd indices."""
+    """Return the solid cells of a maze from depth-first search: shape (2 rows + 1, 2 cols + 1), bool.
+
+    Corridors have odd indices.
+    """
     solid = np.ones((2 * rows + 1, 2 * cols + 1), dtype=bool)
     solid[1::2, 1::2] = False
     visited = {(0, 0)}

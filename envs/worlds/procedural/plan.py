@@ -14,30 +14,30 @@ from ..raster import outline
 from ..world import World, box, edges
 
 UNIT = 0.05
-"""Length unit of floor plans: side of a grid cell [m]."""
+"""Side of a grid cell of floor plans [m]."""
 ROBOT_HALF_SIDE = 6
-"""Half the side of the square footprint that fits everywhere [units]."""
+"""Half the side of the square robot footprint that fits everywhere [grid cells of 0.05 m]."""
 WALL_CLEARANCE = 14
-"""Distance between walls and free-standing furniture [units]."""
+"""Distance between walls and free-standing furniture [grid cells of 0.05 m]."""
 INNER = 2
-"""Thickness of inner walls [units]."""
+"""Thickness of inner walls [grid cells of 0.05 m]."""
 _DOOR_ROOM = 16
-"""Depth of the free floor on both sides of a door [units]."""
+"""Depth of the free floor on both sides of a door [grid cells of 0.05 m]."""
 
 Size = tuple[float, float]
 """Width and height [m]."""
 Point = tuple[float, float]
 """Position (x, y) [m]."""
 Rect = tuple[int, int, int, int]
-"""Half-open rectangle (x0, y0, x1, y1) [units]."""
+"""Half-open rectangle (x0, y0, x1, y1) [grid cells of 0.05 m]."""
 Disc = tuple[float, float, float]
-"""Disc (x, y, radius) [units]."""
+"""Disc (x, y, radius) [grid cells of 0.05 m]."""
 Wall = tuple[bool, int, int]
-"""Shared wall of two rooms: True if vertical, start, end [units]."""
+"""Shared wall of two rooms: True if vertical; start and end along the wall [grid cells of 0.05 m]."""
 
 
 def units(metres: float) -> int:
-    """Convert a length [m] to whole grid units."""
+    """Convert a length [m] to a whole number of grid cells of 0.05 m."""
     return round(metres / UNIT)
 
 
@@ -47,7 +47,10 @@ def mirror(rect: Rect) -> Rect:
 
 
 def extent(room: Rect, side: int) -> tuple[int, int]:
-    """Return the size of a room along and away from the wall `side`: 0 south, 1 east, 2 north, 3 west."""
+    """Return the length of a room's wall, and the depth of the room behind the wall [grid cells].
+
+    `side`: 0 south, 1 east, 2 north, 3 west.
+    """
     width, height = room[2] - room[0], room[3] - room[1]
     return (width, height) if side % 2 == 0 else (height, width)
 
@@ -59,7 +62,7 @@ def is_one_piece(blocked: np.ndarray) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Item:
-    """Piece of furniture, in a frame with x along the wall and y away from the wall [units]."""
+    """Piece of furniture as rectangles and discs [grid cells], with x along the wall and y away from the wall."""
 
     length: int
     depth: int
@@ -68,7 +71,7 @@ class Item:
 
 
 class FloorPlan:
-    """Floor plan on a grid. Order of calls: walls, doors, `settle`, furniture."""
+    """Floor plan on a grid. Order of calls: set walls, open doors, `settle`, put furniture."""
 
     def __init__(self, size: Size, wall: int, is_open: bool = False) -> None:
         self.width, self.height = units(size[0]), units(size[1])
@@ -83,7 +86,7 @@ class FloorPlan:
         self.discs: list[Disc] = []
 
     def open_door(self, rng: np.random.Generator, a: Rect, b: Rect, wall: Wall, width: int) -> int:
-        """Cut a door into the wall between two rooms; return the door's start along the wall [units]."""
+        """Cut a door into the wall between two rooms; return the door's start along the wall [grid cells]."""
         upright, low, high = wall
         slack = high - low - width - 6
         start = low + 3 + (int(rng.choice([0, slack])) if rng.random() < 0.5 else int(rng.integers(slack + 1)))
@@ -95,14 +98,14 @@ class FloorPlan:
         return start
 
     def settle(self) -> None:
-        """Compute the robot's free space from the completed walls."""
+        """Compute the free space for the robot from the completed walls."""
         self.blocked = ndimage.maximum_filter(self.solid, 2 * ROBOT_HALF_SIDE + 1, mode="constant", cval=True)
 
     def put(self, item: Item, room: Rect, side: int, along: int, gap: int = 0) -> bool:
-        """Place an item if it fits and the free space stays connected; return True if placed.
+        """Place furniture if it fits and the free space stays connected; return True if placed.
 
-        `side`: wall behind the item, see `extent`; `along`: distance along this wall from the room's lower or left
-        corner [units]; `gap`: distance from this wall [units].
+        `side`: wall behind the furniture, 0 south, 1 east, 2 north, 3 west; `along`: distance along this wall from the
+        room's lower or left corner; `gap`: distance from this wall [grid cells].
         """
         x0, y0, x1, y1 = turn((0, gap, item.length, gap + item.depth), room, side, along)
         if x0 < room[0] or y0 < room[1] or x1 > room[2] or y1 > room[3]:
@@ -137,7 +140,10 @@ class FloorPlan:
     def put_somewhere(
         self, rng: np.random.Generator, item: Item, room: Rect, margin: int = 0, attempts: int = 4
     ) -> None:
-        """Try to place an item at random positions: `margin` [units] from all walls, or against a wall if 0."""
+        """Try to place furniture at `attempts` random positions in a room.
+
+        `margin`: minimum distance from walls [grid cells], or 0 for a position at a wall.
+        """
         for _ in range(attempts):
             side = int(rng.integers(4))
             length, depth = extent(room, side)
@@ -150,7 +156,7 @@ class FloorPlan:
                     return
 
     def build(self, name: str, rng: np.random.Generator, notes: str = "") -> World:
-        """Return the plan as a world with a random collision-free spawn."""
+        """Return the plan as a world with a random collision-free start pose."""
         xs, ys = UNIT * np.arange(self.width + 1), UNIT * np.arange(self.height + 1)
         cells = np.flatnonzero(~self.blocked)
         row, col = divmod(int(cells[rng.integers(len(cells))]), self.width)
@@ -168,7 +174,7 @@ def world_within(
     circles: np.ndarray,
     notes: str = "",
 ) -> World:
-    """Return a world with an outer wall of the given size [m] and a random spawn heading."""
+    """Return a world with an outer wall of the given size [m] and a random start heading."""
     x, y = map(float, spawn)
     width, height = map(float, size)
     outer_walls = edges(box(0.5 * width, 0.5 * height, width, height))
@@ -185,14 +191,14 @@ def world_within(
 
 
 def with_goals(world: World, trips: Sequence[tuple[Point, Point]]) -> World:
-    """Return a world with spawns and goals at the ends of trips (start, goal)."""
+    """Return a world with start poses and goals at the ends of trips (start, goal) [m]."""
     headings = [math.atan2(goal[1] - start[1], goal[0] - start[0]) for start, goal in trips]
     spawns = tuple(Pose2D(*start, theta) for (start, _), theta in zip(trips, headings))
     return replace(world, spawns=spawns, goals=tuple(Pose2D(*goal, theta) for (_, goal), theta in zip(trips, headings)))
 
 
 def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
-    """Transform a rectangle from an item's frame to the plan; see `FloorPlan.put`."""
+    """Transform a rectangle from the frame of furniture at wall `side` to the frame of the plan."""
     a, b, c, d = rect
     x0, y0, x1, y1 = room
     return (
@@ -204,7 +210,7 @@ def turn(rect: Any, room: Rect, side: int, along: int) -> Any:
 
 
 def shared_wall(a: Rect, b: Rect) -> Wall | None:
-    """Return the shared wall of two rooms, or None if the wall is too short for a door."""
+    """Return the shared wall of two rooms, or None if no shared wall is long enough for a door."""
     for upright in (True, False):
         p, q = (a, b) if upright else (mirror(a), mirror(b))
         if p[2] + INNER == q[0] or q[2] + INNER == p[0]:
@@ -215,7 +221,7 @@ def shared_wall(a: Rect, b: Rect) -> Wall | None:
 
 
 def touching_pairs(rooms: list[Rect]) -> list[tuple[int, int, Wall]]:
-    """Return all pairs of rooms (i < j) with a shared wall for a door."""
+    """Return all pairs of rooms with a shared wall long enough for a door: (i, j, wall), i < j."""
     x0, y0, x1, y1 = np.array(rooms, dtype=int).reshape(-1, 4).T
     touching = (x1[:, None] + INNER == x0) | (y1[:, None] + INNER == y0)
     pairs = np.argwhere(np.tril(touching | touching.T, -1)).tolist()

@@ -5,9 +5,9 @@ from . import furniture
 from .plan import INNER, ROBOT_HALF_SIDE, WALL_CLEARANCE, FloorPlan, Rect, Size, mirror, touching_pairs, units
 
 _OUTER = 3
-"""Thickness of outer walls [units]."""
+"""Thickness of outer walls [grid cells of 0.05 m]."""
 _MIN_ROOM_SIDE = 44
-"""Minimum side of a room [units]."""
+"""Minimum side of a room [grid cells of 0.05 m]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -27,7 +27,6 @@ def build(name: str, rng: np.random.Generator, size: Size) -> World:
 
 
 def _split(rng: np.random.Generator, room: Rect, typical: int) -> list[Rect]:
-    """Split a room recursively into parts about `typical` [units] wide (binary space partition)."""
     x0, y0, x1, y1 = room
     width, height = x1 - x0, y1 - y0
     across = width > height if abs(width - height) > 20 else rng.random() < 0.5

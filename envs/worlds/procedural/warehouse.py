@@ -5,7 +5,7 @@ from . import furniture
 from .plan import WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, mirror, units
 
 _WALL = 4
-"""Thickness of the outer walls [units]."""
+"""Thickness of the outer walls [grid cells of 0.05 m]."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:

@@ -5,9 +5,9 @@ from . import furniture
 from .plan import INNER, WALL_CLEARANCE, FloorPlan, Item, Rect, Size, extent, shared_wall, touching_pairs, turn, units
 
 _OUTER = 3
-"""Thickness of outer walls [units]."""
+"""Thickness of outer walls [grid cells of 0.05 m]."""
 _MIN_ROOM_SIDE, _MAX_ROOM_DEPTH = 38, 160
-"""Minimum side and maximum depth of a room [units]."""
+"""Minimum side and maximum depth of a room [grid cells of 0.05 m]."""
 _SHAPES = {
     "L": (((1, 1, 4),), ((1, 1, 4),)),
     "T": (((2, 1, 4),), ((1, 0, 4),)),
@@ -17,8 +17,8 @@ _SHAPES = {
     "X": (((2, 0, 4),), ((2, 0, 4),)),
     "Z": (((2, 1, 3),), ((1, 0, 2), (3, 2, 4))),
 }
-"""Corridors along y and along x as (line, start, end), on five grid lines across the floor: 0 and 4 are at the outer
-walls, 2 is in the middle."""
+"""Corridors along y and along x, by letter, as (line, start, end) on five grid lines across the floor. Lines 0 and 4
+are at the outer walls, line 2 is in the middle."""
 
 
 def build(name: str, rng: np.random.Generator, size: Size) -> World:
@@ -65,7 +65,6 @@ def _corridors(rng: np.random.Generator, floor: Rect, shape: str) -> list[Rect]:
 
 
 def _lines(rng: np.random.Generator, low: int, high: int) -> tuple[list[int], int]:
-    """Return the five grid lines for corridors across a floor, and the corridor width [units]."""
     length = high - low
     breadth = int(rng.integers(28, max(29, min(49, length // 5))))
     near, far = (length * rng.uniform(0.0, 0.28, size=2)).astype(int).tolist()
@@ -124,7 +123,6 @@ def _row(rng: np.random.Generator, taken: np.ndarray, corridor: Rect, side: int,
 
 
 def _door(rng: np.random.Generator, plan: FloorPlan, room: Rect, other: Rect) -> tuple[Item, Rect, int, int] | None:
-    """Open a door; return the arguments of `FloorPlan.put` for its open leaf, if any."""
     wall = shared_wall(room, other)
     if wall is None:
         return None
