@@ -58,15 +58,15 @@ NUM_FEATURES = len(FEATURES)
 VISIBLE, UNKNOWN_1M, UNKNOWN_2M, UNKNOWN_4M, COST, COST_RATIO, RANK, TURN, *_ = range(NUM_FEATURES)
 SIZE, CLEARANCE, AGE, AHEAD, LEFT, FAILURES, CHOSEN = range(TURN + 1, NUM_FEATURES)
 HALF_AREA = 10.0
-"""Unknown area in view that becomes 0.5 in the policy input [m2]."""
+"""Unknown area in view that is scaled to 0.5 as policy input [m2]."""
 HALF_COST = 5.0
-"""Path cost that becomes 0.5 in the policy input [m]."""
+"""Path cost that is scaled to 0.5 as policy input [m]."""
 HALF_SIZE = 2.0
-"""Frontier length that becomes 0.5 in the policy input [m]."""
+"""Frontier length that is scaled to 0.5 as policy input [m]."""
 HALF_AGE = 60.0
-"""Frontier age that becomes 0.5 in the policy input [s]."""
+"""Frontier age that is scaled to 0.5 as policy input [s]."""
 OFFSET_SCALE = 16.0
-"""Distance ahead or to the left that becomes 1 in the policy input [m]."""
+"""Distance ahead or to the left that is scaled to 1 as policy input [m]."""
 FAILURE_PENALTY = 1e6
 """Penalty on the score of a frontier after a failed drive."""
 
@@ -96,7 +96,7 @@ class Candidates:
     table: np.ndarray
     """One record per candidate (reachable frontier), shape (k,), dtype `CANDIDATE`."""
     chosen: int
-    """Index of the candidate nearest to the last chosen frontier; -1 for none."""
+    """Index of the reachable frontier nearest to the last chosen frontier; -1 for none."""
     last_failed: bool
     frontier_cells: np.ndarray
     """Cells of all frontiers (row, column), shape (n, 2), int64."""
@@ -110,7 +110,7 @@ class Candidates:
         return tuple(centers[first:last] for first, last in self["span"].tolist())
 
     def __getitem__(self, name: str) -> np.ndarray:
-        """Return a field of all candidates. Raise ValueError for an unknown name."""
+        """Return one column of the table of frontiers, such as `"cost"`. Raise ValueError for an unknown name."""
         if name not in (names := self.table.dtype.names or ()):
             raise ValueError(f"unknown field of candidates {explain_unknown(name, names)}")
         return self.table[name]
@@ -144,7 +144,7 @@ class GainOverCost:
 
 
 def robot_features(robot: RobotParams) -> np.ndarray:
-    """Return lidar range, radius and maximum speed, scaled to [0, 1) by `x / (x + h)`, shape (3,), float32."""
+    """Return a robot's lidar range, radius and maximum speed as policy inputs in [0, 1), shape (3,), float32."""
     sizes, halves = np.array([robot.lidar.range_max, robot.radius, robot.max_v]), np.array([10.0, 0.5, 1.0])
     return (sizes / (sizes + halves)).astype(np.float32)
 
@@ -173,9 +173,9 @@ def _is_beyond(members, start, reach, limit):
 def find_candidates(occupancy, layer, expansion, queue, start, frontier, min_lengths, max_candidates, tables):
     """Find the reachable frontiers with the lowest path costs, at least `max_candidates` if possible.
 
-    `layer`: costmap, shape (height, width), uint8, and search weights, see `_expand`. `frontier`: see `split_groups`.
-    `min_lengths`: minimum frontier lengths [cells], tried in order until a frontier is reachable. Returns partly filled
-    `CANDIDATE` records (`group_size` in cells) and the search queue.
+    `layer`: costmap and cell weights, see `_expand`. `frontier`: see `split_groups`. `min_lengths`: minimum frontier
+    lengths [cells], tried in order until a frontier is reachable. Returns partly filled `CANDIDATE` records
+    (`group_size` in cells) and the search queue.
     """
     costs, open_weights = layer
     cells, parts = frontier
@@ -229,13 +229,13 @@ def _clearance(occupancy, row, col, reach):
 
 @njit(cache=True, error_model="numpy")
 def describe(raster, table, tables, frame, theta, now, past):
-    """Compute the remaining fields of candidates (reachable frontiers), in place in `table`.
+    """Compute positions, features, ages and failures of reachable frontiers, in place in `table`.
 
     `raster`: occupancy, and predecessors of the search with a border. `frame`: origin (x, y), map frame, and cell side
     [m]. `past`: previous frontiers (x, y) and times of first appearance, shape (n, 3); frontiers of failed drives,
     shape (m, 2); last chosen frontier, NaN for none; matching radius [m].
 
-    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen candidate, -1 for none.
+    Returns the frontiers for the next call, shape (k, 3), and the index of the last chosen frontier, -1 for none.
     """
     occupancy, predecessor = raster
     left, low, side = frame
@@ -279,10 +279,10 @@ def describe(raster, table, tables, frame, theta, now, past):
 
 @njit(cache=True, error_model="numpy")
 def fill_features(table, chosen, x, y, theta, max_failures, features, sectors, gaps):
-    """Write the normalized policy inputs of candidates, float32; see `ExploreFrontiersEnv`. Unused entries are 0.
+    """Write the scaled policy inputs of reachable frontiers, float32; see `ExploreFrontiersEnv`. Unused entries are 0.
 
-    `max_failures`: number of failed drives that becomes 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
-    (n, 2 * NUM_SECTORS), and `gaps`, distances between candidates, shape (n, n).
+    `max_failures`: number of failed drives scaled to 1. Writes `features`, shape (n, NUM_FEATURES), `sectors`, shape
+    (n, 2 * NUM_SECTORS), and `gaps`, distances between frontiers, shape (n, n).
     """
     c, s = math.cos(theta), math.sin(theta)
     features[:], sectors[:], gaps[:] = 0.0, 0.0, 0.0

@@ -46,8 +46,8 @@ class Rasters(NamedTuple):
     squared: np.ndarray
     """Squared distance to the nearest obstacle, at most the inflation radius, shape (side, side), uint16 [cells2]."""
     steps: np.ndarray
-    """Number of steps from each cell to the path, to the end of its reachable part and to a point beyond, shape (3,
-    side, side), int32; see `spread`."""
+    """Steps around obstacles from each cell to the path, to the local goal on the path, and to a point beyond, shape
+    (3, side, side), int32; see `spread`."""
     resolution: float
     """Side of a cell [m]."""
 
@@ -56,11 +56,11 @@ class Ending(NamedTuple):
     """State of the robot relative to the goal, for DWB's critics `RotateToGoal` and `PathAlign`."""
 
     is_near: bool
-    """True within goal tolerance, if the goal has a heading."""
+    """True if the robot is within the goal tolerance. Always False for goals without a heading."""
     heading: float
     """Goal heading, base frame [rad]."""
     aligns: bool
-    """True if the robot is far enough from the goal to align with the path."""
+    """True if the critic `PathAlign` applies: the goal is farther than `FRONT_DISTANCE`."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -145,7 +145,7 @@ def _rotate_to_goal(v, poses, num_steps, rollout, ending):
 
 @njit(cache=True, error_model="numpy")
 def meets_people(poses, num_steps, people, sim_time, radius):
-    """Return True if the footprint would touch people with constant velocity on a trajectory.
+    """Return True if the robot would touch people on a simulated trajectory. People keep their velocity.
 
     `people`: position, velocity and radius, shape (n, 5), base frame. `sim_time`: trajectory duration [s]. `radius`:
     footprint radius [m].
@@ -191,7 +191,7 @@ def _steps_at(distances, x, y, resolution, must_lead):
 def judge(twists, banned, rollout, ending, rasters, people, radius, scores):
     """Score twists by every critic; lower is better, NaN rejects a twist.
 
-    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: True rejects v < 0, v > 0, w < 0 or w > 0 as oscillation. `people`,
+    `twists`: shape (n, 2) [m/s, rad/s]. `banned`: reject v < 0, v > 0, w < 0 or w > 0 (oscillation). `people`,
     `radius`: see `meets_people`. Writes `scores`, shape (n, 7), one column per critic, from `ROTATE_TO_GOAL` on.
     """
     poses = np.empty((1000, 3))

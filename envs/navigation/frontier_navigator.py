@@ -24,16 +24,16 @@ ARRIVED, FRONTIER_GONE, DRIVE_TIME_UP, LOOKED_AROUND = "arrived", "frontier_gone
 WALKING_SPEED = 0.2
 """Speed above which a person counts as walking [m/s]."""
 EXIT_REACH, MAX_EXITS = 0.3, 3
-"""Maximum length [m] and maximum number of successive drives out of a mapped obstacle."""
+"""Maximum length [m] of drives out of a mapped obstacle, and maximum number of successive drives."""
 MET_CELL = 0.3
-"""Cell side of the grid that stores positions of people, one per cell [m]."""
+"""Cell side of the grid with the last seen position of a person per cell [m]."""
 OUTCOMES = {REACHED: ARRIVED, FAILED: "failed", TIME_UP: DRIVE_TIME_UP, SPUN: LOOKED_AROUND}
 
 
 class FrontierNavigator:
-    """Finds reachable frontiers (candidates), drives to a chosen candidate, and reports when a choice is due.
+    """Finds reachable frontiers (candidates), drives to a chosen candidate, and reports the end of each drive.
 
-    Each control period, call `update`, then `command`. After an outcome of `update`, call `choose` with the index of a
+    Each control period, call `update`, then `command`. After the end of a drive, call `choose` with the index of a
     candidate. Without candidates, exploration is over. Never uses ground truth.
     """
 
@@ -49,8 +49,8 @@ class FrontierNavigator:
     ) -> None:
         """Create a navigator.
 
-        `control_period`: time between calls of `update` [s]. `max_candidates`: maximum number of candidates, cheapest
-        first; None for all. `max_time`: maximum drive time [s].
+        `control_period`: time between calls of `update` [s]. `max_candidates`: maximum number of reachable frontiers,
+        cheapest first; None for all. `max_time`: maximum drive time [s].
         """
         self.navigator = Navigator(robot, control_period, params, max_time=max_time)
         self.params = params
@@ -107,14 +107,20 @@ class FrontierNavigator:
         fill_features(candidates.table, candidates.chosen, *pose, max_failures, features, sectors, gaps)
 
     def choose(self, index: int, *, keep_clocks: bool = False) -> None:
-        """Begin a drive to a candidate; `keep_clocks`: continue the time limits of the last drive."""
+        """Begin a drive to a reachable frontier.
+
+        `index`: in `candidates`. `keep_clocks`: continue the time limits of the last drive.
+        """
         self._has_changed, self._is_looking = True, False
         path, candidate = self.path_to(index), self.candidates.table[index]
         self.target = view = float(candidate["frontier"][0]), float(candidate["frontier"][1])
         self.navigator.drive_to(path, tuple(candidate["viewpoint"].tolist()), view=view, keep_clocks=keep_clocks)
 
     def path_to(self, index: int) -> np.ndarray:
-        """Return the path to a candidate, shape (n, 2), float64, map frame [m]; valid until the next path search."""
+        """Return the path to a reachable frontier, shape (n, 2), float64, map frame [m].
+
+        `index`: in `candidates`. Valid until the next path search.
+        """
         row, col = self.candidates["goal"][index].tolist()
         return self._path(self.candidates.costmap.costs, (row, col))
 
@@ -127,14 +133,14 @@ class FrontierNavigator:
         return self.navigator.command(belief.pose)
 
     def update(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> str | None:
-        """Process a reading; return the outcome, such as `"arrived"`, if the drive has ended, otherwise None.
+        """Process a reading; return why the drive has ended, such as `"arrived"`, or None while it continues.
 
-        After an outcome, choose a new candidate. `others`: points on other robots, shape (m, 2), base frame [m].
+        After its end, choose a new frontier. `others`: points on other robots, shape (m, 2), base frame [m].
         """
         return self.conclude(self.drive(reading, belief, others), reading, belief)
 
     def conclude(self, progress: int, reading: Reading, belief: Belief) -> str | None:
-        """Second half of `update`, after `drive`: return the outcome if the drive has ended, otherwise None."""
+        """Return why the drive has ended, such as `"arrived"`; None while it continues."""
         self._now = reading.time
         self._note_people(belief)
         outcome = self._judge(progress, belief.pose)
@@ -177,7 +183,6 @@ class FrontierNavigator:
         return bool(found)
 
     def _look_again(self, goes_on: bool) -> bool:
-        """Drive near people that may block a passage, and look around."""
         planning = self.map
         is_left = planning.frontier.any() or len(self._given_up) > 0
         if self._num_looks == self.params.max_looks or not self._met or not is_left:
@@ -211,28 +216,28 @@ class FrontierNavigator:
         self.find_candidates(reading, belief)
 
     def find_candidates(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers after a reading has been processed."""
+        """Find reachable frontiers with the current map and pose estimate."""
         self._now = reading.time
         self._find(belief.pose)
 
     @property
     def check_from(self) -> float:
-        """First control period of a drive with a check that the frontier exists; inf if the map is unchanged."""
+        """Number of control periods before a frontier may count as vanished; inf if the map is unchanged."""
         return self._min_steps if self._has_changed else math.inf
 
     def drive(self, reading: Reading, belief: Belief, others: np.ndarray = NO_POINTS) -> int:
-        """First half of `update`: process a reading; return the progress of the drive, such as `DRIVING`."""
+        """Update map, odometry and obstacles with a reading; return the progress of the drive, such as `DRIVING`."""
         self.integrate(belief)
         return self.navigator.update(reading, belief.pose, others)
 
     def fail(self) -> None:
-        """Stop the drive and count a failure for the frontier."""
+        """Stop the drive and count a failed drive to the chosen frontier."""
         self._fail()
         self._last_failed = True
         self.navigator.stop()
 
     def free_costmap(self, pose: Pose2D) -> Costmap:
-        """Return the costmap of the largest footprint that is collision-free at a pose."""
+        """Return the costmap for the largest footprint radius without a collision at a pose."""
         for level in range(self.map.max_level + 1):
             costmap = self.map.costmap(level, pose, self._obstacles, self.bodies)
             if costmap.costs[self.map.cell(pose.x, pose.y)] < COST_INSCRIBED:
@@ -362,7 +367,7 @@ class FrontierNavigator:
             planning.ignore(given_up)
 
     def _ignore_in_sight(self, pose: Pose2D) -> bool:
-        """Ignore frontier cells that remain after a visit; return False if the robot must look around first."""
+        """Exclude frontier cells in sight from later drives; return False if the robot must look around first."""
         if not self._is_frontier_left():
             return True
         assert self.target is not None

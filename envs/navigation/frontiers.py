@@ -15,7 +15,7 @@ from lidarnaut.envs.geometry.pose import wrap_angle
 from lidarnaut.envs.navigation.planning_kernels import join_cells
 
 TILE = 32
-"""Side of the square tiles that count frontier cells [cells]."""
+"""Side of square tiles with counts of frontier cells, to skip empty tiles [cells]."""
 
 
 @njit(cache=True, error_model="numpy")

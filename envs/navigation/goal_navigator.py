@@ -32,7 +32,7 @@ STOP = Twist(0.0, 0.0)
 CLEARED_RADIUS = 1.5
 """Half side of the square around the robot that a recovery clears of obstacles marked by scans [m]."""
 UNKNOWN_MARGIN, MAX_UNKNOWN_MARGIN = 3.0, 12.0
-"""Initial and maximum width of the unknown zone around map, goal and robot that paths may cross [m]."""
+"""Initial and maximum width of unknown space around map, goal and robot that paths may cross [m]."""
 MIN_EDGE_DISTANCE = 1.0
 """Distance of the robot from the map edge that triggers a map extension [m]."""
 SENSITIVE_TRACKER = TrackerParams(
@@ -55,11 +55,11 @@ BLOCKED_REASONS = {
     COST_UNKNOWN: "in unknown space",
 }
 DETOUR_TIME = 10.0
-"""Time to treat people as obstacles after a failed drive, for detours [s]."""
+"""Duration of treating people as obstacles after a failed drive, so that paths avoid them [s]."""
 APPROACH_DISTANCE = 0.3
 """Distance to a goal that has a heading, below which pure pursuit replaces the local planner [m]."""
 SEARCH_STEP, SEARCH_PATH = 0.4, 2.0
-"""Spacing of points visited in a search around the goal, and maximum path length to the next point [m]."""
+"""Spacing of the points that a search around the goal visits, and maximum path length to the next point [m]."""
 HOME = (0.0, 0.0)
 
 
@@ -69,7 +69,7 @@ ON_GROWING_MAPS = PlanningParams(
 )
 """Planning parameters for growing maps: mark obstacles up to 8 m away, allow gaps as narrow as the footprint."""
 NUM_FITTING = 2
-"""Number of footprint radii tried first on growing maps. Smaller radii are a last resort for outdated maps."""
+"""Number of largest footprint radii tried first on growing maps. Smaller ones are a last resort for outdated maps."""
 
 
 class LocalPlanner(Protocol):
@@ -81,7 +81,7 @@ class LocalPlanner(Protocol):
 
     @property
     def blocked(self) -> bool:
-        """True if obstacles kept the last command from driving on."""
+        """True if obstacles prevented forward motion in the last command."""
 
     @property
     def remaining(self) -> np.ndarray:
@@ -133,7 +133,7 @@ class GoalParams:
     max_searches: int = 1
     """Number of failed path searches that ends the drive. The robot looks around between searches."""
     lost_patience: float = 5.0
-    """Time from loss of localization to reactive driving [s]. Along a bare wall, localization often recovers."""
+    """Time without localization before reactive driving by the scan [s]. Localization often recovers earlier."""
     lost_time: float = 90.0
     """Maximum time of reactive driving without localization [s]."""
     blind_time: float = 5.0
@@ -153,7 +153,7 @@ class GoalNavigator:
         params: GoalParams = GoalParams(),
         planning: PlanningParams | None = None,
     ) -> None:
-        """Create a navigator; `planning`: planning parameters, by default for known or growing maps."""
+        """Create a navigator; `planning`: None for the default parameters on known or growing maps."""
         self.params, self.planning = params, planning
         self.goal: tuple[float, float] | None = None
         """Goal (x, y), map frame [m]."""

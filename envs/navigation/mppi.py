@@ -22,7 +22,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 COLLISION_COST = 1e5
-"""Cost of a collision at the end of a twist sequence; twice as much at the start."""
+"""Cost of a collision at the last step of a twist sequence; twice as much at the first step."""
 SPIN_STRIDE = 10
 """Every `SPIN_STRIDE`-th twist sequence turns on the spot, because noise rarely samples such turns."""
 HEADING_OFFSET = 10
@@ -40,9 +40,9 @@ class MppiParams:
     num_steps: int = 20
     """Length of a twist sequence [control periods] (Nav2: 56 of 0.05 s)."""
     v_std: float = 0.5
-    """Standard deviation of forward speeds, as a fraction of the maximum speed (Nav2: 0.4)."""
+    """Standard deviation of sampled forward speeds, as a fraction of the maximum speed (Nav2: 0.4)."""
     w_std: float = 0.4
-    """Standard deviation of yaw rates, as a fraction of the maximum yaw rate (Nav2: 0.2)."""
+    """Standard deviation of sampled yaw rates, as a fraction of the maximum yaw rate (Nav2: 0.2)."""
     correlation: float = 0.7
     """Correlation of noise between successive control periods (Nav2: white noise)."""
     temperature: float = 0.3
@@ -54,17 +54,17 @@ class MppiParams:
     backwards: float = 0.0
     """Maximum backward speed, as a fraction of the maximum speed (Nav2: 0.7)."""
     follow: float = 10.0
-    """Cost per second of remaining driving time at full speed, averaged over the sequence."""
+    """Cost per second of driving the remaining path at full speed, averaged over a twist sequence."""
     align: float = 2.0
     """Cost per metre of mean distance from the path."""
     angle: float = 1.0
     """Cost per radian between the final heading and the direction to the path ahead."""
     nearness: float = 2.0
-    """Cost per second in contact with an obstacle; decreases quadratically to zero at `margin`."""
+    """Cost per second of touching an obstacle; decreases quadratically to zero at the gap `margin`."""
     margin: float = 0.25
     """Gap to obstacles above which the cost `nearness` is zero [m]."""
     people: float = 20.0
-    """Cost per second in contact with a person; decreases quadratically to zero at `people_margin`."""
+    """Cost per second of touching a person; decreases quadratically to zero at the gap `people_margin`."""
     people_margin: float = 0.8
     """Gap to people above which the cost `people` is zero [m]."""
     people_touched: float = 400.0
@@ -72,7 +72,7 @@ class MppiParams:
     people_gap: float = 0.05
     """Gap to a person that counts as contact [m]."""
     headway: float = 0.05
-    """Increase of `people_gap` per m/s of robot speed [s], because people swerve."""
+    """Increase of the contact gap `people_gap` with robot speed [m per m/s], because people swerve."""
     doubt_time: float = 3.0
     """Time constant of the decay of `people_touched` with prediction time [s]."""
     twirl: float = 0.1

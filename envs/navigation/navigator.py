@@ -33,7 +33,6 @@ from lidarnaut.envs.simulation import Reading, Twist
 MAX_OTHERS = 256
 """Maximum number of obstacle points on other robots."""
 NO_POSITION = (math.nan, math.nan)
-"""Placeholder for a missing position (x, y)."""
 
 
 class NavigatorArrays(NamedTuple):
@@ -60,7 +59,6 @@ class Navigator:
         """Create a navigator; `max_time`: maximum drive time [s], extended by a running recovery behavior."""
         self._numbers = as_record(navigator_numbers(robot, control_period, max_time, params))
         self.numbers = self._numbers[0]
-        """Constants for compiled functions; see `navigator_numbers`."""
         angles = robot.lidar.angles + robot.lidar.mount.yaw
         self._directions = np.vstack([np.cos(angles), np.sin(angles)])
         self._odometry = make_motion_source(robot, control_period)
@@ -196,7 +194,7 @@ class Navigator:
     def update(self, reading: Reading, pose: Pose2D, others: np.ndarray = NO_POINTS) -> int:
         """Process a reading; return the progress of the drive, such as `DRIVING`.
 
-        `pose`: pose estimate, map frame. `others`: see `sense`.
+        `pose`: pose estimate, map frame. `others`: further obstacle points.
         """
         self.sense(reading, others)
         return self.check_progress(pose, bumper=reading.bumper)

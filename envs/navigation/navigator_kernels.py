@@ -1,7 +1,7 @@
 """Compiled functions of `Navigator`: obstacle memory, velocity commands, recovery and progress checks, as in Nav2.
 
 - `navigators`: state, shape (1,), dtype `NAVIGATOR`. `constants`: shape (1,), fields of `navigator_numbers`.
-- `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points not remembered.
+- `obstacles`: points, shape (n, 2), base frame [m], `num_obstacles` of them valid. `others`: points on other robots.
 - `sensors`: ranges as in `Reading`, beam directions (shape (2, num_beams): cosine, sine; base frame), bumper.
 - `motion`: base pose relative to the last call. `pose`: pose estimate, map frame [m, rad].
 """
@@ -23,7 +23,7 @@ DRIVING, REPLAN, REACHED, FAILED, TIME_UP, SPUN = range(6)
 """Progress of a drive: driving, replan due, goal reached, failed, time limit reached, spin completed."""
 
 WELL_IN_VIEW = 0.8
-"""Central fraction of the field of view that counts as well in view."""
+"""Central fraction of the field of view; a robot turns until the chosen frontier is inside."""
 CONTACT_MARGIN = 0.05
 """Margin around the footprint for deleting contact points of a stalled robot [m]."""
 NAVIGATOR = record_type(

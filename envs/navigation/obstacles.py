@@ -7,7 +7,7 @@ from numba import njit
 
 NO_POINTS = np.empty((0, 2))
 SIGHT_STEP = 0.02
-"""Spacing of collision tests along an arc [m]."""
+"""Maximum spacing of collision checks along an arc [m]."""
 DUPLICATE_DISTANCE = 0.02
 """Distance below which two remembered points are duplicates [m]."""
 MIN_SPEED = 1e-9

@@ -144,9 +144,9 @@ def write_path(costs, weights, expansion, cell, side, origin):
 
 @njit(cache=True, error_model="numpy")
 def search_goal(layer, weights, expansion, queue, start, goal, slack):
-    """Search for the cheapest path to the free cell nearest to a goal, within `slack` cells.
+    """Search for the cheapest path to the free cell nearest to a goal cell, at most `slack` cells away.
 
-    Returns this cell, (-1, -1) without a path, and the search queue. `layer`: costmap and search weights.
+    Returns this cell, (-1, -1) without a path, and the search queue. `layer`: costmap and cell weights.
     """
     costs, open_weights = layer
     row, col = nearest_cell(costs, weights, goal[0], goal[1], slack, COST_MAX_FREE)
@@ -165,7 +165,7 @@ class TravelField:
 
     costmap: Costmap
     weights: np.ndarray
-    """Search weight of each costmap value, shape (256,), uint8; see `step_weights`."""
+    """Weight of each costmap value in path search, shape (256,), uint8; see `step_weights`."""
     travel: np.ndarray
     """Integer cost-to-come, shape (height + 2, width + 2), int32, with a border of one cell; `UNREACHED` without a
     path."""
@@ -215,10 +215,10 @@ def travel_field(
     allow_unknown: bool = False,
     cost_weight: float = COST_WEIGHT,
 ) -> TravelField | None:
-    """Compute path costs from a start (x, y), map frame [m], to all cells, or by A* to a goal (row, column).
+    """Compute path costs from a position (x, y), map frame [m], to all cells of a costmap, or to one `goal` cell by A*.
 
     An untraversable start moves to the nearest traversable cell within the robot's radius; returns None without such a
-    cell. With a goal, only cells on the path are final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
+    cell. With a goal, only costs on the path are final. Unknown cells, if allowed, cost as much as `COST_MAX_FREE`.
     """
     weights = step_weights(cost_weight, allow_unknown)
     cell = _traversable_cell(costmap, weights, start, costmap.params.robot_radius, COST_INSCRIBED)

@@ -17,7 +17,7 @@ from lidarnaut.envs.navigation.obstacles import points_within
 
 @njit(cache=True, error_model="numpy")
 def join_cells(data, block, occupancy, window):
-    """Write the maximum of each `block` x `block` map cells to `occupancy`, in a rectangle; unknown is -1."""
+    """Write the maximum of each `block` x `block` map cells to a rectangle of `occupancy`; unknown is -1."""
     top, left, height, width = window
     rows, cols = data.shape
     lines = np.empty(width * block, dtype=np.int8)
@@ -78,7 +78,7 @@ def clear_beams(marks, x, y, angles, lengths):
 
 @njit(cache=True, error_model="numpy")
 def mark(marks, occupancy, cells, reach):
-    """Set `cells` occupied in `marks`, except within `reach` cells of an occupied map cell; all if `reach` is -1."""
+    """Mark cells as occupied, except within `reach` cells of an occupied map cell; no exception if -1."""
     height, width = occupancy.shape
     for k in range(cells.shape[0]):
         row, col = cells[k]
@@ -94,10 +94,10 @@ def mark(marks, occupancy, cells, reach):
 
 @njit(cache=True, error_model="numpy")
 def update_costs(occupancy, marks, obstacles, bodies, tables, costs, open_weights, window):
-    """Update costs in a rectangle of cells by inflation of mapped, marked and visible obstacles.
+    """Update traversal costs in a rectangle of cells by inflation of mapped, marked and visible obstacles.
 
-    Cells of `obstacles` count unless an occupied map cell is near; cells of `bodies` always count. Writes `costs`,
-    shape (height, width), uint8, and search weights, see `_expand`.
+    Cells of `obstacles` are ignored near occupied map cells, cells of `bodies` never. Writes `costs`, shape (height,
+    width), uint8, and cell weights, see `_expand`.
     """
     top, left, bottom, right = window.row, window.col, window.row + window.height, window.col + window.width
     height, width = occupancy.shape

@@ -27,7 +27,7 @@ FIRST_LIMIT = 16.0
 
 
 class PlanningTables(NamedTuple):
-    """Planning parameters in cells, or in integer path costs, for one footprint radius."""
+    """Planning parameters for one footprint radius, converted to cells and integer path costs."""
 
     costs: np.ndarray
     weights: np.ndarray
@@ -62,25 +62,24 @@ def _tables(params: PlanningParams, robot: RobotParams, side: float, radius: flo
 
 
 class CostLayer:
-    """Traversal costs and search weights for one footprint radius."""
+    """Costmap for one footprint radius, with cell weights for path search."""
 
     def __init__(self, tables: PlanningTables, params: CostmapParams, shape: tuple[int, int]) -> None:
         self.tables, self.params = tables, params
         self.costs = np.full(shape, COST_UNKNOWN, dtype=np.uint8)
-        """Traversal costs, shape (height, width), uint8; see `Costmap`."""
         self.open_weights = np.zeros((shape[0] + 2) * (shape[1] + 2), dtype=np.uint8)
-        """Search weight of each cell, uint8, flat with a border of one cell."""
+        """Cell weights for path search (see `step_weights`), uint8, flat with a border of one cell."""
         self.pending = NO_WINDOW
         """Rectangle of cells with outdated costs."""
         self.in_sight = NO_WINDOW
-        """Rectangle of cells with costs of obstacles visible at the last update."""
+        """Rectangle of cells affected by obstacles visible at the last update."""
 
 
 class PlanningMap:
-    """Costs and frontiers on planning cells (blocks of map cells), in Nav2's layers: map, obstacles, inflation.
+    """Map for path planning: traversal costs and frontiers, with Nav2's layers for map, obstacles and inflation.
 
-    Unlike in Nav2, scans mark only obstacles farther than `same_obstacle` from occupied map cells, so pose errors do
-    not close doors. Beams clear marked obstacles, never the map.
+    Unlike in Nav2, obstacles within `same_obstacle` of occupied map cells are not marked, so pose errors do not close
+    doors. Beams clear marked obstacles, never the map.
     """
 
     def __init__(self, robot: RobotParams, resolution: float, params: PlanningParams = PlanningParams()) -> None:
@@ -92,7 +91,7 @@ class PlanningMap:
         """Side of a planning cell (block of map cells) [m]."""
         radii = robot.radius + params.padding, *(share * robot.radius for share in params.tight_radii)
         self.tables = tuple(_tables(params, robot, self.side, radius) for radius in radii)
-        """Planning constants per footprint radius: the padded robot, then smaller footprints."""
+        """Planning parameters for each footprint radius: the padded robot, then smaller footprints."""
         self._data: np.ndarray | None = None
         self._pending = self._known = NO_WINDOW
         self._beyond, self._points = 0.0, np.zeros((1, 2))
@@ -103,9 +102,9 @@ class PlanningMap:
         """Corner of cell (0, 0) (x, y), map frame [m]."""
 
     def update(self, grid: OccupancyGrid, window: Window | None, *, redrawn: bool = False) -> None:
-        """Record the map changes of each scan.
+        """Record the map cells that a scan has changed.
 
-        `window`: rectangle of changed map cells; None for none. `redrawn`: the whole map was rebuilt; discard marked
+        `window`: rectangle of these cells; None for none. `redrawn`: the whole map was rebuilt; discard marked
         obstacles.
         """
         if redrawn or grid.data is not self._data:
@@ -115,7 +114,7 @@ class PlanningMap:
             self._pending = changed.shifted(*self._corner).union(self._pending)
 
     def reach_beyond(self, points: Sequence[tuple[float, float]], margin: float) -> None:
-        """Extend the planning map at the next `update` to `margin` [m] beyond map and points (x, y), map frame."""
+        """Enlarge the planning map at the next `update`, to `margin` [m] beyond map and points, map frame."""
         self._beyond, self._points, self._data = margin, np.array(points), None
 
     def refresh(self) -> None:
@@ -133,10 +132,10 @@ class PlanningMap:
     def layer(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> CostLayer:
-        """Return the costs for a footprint radius, with visible obstacles near a pose.
+        """Return the traversal costs for a footprint radius, including visible obstacles.
 
-        `level`: index of the radius, 0 (padded) to `max_level`. `obstacles`: points that count unless an occupied map
-        cell is near. `bodies`: points that always count. Shape (n, 2), float64, base frame [m].
+        `level`: index of the radius, from 0 to `max_level`. `obstacles`: scanned points, ignored near occupied map
+        cells. `bodies`: points that are never ignored. Shape (n, 2), float64, base frame [m].
         """
         self.refresh()
         tables = self.tables[level]
@@ -160,7 +159,7 @@ class PlanningMap:
 
     @property
     def max_level(self) -> int:
-        """Index of the smallest footprint radius."""
+        """Index of the smallest footprint radius in `tables`."""
         return len(self.tables) - 1
 
     @property
@@ -171,7 +170,7 @@ class PlanningMap:
     def costmap(
         self, level: int, pose: Pose2D, obstacles: np.ndarray = NO_POINTS, bodies: np.ndarray = NO_POINTS
     ) -> Costmap:
-        """Return the costs for a footprint radius as a costmap; arguments as `layer`."""
+        """Return the costmap for a footprint radius, including visible obstacles; see `layer`."""
         return self.costmap_of(self.layer(level, pose, obstacles, bodies))
 
     def costmap_of(self, layer: CostLayer) -> Costmap:
@@ -252,15 +251,12 @@ class PlanningMap:
         self._corner, shape = (top, left), (top + self._size[0] + above, left + self._size[1] + right)
         self.origin = grid.origin[0] - left * self.side, grid.origin[1] - top * self.side
         self.occupancy = np.full(shape, UNKNOWN, dtype=np.int8)
-        """Occupancy of the planning map, shape (height, width), int8."""
         self.marks = np.full(shape, UNKNOWN, dtype=np.int8)
         """Obstacles marked by scans, shape (height, width), int8: 100 obstacle, 0 free, -1 unobserved."""
         mark(self.marks, self.occupancy, cells_of(marked, *self.origin, self.side), -1)
         self.frontier = np.zeros(shape, dtype=np.bool_)
-        """Mask of frontier cells, shape (height, width), bool."""
         self.tile_counts = np.zeros((shape[0] // TILE + 1, shape[1] // TILE + 1), dtype=np.int32)
         self.ignored = np.zeros(shape, dtype=np.bool_)
-        """Mask of excluded frontier cells, shape (height, width), bool."""
         ignored = cells_of(self.ignored_points, *self.origin, self.side)
         ignore_around(self.ignored, self.frontier, self.tile_counts, ignored)
         self._layers: dict[int, CostLayer] = {}

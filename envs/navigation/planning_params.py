@@ -24,19 +24,19 @@ class PlanningParams:
     clearing_range: float = 3.0
     """Maximum range for clearing marked obstacles along beams [m] (Nav2's `raytrace_max_range`)."""
     same_obstacle: float = 0.15
-    """Maximum distance between a scanned obstacle and an occupied map cell of the same obstacle [m]."""
+    """Scanned obstacles within this distance of an occupied map cell count as already mapped [m]."""
     min_lengths: tuple[float, ...] = (0.4, 0.15)
     """Minimum frontier lengths [m], tried in order until a frontier is reachable."""
     max_extent: float = 2.0
     """Maximum extent of a frontier [m]. Longer frontiers are split."""
     view_distances: tuple[float, ...] = (0.0, 0.3, 0.6, 1.0)
-    """Maximum distances from viewpoint to frontier [m], tried in order until a reachable cell sees the frontier."""
+    """Maximum viewing distances to a frontier [m], tried in order until a reachable cell sees the frontier."""
     detour: float = 3.0
     """Additional path cost accepted for a viewpoint nearer to the frontier [m]."""
     view_range: float = 8.0
     """Radius for counting unknown area in view of a viewpoint [m], limited by the lidar's range."""
     heading_distance: float = 0.6
-    """Length of the path start whose direction is the feature `turn` of a frontier [m]."""
+    """Path length to the point ahead whose direction is the policy input `turn` [m]."""
 
     def costmap(self, robot_radius: float) -> CostmapParams:
         """Return inflation parameters for a footprint radius [m]."""
@@ -54,7 +54,7 @@ class NavigatorParams:
     goal_tolerance: float = 1.6
     """Distance to the goal that counts as arrival, in robot radii; at most 0.2 m."""
     frontier_radius: float = 0.4
-    """Radius around the chosen frontier within which a remaining frontier cell keeps the drive going [m]."""
+    """A drive continues while a frontier cell remains within this radius of the chosen frontier [m]."""
     stall_time: float = 3.0
     """Time without translation or rotation that triggers a recovery behavior [s]."""
     stall_angle: float = 0.3
@@ -72,9 +72,10 @@ class NavigatorParams:
     spin_rate: float = 1.0
     """Yaw rate of recovery spins [rad/s], limited by the robot."""
     look_radius: float = 3.0
-    """Radius for ignoring frontier cells after a visit or repeated failures, in robot radii; at most 0.75 m."""
+    """Frontier cells this near to a frontier are ignored after repeated failed drives, in robot radii; at most 0.75 m.
+    After a visit, so are cells in sight up to this distance beyond."""
     retry_radius: float = 0.5
-    """Distance within which two frontiers count as one, for failures and ages [m]."""
+    """Distance below which frontiers count as the same in numbers of failures and ages [m]."""
     max_failures: int = 3
     """Number of failed drives after which a frontier is ignored."""
     max_looks: int = 40

@@ -11,7 +11,7 @@ from lidarnaut.envs.simulation import Twist
 CURVATURES = (0.0, 0.5, -0.5, 1.0, -1.0, 2.0, -2.0)
 """Curvatures of tested arcs [1/m]."""
 ARC_LENGTH = 1.2
-"""Length of tested arcs beyond the robot's radius [m]."""
+"""Length of the arcs tested for collisions, minus the robot's radius [m]."""
 CLEARANCE_MARGIN = 0.04
 """Distance kept from obstacles [m]."""
 SPEED = 0.7

@@ -19,7 +19,7 @@ from lidarnaut.envs.robots import RobotParams
 from lidarnaut.envs.simulation import Twist
 
 BEND_CHORD = 5
-"""Number of path points in a chord, to measure path direction."""
+"""Number of path steps across which path direction is measured."""
 NEAREST_WINDOW = 40
 """Number of path points searched for the point nearest to the robot."""
 NUM_SQUEEZES, SQUEEZE_STEP = 5, 0.1
@@ -45,7 +45,7 @@ class FollowerParams:
     max_rotation: float = 1.8
     """Maximum yaw rate [rad/s]; faster turns degrade scan matching."""
     min_turn_time: float = 1.8
-    """Minimum time to drive a distance of one arc radius [s]; limits the speed in curves."""
+    """Minimum turning radius divided by speed [s]; limits the speed in curves."""
     min_speed: float = 0.35
     """Minimum speed near obstacles and in curves, as a fraction of maximum speed."""
     nearness_time: float = 0.6
@@ -94,7 +94,7 @@ def follower_numbers(
 
 
 def as_record(numbers: Mapping[str, float | tuple[float, ...]]) -> np.ndarray:
-    """Convert named numbers and tuples to a structured float64 array, shape (1,).
+    """Convert a mapping of numbers and tuples to a structured float64 array, shape (1,).
 
     Passing an array to a compiled function takes 0.3 us, a named tuple 0.1 us per field.
     """
@@ -123,7 +123,6 @@ def _carrot_index(path, x, y, first, lookahead):
 
 @njit(cache=True, error_model="numpy")
 def _distance_to_bend(path, first, chord, angle):
-    """Return the path length up to a bend of more than `angle` [rad], or to the end [m]."""
     last = path.shape[0] - 1
     ahead = min(first + chord, last)
     direction = math.atan2(path[ahead, 1] - path[first, 1], path[ahead, 0] - path[first, 0])
@@ -213,7 +212,6 @@ def _speed_for(free, numbers):
 
 @njit(cache=True, error_model="numpy")
 def _approach_speed(ahead, left, obstacles, numbers):
-    """Return the maximum speed [m/s] towards a point that keeps `nearness_time` to every obstacle ahead."""
     distance = math.hypot(ahead, left)
     v = np.inf
     for k in range(obstacles.shape[0]):

@@ -1,7 +1,7 @@
-"""Team navigation on a shared map, with rights of way.
+"""Navigation of robot teams on a shared map, with rights of way.
 
-Paths avoid peers with the right of way. Paths may cross other peers, which yield if they can; see `docs/team.md`.
-Current and predicted footprints replace scanned points on peers.
+Planned paths avoid teammates with the right of way. Other teammates yield if they can; see `docs/team.md`. Current and
+predicted footprints of teammates replace scanned points on them.
 """
 
 from collections.abc import Sequence
@@ -20,9 +20,9 @@ from lidarnaut.envs.simulation import Reading
 UNASSIGNED = -1
 """Candidate index of a robot without an assigned frontier."""
 OVERLAP = 2.0
-"""Minimum distance between frontiers without overlapping views [m]."""
+"""Distance between frontiers below which the views of two robots overlap [m]."""
 BLOCKING_REACH = 1.5
-"""Length of the path ahead on which a peer blocks a robot [m]."""
+"""Length of the path ahead on which another robot counts as blocking [m]."""
 PEER_CLEARANCE = 0.05
 """Additional clearance to peers, because peers move [m]."""
 PREDICTION_TIME = 0.5

@@ -22,7 +22,7 @@ PAUSE_TIME = 1.0
 BLOCKED_TIME = 1.0
 """Time without progress after which a robot counts as blocked [s]."""
 PASSED_CLEARANCE = 0.5
-"""Distance from the path of a passing robot, beyond two robot radii, that ends a wait [m]."""
+"""Distance from another robot's path, beyond two robot radii, that ends waiting for the other robot [m]."""
 MAX_WAIT = 15.0
 
 
@@ -47,7 +47,7 @@ def is_beside(position: tuple[float, float], path: np.ndarray, gap: float, reach
 def find_waiting_cell(field: TravelField, path: np.ndarray, radius: float) -> tuple[int, int] | None:
     """Return the cell (row, column) of lowest path cost that lets another robot pass; None for none.
 
-    `field`: path costs of the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
+    `field`: path costs from the waiting robot. `path`: path of the other robot, shape (n, 2), n > 0, map frame [m].
     `radius`: footprint radius of both [m].
     """
     grid = field.costmap.grid
@@ -87,9 +87,9 @@ class TeamRobot(FrontierNavigator):
         self.ended: str | None = None
         """Reason why the robot stopped exploring; None while exploring."""
         self.yielding_to: TeamRobot | None = None
-        """Robot that this robot lets pass, if any."""
         self.passing = NO_POINTS
-        """Points on robots that must yield, shape (n, 2), base frame [m]. Planned paths may cross these points."""
+        """Obstacle points on teammates that must yield to this robot, shape (n, 2), base frame [m]. Ignored by path
+        planning."""
         self.outcome: str | None = None
         self._patience, self._radius, self._period = patience, robot.radius, control_period
         self._has_begun = self._has_looked_around = self._keeps_clocks = False
@@ -122,9 +122,9 @@ class TeamRobot(FrontierNavigator):
         return self.driving_to is not None and not self.navigator.is_recovering
 
     def advance(self, reading: Reading, belief: Belief, *, is_asked: bool) -> bool:
-        """Process a reading without beams on peers; return True if the robot needs a new frontier.
+        """Process a reading without beams that hit teammates; return True if the robot needs a new frontier.
 
-        `is_asked`: let a pausing robot search for frontiers, too.
+        `is_asked`: search for frontiers even during a pause.
         """
         self._idle_steps = 0 if self.driving_to is not None else self._idle_steps + 1
         self._pause_steps -= 1
@@ -153,7 +153,7 @@ class TeamRobot(FrontierNavigator):
             self.integrate(belief)
 
     def refresh(self, reading: Reading, belief: Belief) -> None:
-        """Find reachable frontiers during a drive, for a new choice that continues the time limits."""
+        """Find reachable frontiers during a drive, to choose again within the same time limits."""
         self._keeps_clocks = True
         self.find_candidates(reading, belief)
 
