@@ -33,7 +33,7 @@ class InverseSensorModel(NamedTuple):
     occupied_prob: float
     empty_prob: float
     hole: float
-    """Length over which occupancy rises before a beam endpoint [cells]."""
+    """Length before a beam endpoint over which occupancy rises from free to occupied [cells]."""
     add_blur: bool
 
 
@@ -49,7 +49,7 @@ def probabilities(words: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return a packed int32 map cell after another observation: `target` is the observed occupancy times 2^18."""
+    """Return a packed map cell, int32, updated by an observation: `target` is the observed occupancy [2^-18]."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)

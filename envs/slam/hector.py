@@ -12,7 +12,7 @@ from .relocalization import FOUND_STD, LocalizationMonitor
 from .slam_params import HectorParams
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""Minimum mean occupancy of known cells at the scan points of a match among people, who resemble walls."""
+"""Minimum mean occupancy of known cells at the scan points for a scan to fit the map when people are near."""
 
 
 class Hector(KeyScanSlam):

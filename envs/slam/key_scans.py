@@ -34,7 +34,6 @@ class Anchor(NamedTuple):
     key_scan: int
     """Index of the scan in the trajectory `Belief.path`."""
     relative: Pose2D
-    """Robot pose relative to the scan [m, m, rad]."""
 
 
 class KeyScans:
@@ -96,7 +95,6 @@ class KeyScanSlam(ABC):
     unmatched: np.ndarray | None = None
     """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
     shares_maps = True
-    """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
         self.params = params
@@ -112,7 +110,7 @@ class KeyScanSlam(ABC):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Base pose at the last scan after a minimum motion, map frame; None before the first."""
+        """Base pose at the last key scan (scan after a minimum motion), map frame; None before the first."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief
@@ -164,4 +162,4 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the matched pose, map frame, and the scan's weight in the map from 0 to 1, or None to skip mapping."""
+        """Match a scan; return the pose, map frame, and the scan's weight in the map (0 to 1), None to skip mapping."""

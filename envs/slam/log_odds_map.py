@@ -120,7 +120,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Reset the scan numbers in packed map cells to 1, to reuse numbers from 2."""
+    """Replace all scan numbers in packed map cells by 1, to reuse numbers from 2."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:

@@ -46,19 +46,19 @@ class MatcherObserver(Protocol):
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """Receive the predicted pose before the search."""
+        """Called with the predicted pose before scan matching."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Receive a tested pose."""
+        """Called for every tested pose."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """Receive a new best pose."""
+        """Called when a tested pose is the best so far."""
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Receive the best pose after the search."""
+        """Called with the best pose after scan matching."""
         ...
 
 

@@ -23,33 +23,34 @@ from .scans import ScanGeometry
 from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
-"""Maximum number of recent scans merged for a map search."""
+"""Maximum number of recent scans merged for a relocalization search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Number of scans before the first map search and between searches, and maximum between searches after failures."""
+"""Number of scans before the first relocalization search; number between searches, doubled after each failure; its
+maximum."""
 COARSE_CELL = 0.1
 """Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Number of branch-and-bound levels; a top-level cell is the maximum of 32 x 32 coarse cells."""
+"""Number of pyramid levels in branch and bound."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Maximum and minimum number of scan points for a map search."""
+"""Maximum number of scan points in a relocalization search, and minimum number to run it."""
 MAX_EVALUATIONS = 500_000
-"""Maximum number of branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from the odometry pose below which a found pose needs less evidence [m]."""
+"""A relocalized pose this near the odometry pose needs only `NEAR_EVIDENCE` [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Evidence to accept a nearby and a distant pose, and maximum evidence per search. Evidence is the score margin over
-the best alternative pose, summed over searches."""
+"""Evidence to accept a relocalized pose near the odometry pose, and elsewhere; maximum evidence per search. Evidence is
+the lead in fit over the best alternative pose, summed over searches."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""Maximum distance [m] and angle [rad] between found poses that agree."""
+"""Distance [m] and angle [rad] below which two found poses count as the same."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
 """Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum margin in fit quality of the best pose over the best alternative pose."""
+"""Minimum lead in fit of the best pose over alternatives. Fit: fraction of scan points on walls, minus points in free
+space and beams through walls."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Maximum fraction of beams through occupied cells, minimum number of beams to judge this, and number of consecutive
-scans above the maximum that mean a lost robot."""
+"""The robot is lost if more than this fraction of beams, of at least this number, cross occupied cells in this number
+of consecutive scans."""
 RECOVERY_SCANS = 4
 """Number of consecutive scans that fit the map and end the lost state without relocalization."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
@@ -66,21 +67,21 @@ class LocalizationMonitor:
     """Monitor that detects a lost robot by scans that do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Create a monitor; `lost_scans` consecutive scans that do not fit the map mean a lost robot.
+        """Create a monitor; the robot is lost after `lost_scans` consecutive scans that do not fit the map.
 
-        Relocalization or consecutive fitting scans end the lost state; without odometry, one fitting scan.
+        Without odometry, one fitting scan ends the lost state.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether to ignore beams through occupied cells, which people may have left."""
+        """Whether to ignore beams through occupied cells, because people may have left these cells."""
         self.reset()
 
     def reset(self) -> None:
         self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last scan ended the lost state."""
+        """Whether a lost robot was localized again at the last scan."""
         self._relocalizer.reset()
 
     @property
@@ -100,10 +101,10 @@ class LocalizationMonitor:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a scan; return a pose that replaces the matched pose, or None to keep the matched pose.
+        """Judge whether the robot is lost, and relocalize it; return a pose that replaces the matched pose, or None.
 
-        `ranges`: shape (num_beams,), float32 [m]. `predicted`: odometry pose; `pose`: matched pose; map frame. `fits`:
-        whether the scan fits the map, None if too few cells are known.
+        `ranges`: scan, shape (num_beams,), float32 [m]. `predicted`: odometry pose; `pose`: matched pose; map frame.
+        `fits`: whether the scan fits the map, None if too few cells are known.
         """
         self.is_found = False
         if self.meets_people:
@@ -154,7 +155,7 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, at intervals.
+        """Add a scan, shape (num_beams,), float32 [m], and its odometry pose; every few scans, search `grid`, if given.
 
         Returns the pose, map frame, once consecutive searches agree; otherwise None.
         """
@@ -175,9 +176,9 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose at the last scan, map frame, and its margin over the best alternative pose.
+        """Search the whole map; return the pose at the last scan, map frame, and its lead over the next-best pose.
 
-        The pose is None if unacceptable or ambiguous.
+        The pose is None if the fit is poor or ambiguous.
         """
         last = len(self._scans) - 1
         points = self._scans.joined_points(max(last + 1 - NUM_SCANS, 0), last, math.inf, MAX_POINTS)

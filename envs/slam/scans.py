@@ -48,9 +48,10 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Write scan points to `points`, shape (2, num_beams), float32, base frame [cells]; return the number of points.
+    """Convert a scan to points, base frame [cells]; return the number of points.
 
-    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) give points.
+    `ranges`: shape (num_beams,), float32 [m]; values in (0, range_max) give points. `points` receives them, shape (2,
+    num_beams), float32.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -95,7 +96,7 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 def scans_window(ranges, poses, geometry, corner, ends):
     """Return the block of map cells that contains the beams of scans at base poses, shape (n, 3) [m, m, rad].
 
-    `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
+    `ranges`: shape (n, num_beams), or (1, num_beams) for one scan at all poses. Other arguments as in `beam_ends`.
     """
     col_min = row_min = 1 << 40
     col_max = row_max = -(1 << 40)
@@ -108,9 +109,9 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return the number of steps of a line between grid cells, its sideways motion per step, and index increments.
+    """Return a straight line over grid cells: number of steps, sideways motion per step, and index increments.
 
-    Sideways motion has 32 fractional bits. The increments of the flat cell index are for forward and sideways steps.
+    Sideways motion has 32 fractional bits. The flat cell index changes by the increments at forward and sideways steps.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

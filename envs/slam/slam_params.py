@@ -25,7 +25,7 @@ class SlamParams:
     min_travel_distance: NotNegative = 0.2
     """Minimum distance between scans inserted into the map [m]; 0 for every scan."""
     min_travel_angle: NotNegative = 0.6
-    """Minimum turn between scans inserted into the map, as alternative to the distance [rad]."""
+    """Minimum turn between scans inserted into the map [rad]; the minimum distance alone also suffices."""
     skip_exceeding: bool = False
     """Whether mapping ignores beams without a return instead of clearing cells along them."""
     map_width: Positive = 20.0
@@ -72,8 +72,7 @@ class TinySlamParams(SlamParams):
     match_every_scan: bool = True
     """Match every scan instead of only scans after a minimum motion."""
     odometry: Literal["robot_frame", "odometry_frame"] = "robot_frame"
-    """Frame in which odometry motion is applied. "odometry_frame" (original program) is wrong if odometry and map frame
-    are rotated."""
+    """Frame of odometry motions. "odometry_frame" (original program) is wrong if odometry and map frame are rotated."""
     min_travel_distance: NotNegative = 0.0
     min_travel_angle: NotNegative = 0.0
     resolution: Positive = 0.1
@@ -96,14 +95,15 @@ class MatchingParams(SlamParams):
     search_angle: NotNegative | None = None
     """Turn between matched scans above which an exhaustive search runs first [rad]; None for never."""
     retry_below: Share = 0.5
-    """Mean occupancy of known cells at the scan points below which a wider search runs; 0 for never. In GMapping, this
-    applies to particles with half of the weight."""
+    """A wider search runs if the mean occupancy of known cells at the scan points is below this; 0 for never. In
+    GMapping, this must hold for half of the particle weight."""
     retry_distance: Positive = 0.8
     """Half width of the wider search after a poor match [m]; in GMapping, also maximum distance from odometry."""
     retry_angle: Positive = 0.35
     """Half angle of the wider search after a poor match [rad]."""
     retry_gain: NotNegative = 0.05
-    """Minimum occupancy gain in known cells per scan point to accept the wider search after a poor match."""
+    """Minimum increase of the summed occupancy of known cells, per scan point, to accept the result of the wider
+    search."""
     min_known_score: Share = 0.7
     """Minimum mean occupancy of known cells at the scan points; otherwise the scan does not fit the map, and the pose
     follows odometry."""
@@ -158,7 +158,7 @@ class GraphSlamParams(HectorParams):
     submap_spacing: Count = 20
     """Number of nodes (scans) between submap starts; a submap holds twice as many."""
     correlation: Positive = 5.0
-    """Factor on the covariance of a node pose in its submap, for correlated errors of neighbouring nodes."""
+    """Factor on the covariance of a node pose in its submap, because errors of neighbouring nodes are correlated."""
     node_sigma_xy: Positive = 0.03
     """Minimum standard deviation of a node position in its submap [m]."""
     node_sigma_theta: Positive = 0.008
@@ -182,11 +182,11 @@ class GraphSlamParams(HectorParams):
     max_chi2: Positive = 54.0
     """Chi-square above which loop-closure constraints are excluded from the pose graph."""
     optimise_every: Count = 10
-    """Number of nodes with new loop closures that starts an optimisation of the pose graph."""
+    """Number of loop-closure searches with an accepted result after which the pose graph is optimised."""
     urgent_correction: NotNegative = 0.1
     """Position correction by a loop closure above which the pose graph is optimised at once [m]."""
     max_iterations: Count = 5
-    """Maximum iterations of a pose-graph optimisation, one per matched scan."""
+    """Maximum iterations of a pose-graph optimisation; one iteration runs per matched scan."""
     tolerance: Positive = 1e-4
     """Pose change below which pose-graph optimisation ends [m or rad]."""
     redraw_distance: NotNegative = 0.1
@@ -194,9 +194,9 @@ class GraphSlamParams(HectorParams):
     redraw_angle: NotNegative = 0.02
     """Heading change of a node above which the map is rebuilt [rad]."""
     cells_per_scan: Count = 1_000_000
-    """Maximum number of cells along beams that map rebuilding inserts per new scan."""
+    """Work limit while the map is rebuilt: maximum number of cells along inserted beams per new scan."""
     final_passes: Annotated[int, Field(ge=0)] = 1
-    """Number of times that `finish` matches all nodes to the rebuilt map."""
+    """Number of times that all scans are matched to the rebuilt map at the end (`finish`)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=CONFIG)
@@ -204,9 +204,7 @@ class GMappingParams(MatchingParams):
     """Parameters of GMapping (Rao-Blackwellised particle filter)."""
 
     match_every_scan: ClassVar[bool] = False
-    """Constant: only scans after a minimum motion are matched."""
     uses_odometry: ClassVar[bool] = True
-    """Constant: odometry is the motion model."""
     num_levels: Annotated[int, Field(ge=1, le=4)] = 2
     retry_below: Share = 0.4
     min_known_score: Share = 0.25
@@ -219,7 +217,7 @@ class GMappingParams(MatchingParams):
     resample_below: Share = 0.5
     """Effective sample size, divided by the number of particles, below which particles are resampled."""
     switch_margin: NotNegative = 2.0
-    """Log-likelihood lead over the best particle that makes another particle the best."""
+    """Log-likelihood lead that makes another particle the best, whose pose and map are the estimate."""
 
 
 Params = TinySlamParams | HectorParams | GraphSlamParams | GMappingParams

@@ -17,7 +17,6 @@ from .scans import project_hits
 from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
-"""Number of consecutive scans that do not fit the map after which the robot is lost."""
 WIDE_SPREAD = (0.3, 0.2)
 """Standard deviations of sampled poses [m], [rad] in a second search, after a poor match."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
@@ -92,7 +91,6 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
-        """Return the best sampled pose, or the object `predicted` if no sampled pose is better."""
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
         work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)

@@ -27,7 +27,7 @@ from .tiles import (
 
 FIRST_CAPACITY = 1024
 ROW_BITS = 32
-"""Number of column bits in a combined cell index, row * 2^32 + column."""
+"""Bit position of the row in a combined cell index, row * 2^32 + column."""
 _COLUMN = (1 << ROW_BITS) - 1
 
 
@@ -72,10 +72,10 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Insert a scan into the maps of selected particles from index `first` on; return the number of particles.
+    """Insert a scan into the maps of particles with `is_integrated` set, from particle `first` on.
 
-    If the pool of map tiles is full, return the index of the particle whose map is incomplete. Other arguments as in
-    `log_odds_map.integrate_scans`.
+    Returns the number of particles, or the index of the particle whose map is incomplete because the pool of map tiles
+    is full. Other arguments as in `log_odds_map.integrate_scans`.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -89,10 +89,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Copy changed tiles of a particle's map to an occupancy grid; return the number of new known cells and a block.
+    """Copy changed tiles of a particle's map to an occupancy grid; return number of new known cells and changed area.
 
-    The block contains all changed tiles. `shown`: slots of the tiles in the grid, shape (num_tiles,), int32. `after`:
-    number of the last scan in the grid. `new_cells` receives row and column.
+    `shown`: slot number of each tile in the grid, shape (num_tiles,), int32. `after`: number of the last scan in the
+    grid. `new_cells` receives row and column of new known cells.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -116,7 +116,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Maps of all particles in tiles (square blocks of cells); `grid` is the last rendered map."""
+    """Maps of all particles in tiles (square blocks of cells); `grid` is a copy of one map."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)
@@ -131,7 +131,7 @@ class ParticleMaps(GrowingMap):
 
     @property
     def maps(self) -> Maps:
-        """Maps for scan matching, invalid after the next inserted scan."""
+        """Maps of all particles for scan matching, invalid after the next inserted scan."""
         wide = self._tiles[1]
         return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
@@ -163,7 +163,7 @@ class ParticleMaps(GrowingMap):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
-        """Copy a particle's map to `grid`; return the changed cells, or all if `is_switched`."""
+        """Copy a particle's map to `grid`; return the changed cells, or all if `grid` showed another particle's map."""
         data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number

@@ -29,7 +29,7 @@ class Maps(NamedTuple):
 
     pool: TilePool
     slots: np.ndarray
-    """Pool slot of each particle's map tiles, shape (num_particles, num_tiles), int32."""
+    """Slot number of each particle's map tiles in the pool, shape (num_particles, num_tiles), int32."""
     tiles_wide: int
     num_levels: int
     corner: tuple[int, int]
@@ -46,11 +46,8 @@ class Proposals(NamedTuple):
     log_likelihoods: np.ndarray
     """Log importance weights of the scan, up to a common constant."""
     num_known: np.ndarray
-    """Number of scan points in known cells of each particle's map."""
     known_scores: np.ndarray
-    """Mean occupancy of known cells at the scan points, from 0 to 1."""
     fits: np.ndarray
-    """Whether the scan fits each particle's map."""
 
     @classmethod
     def make(cls, count: int) -> "Proposals":

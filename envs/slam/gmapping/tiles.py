@@ -31,7 +31,7 @@ class TilePool(NamedTuple):
     references: np.ndarray
     """Number of maps that use each slot, shape (capacity,), int32; 0 for the unknown tile."""
     written: np.ndarray
-    """Number of the last scan inserted into each slot, shape (capacity,), int64."""
+    """Index of the last scan that changed each tile, shape (capacity,), int64."""
     free: np.ndarray
     """Stack of unused slot numbers, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
@@ -39,7 +39,7 @@ class TilePool(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return the index of a map resolution's first cell in a tile."""
+    """Return the position of a map resolution's first cell in the cell array of a tile."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
@@ -66,7 +66,7 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return a slot for changing a map tile, after a copy if other maps share the tile; -1 if the pool is full.
+    """Make a map tile writable, by a copy if other maps share it; return its slot number, or -1 if the pool is full.
 
     `index`: slot numbers of the map, shape (num_tiles,), int32. `number`: number of the scan to insert.
     """

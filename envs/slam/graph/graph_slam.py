@@ -19,7 +19,6 @@ from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
 from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
-"""Maximum iterations of the last pose-graph optimisation."""
 
 
 class GraphSlam(Hector):

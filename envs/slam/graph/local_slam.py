@@ -75,7 +75,7 @@ class LocalSlam:
         return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
-        """Continue at a relocalized pose, local frame of scan matching, with a new submap."""
+        """Set the pose of a relocalized robot, local frame of scan matching; the next scan starts a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
         self._nodes.break_off()
 

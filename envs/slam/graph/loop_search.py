@@ -26,21 +26,22 @@ HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
 """Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
 [rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance between node and submap for a loop-closure search, without allowance for pose uncertainty [m]."""
+"""Maximum distance from a scan to a submap's nearest scan for a loop-closure search [m]; a quarter of the search width
+is added."""
 MAX_UNCONFIRMED = 0.25
 """Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
 """Maximum difference between two loop closures that confirm each other: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5
-"""Number of branch-and-bound levels. A top-level cell is the maximum of 16 x 16 grid cells."""
+"""Number of pyramid levels in branch and bound."""
 MAX_RANGE, MAX_POINTS = 12.0, 1200
 """Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
 SEARCH_SHARE = 0.8
-"""Minimum score in branch and bound, divided by the minimum score of a loop closure."""
+"""Fraction of the minimum loop-closure score that branch and bound must reach, before refinement."""
 NUM_SKIPPED_SUBMAPS = 2
 """Number of newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Map parameters of submaps in loop-closure search; log-odds of 2.2 and -0.41."""
+"""Map parameters for submaps in loop-closure search."""
 NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
@@ -114,7 +115,7 @@ class LoopSearch:
         self._kept: dict[int, tuple[Field, Pyramid]] = {}
 
     def add_candidates(self, node: int, num_finished: int) -> None:
-        """Queue searches of a node in nearby submaps among the first `num_finished`."""
+        """Queue loop-closure searches between a node and nearby submaps. `num_finished`: number of finished submaps."""
         for submap, window in self._candidates(node, num_finished - NUM_SKIPPED_SUBMAPS):
             self._searched[submap] = node
             self._queue.append((node, submap, window))
@@ -200,7 +201,7 @@ class Confirmation:
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Return the loop closures accepted now: none, `loop`, or an earlier one and `loop`."""
+        """Add a loop closure; return those accepted now: none, only `loop`, or `loop` with an earlier one."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]

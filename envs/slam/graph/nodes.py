@@ -13,9 +13,8 @@ from lidarnaut.envs.slam.scans import project_hits
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 MAX_BATCH = 256
-"""Maximum number of scans inserted into the map at once."""
 FINAL_STDS = np.array([0.05, 0.05, 0.01])
-"""Standard deviations of the pose prior in the final matching [m, m, rad]."""
+"""Standard deviations of node poses as priors of the final scan matching [m, m, rad]."""
 
 
 class NodeStore(KeyScans):
@@ -56,7 +55,7 @@ class NodeStore(KeyScans):
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
-        """Start a submap at the next node; return the submap index. `travelled`: distance before [m]."""
+        """Start a submap at the next node; return the submap index. `travelled`: distance travelled so far [m]."""
         self._travelled.append(travelled)
         return self._submaps.append((len(self), len(self)))
 
@@ -114,7 +113,7 @@ class MapRendering:
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the cells of map `live` by those of another map; return the changed cells."""
+    """Replace the current map `live` by the content of a rebuilt map; return all known cells as changed."""
     live.take_cells(other)
     window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)

@@ -74,7 +74,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the grid cells of scan points at each tested heading, after subtraction of `shift` cells."""
+    """Return the grid cell of each scan point, moved by -`shift` cells along x and y, at each tested heading."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -100,7 +100,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of grid values (uint8) at the scan points for a heading index and a shift of flat cell indices."""
+    """Return the sum of map values at the scan points, for a heading index `turn` and a shift of flat cell indices."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):

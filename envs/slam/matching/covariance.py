@@ -7,7 +7,7 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""Part of the Hessian's position eigenvalues due to map noise, per scan point [1/cells^2]."""
+"""Eigenvalue of the position Hessian that noisy map cells alone produce, per scan point [1/cells^2]."""
 
 
 class NoiseRecord(NamedTuple):
@@ -33,9 +33,9 @@ def motion_stds(noise, travelled, turn):
 
 @njit(cache=True, error_model="numpy")
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
-    """Return the Hessian entries xx, xy, xt, yy, yt without the information from map noise.
+    """Subtract information due to map noise from a scan-matching Hessian; return its entries xx, xy, xt, yy, yt.
 
-    Noise would constrain positions along corridors. `noise` is subtracted from both position eigenvalues.
+    Noise would make positions along corridors seem known. `noise` is subtracted from both position eigenvalues.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)

@@ -11,11 +11,11 @@ from ..slam_params import LoopClosureParams
 FULL_PERCENT = 100
 """Occupancy that counts as matching score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy above which a cell is occupied, and certainly occupied as in ROS [percent]."""
+"""Occupancy above which a cell counts as occupied for scan points, and for beams that cross it [percent]."""
 LEAST_HITS = 40
 """Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Minimum fraction of scan points near occupied cells in a map, which may bend, and in a submap."""
+"""Minimum fraction of scan points near occupied cells for a scan to fit a map, and a submap (less distorted)."""
 
 
 GRAZING_LENGTH = 0.3
@@ -160,7 +160,7 @@ class Pyramid(NamedTuple):
     y: float
     resolution: float
     reach: int
-    """Maximum half width of a search [cells]."""
+    """Maximum position offset along x and y in a search [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -173,9 +173,9 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return maxima of an occupancy grid for branch-and-bound searches up to a half width `reach` [m].
+    """Compute occupancy maxima of a grid for branch-and-bound searches over position offsets up to `reach` [m].
 
-    Free and unknown cells are 0.
+    Free and unknown cells count as 0.
     """
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)

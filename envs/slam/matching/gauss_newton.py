@@ -21,9 +21,8 @@ from lidarnaut.envs.geometry.lookup import load
 MAX_TURN = 0.2
 """Maximum heading change per Gauss-Newton step [rad]."""
 SMALL_STEP = 1e-2
-"""Convergence threshold on the finest map, for the shift of position and farthest scan point [cells]."""
+"""Convergence threshold of Gauss-Newton steps on the finest map: shift of position and farthest scan point [cells]."""
 COARSE_STEP = 0.05
-"""Convergence threshold on coarser maps [cells of that map]."""
 
 
 class PosePrior(NamedTuple):
@@ -41,7 +40,7 @@ class PosePrior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Gauss-Newton sums over the scan points at a pose: Hessian, right-hand side, residuals."""
+    """Sums over the scan points at a pose: Hessian and right-hand side of a Gauss-Newton step, and residuals."""
 
     h_xx: float
     """Hessian entry: sum of g g^T, with the gradient g of the occupancy with respect to the pose."""
@@ -98,10 +97,10 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the Gauss-Newton sums of a scan at x, y from the map's corner [cells] and heading theta [rad].
+    """Evaluate the fit of a scan at a pose: Hessian, right-hand side and residuals of Gauss-Newton scan matching.
 
-    Cell sides double per `level`; unknown cells count as 0.5. `points`: scan points, shape (2, >= num_points), float32,
-    base frame [cells].
+    `x`, `y`: from the map's corner [cells]; `theta` [rad]. Cell sides double per map `level`; unknown cells count as
+    0.5. `points`: scan points, shape (2, >= num_points), float32, base frame [cells].
     """
     view, scale = at_level(map, level), 0.5**level
     flat, height, width = view.occupancy, view.height, view.width
@@ -189,7 +188,7 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Refine a pose by Gauss-Newton steps, coarsest map first; return x, y, heading and Gauss-Newton sums.
+    """Refine a pose by Gauss-Newton steps, coarsest map first; return x, y, heading and their `Fit`.
 
     `pose`: initial x, y from the map's corner [cells] and heading [rad]. The heading of `prior` lies within pi of the
     initial one, unwrapped. `iterations` applies to the finest map, `coarse_iterations` to each other map. Other

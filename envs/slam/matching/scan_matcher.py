@@ -16,7 +16,6 @@ from .gauss_newton import Fit, PosePrior, known_score_at, refine
 WINDOW_STDS = 2.0
 """Half width of correlative search windows, in standard deviations of the predicted pose."""
 UNKNOWN_POSE_STD = 1e6
-"""Standard deviation of a predicted pose, without odometry [m] or [rad]."""
 
 
 class MatcherParams(NamedTuple):
@@ -52,7 +51,7 @@ class Match(NamedTuple):
     is_judged: bool
     """Whether enough scan points are in known cells to judge the match."""
     fits: bool
-    """Whether the scan fits the map; True if the match cannot be judged."""
+    """Whether mean occupancy at the scan points is high enough; True if the match cannot be judged."""
     num_hits: int
     fit: Fit
     is_far: bool

@@ -15,19 +15,18 @@ from .branch_and_bound import SearchWindow, discretise, total_at
 from .fields import FULL_PERCENT, Pyramid
 
 MAX_SURFACE, STEP = 1.0, 0.1
-"""Maximum offset and step of scored positions, x and y [m]."""
+"""Maximum offset along x and y from the match, and spacing, of scored positions [m]."""
 NUM_TURNS, TURN_STEP = 2, 0.02
-"""Number of scored headings on each side of the match, and their step [rad]."""
+"""Number of scored headings on each side of the matched heading, and angle between them [rad]."""
 POINT_STEP = 4
-"""Stride of scored scan points: every fourth is used."""
 TEMPERATURE = 0.03
-"""Score difference for a likelihood ratio of e."""
+"""Score difference that multiplies the likelihood of a pose by e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations due to steps between scored poses [m, m, rad], subtracted from a match's variances."""
+"""Standard deviations of a pose due to the spacing of scored poses [m, m, rad], removed from the covariance."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Minimum standard deviations of a match [m, m, rad], added to the variances."""
+"""Minimum standard deviations of a match [m, m, rad]; their squares are added to the covariance."""
 MAX_SHARE = 0.99
-"""Maximum variance of a match, divided by the variance for equal scores."""
+"""Maximum variance of a match, as fraction of the variance if all scored poses were equally likely."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -81,9 +80,8 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return the covariance of a scan match, shape (3, 3), float64, frame of the grid [m^2, rad^2].
 
-    Second moments P of the scores are corrected for step size and finite window: P <- (P^-1 - U^-1)^-1, with moments U
-    for equal scores. Otherwise, uninformative matches would add up to false information. Arguments as in
-    `surface_scores`.
+    Second moments P of the scored poses are corrected: P <- (P^-1 - U^-1)^-1, with moments U for equal scores.
+    Otherwise, uninformative matches would add up to false information. Arguments as in `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)

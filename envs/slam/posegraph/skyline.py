@@ -99,7 +99,10 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Replace the right-hand side `x`, shape (3 n,), float64, by the solution; undetermined unknowns are 0."""
+    """Solve a factorised linear system: replace right-hand side `x`, shape (3 n,), float64, by the solution.
+
+    Undetermined unknowns are 0.
+    """
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
