@@ -1,4 +1,4 @@
-"""The table of floors in docs/architecture.md, held against the imports."""
+"""Imports against the table of layers in docs/architecture.md."""
 
 import ast
 import graphlib
@@ -19,7 +19,7 @@ def floors():
 
 
 def modules():
-    """Return the path of every module outside of tests by its name."""
+    """Return the paths of all modules outside of tests by name."""
     paths = [path for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
     paths += [ROOT / "train.py", ROOT / "evaluate.py"]
     relative = {path.relative_to(ROOT) for path in paths if not path.is_symlink()}
@@ -28,7 +28,7 @@ def modules():
 
 
 def floor_of(path, rows):
-    """Return which row a file belongs to: the one that names the file, or else its folder."""
+    """Return the row index of a file: the row that names the file, or its folder."""
     names = (path.as_posix(), *(parent.as_posix() for parent in path.parents))
     return next((k for name in names for k, row in enumerate(rows) if name in row), None)
 
@@ -48,7 +48,7 @@ def imports(path, name, known):
 
 
 def edges():
-    """Return every pair of files of which one imports the other."""
+    """Return all pairs (importing file, imported file)."""
     known = modules()
     return [(path, known[other]) for name, path in known.items() for other in imports(path, name, known)]
 
@@ -86,8 +86,8 @@ READ_ANYTHING = {
     "benchmarks/drives/localization.py", "benchmarks/speed/__main__.py", "envs/vector/workers.py",
     "envs/compilation.py",
 }  # fmt: skip
-"""The readers with limits; of templates of the package; of files and messages of the same command; of code in
-folders of the user alone."""
+"""Allowed: readers with limits; readers of the package's templates, of files and messages of the same command, and of
+code in the user's folders."""
 
 
 def test_files_of_others_are_read_by_the_readers_with_limits():

@@ -1,4 +1,3 @@
-"""Decisions of a team, one robot at a time."""
 
 import gymnasium
 import numpy as np
@@ -23,7 +22,7 @@ def test_robots_decide_one_after_the_other_at_the_start_and_then_whenever_one_is
     assert times[:2] == [0.0, 0.0]
     assert times[2] > 0.0
     assert set(turns[3:]) == {0, 1, 2}
-    # Never longer than a decision of one robot may take: the others drive on meanwhile.
+    # At most the time of one robot's decision: the other robots drive on meanwhile.
     assert max(times) < 8.0
 
 

@@ -1,4 +1,4 @@
-"""Metadata of the package: declared requirements, extras, and the versions that the project is tested with."""
+"""Package metadata: declared requirements, extras, and tested versions."""
 
 import ast
 import importlib

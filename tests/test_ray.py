@@ -46,13 +46,13 @@ def room(half):
 
 
 def map_of(width):
-    """Return the image of a map of a free room with walls around it."""
+    """Return the image of a map of a free room with walls."""
     free = b"\x00" + b"\xfe" * (width - 2) + b"\x00"
     return b"P5 %d %d 255\n" % (width, width) + b"\x00" * width + free * (width - 2) + b"\x00" * width
 
 
 def write_files(folder, half, width, here):
-    """Write files of the same names and other contents into the folder of the command and that of the cluster."""
+    """Write files of equal names and different contents into the folder of the command and that of the cluster."""
     (folder / "in").mkdir(parents=True)
     (folder / "maps").mkdir()
     (folder / "in" / "room.yaml").write_text(room(half))

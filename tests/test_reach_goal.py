@@ -180,7 +180,7 @@ def test_contact_with_people_tells_by_whose_motion(people, action, robot_drove, 
 
 @pytest.mark.parametrize("physics", ["kinematic", "bullet"])
 def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
-    """At the end of the period it is 6 cm ahead again."""
+    """At the end of the period the robot is 6 cm ahead again."""
     settings = {"world": box(([(0.4, 6.0), (11.0, 6.0)], 1.5)), "physics": physics, "start": "spawn"}
     env = LidarEnv(ReachGoal, **settings, goal=(8.0, 2.0, 0.0), robot="jackal")
     *_, (_, _, _, _, info) = drive(env, 0.3 * AHEAD, 100)
@@ -198,7 +198,7 @@ def stand_by(route, time):
 
 
 def test_nearness_to_people_and_times_to_collision_are_measured():
-    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m beside the robot
+    paid, info = stand_by([((8.0, 7.02), (0.5, 7.02)), 1.0], 7.0)  # passes 0.5 m from the robot
     assert (info["end_reason"], info["intrusion_time"]) == ("time_limit", 0.0)
     assert info["least_gap"] == pytest.approx(0.5, abs=0.01)
     assert min(paid) > -0.001

@@ -1,4 +1,3 @@
-"""Exploration after which the robot comes back to its start: `return_home=True`."""
 
 import math
 import pickle
@@ -19,7 +18,7 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "re
 
 
 class Tired:
-    """An explorer that stops after some control periods, with frontiers left."""
+    """Explorer that stops after some control periods, with frontiers left."""
 
     def __init__(self, patience):
         self._explorer, self._patience, self.end_reason = make_explorer("nearest"), patience, None
@@ -54,7 +53,7 @@ def test_the_episode_ends_at_the_start_once_the_world_is_explored():
     assert (last["end_reason"], last["returned"], last["is_success"]) == ("returned", True, True)
     assert distance_home(env) <= HOME_RADIUS
     assert env.task.rewards.weights == {**Explore.weights, "returned": 10.0}
-    # At the start the robot is at home, too, and has nothing to return from.
+    # At the start the robot is at home as well, but has not returned.
     assert not any(info["returned"] for info in infos[:-1])
     covered = next(k for k, info in enumerate(infos) if info["explored_fraction"] >= env.task.target_coverage)
     assert 0 < covered < len(infos) - 1
@@ -91,7 +90,7 @@ def test_the_last_decision_drives_home():
     ],
 )
 def test_a_robot_that_does_not_get_there_has_not_returned(name, value, reason, monkeypatch):
-    """It believes to be back, but is farther off than allowed; or its map shows no path."""
+    """The estimated pose is at home, but the true pose is too far away; or the map shows no path."""
     monkeypatch.setattr(f"lidarnaut.envs.{name}", value)
     *_, terminated, _, info = rollout(ExploreFrontiersEnv(**QUICK), 3, 100, nearest)[-1]
     assert terminated

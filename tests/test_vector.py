@@ -1,4 +1,4 @@
-"""Vector environments beside the single ones that they must equal, with what users bring, and their interface."""
+"""Vector environments against single environments, with user-defined parts, and their interface."""
 
 import os
 import time
@@ -42,7 +42,7 @@ class Travelled:
 
 
 class Faster(Motion):
-    """A part of the package with a `write` of the user's own."""
+    """Part of the package with a user-defined `write`."""
 
     def write(self, robot, out):
         super().write(robot, out)
@@ -51,7 +51,7 @@ class Faster(Motion):
 
 @dataclass(kw_only=True, eq=False)
 class Counting(Explore):
-    """Counts control periods, and tells of every fifth."""
+    """Counts control periods, and reports every fifth."""
 
     def reset(self, *args):
         self.count = 0
@@ -71,14 +71,14 @@ class Counting(Explore):
 
 @dataclass(kw_only=True, eq=False)
 class Halved(ReachGoal):
-    """Rewards less, without columns of its own."""
+    """Halves rewards, without columns of its own."""
 
     def quantities(self):
         return {name: 0.5 * value for name, value in super().quantities().items()}
 
 
 class Braked(LidarEnv):
-    """Has twists of its own."""
+    """Has its own twists."""
 
     def twists(self, action):
         return [twist._replace(v=0.5 * twist.v) for twist in super().twists(action)]
@@ -320,7 +320,7 @@ def test_actions_can_be_clipped():
 
 
 class SlowlyPrepared(LidarEnv):
-    """Takes a while to prepare an episode, and says when it does."""
+    """Prepares an episode slowly, and reports the start and the end."""
 
     is_preparing = False
 

@@ -1,4 +1,4 @@
-"""`info` and rewards of vector environments beside Gymnasium's `SyncVectorEnv` of single ones, to the last byte."""
+"""`info` and rewards of vector environments, against Gymnasium's `SyncVectorEnv` of single ones, byte by byte."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -49,7 +49,7 @@ VALUES = {
 
 @dataclass(kw_only=True, eq=False)
 class Telling(Explore):
-    """Has metrics of all kinds, some of which come, go, or come now and then, and counts how often it is asked."""
+    """Has metrics of all kinds, including temporary and intermittent ones, and counts its calls."""
 
     chosen: tuple = tuple(VALUES)
     ends_after: int = 5
@@ -76,7 +76,7 @@ class Telling(Explore):
 
 
 class Fading(Rewards):
-    """Has a term that fades with the number of calls, and one that is there now and then."""
+    """Has a term that fades with the number of calls, and an intermittent term."""
 
     changes = {"fading": 1}
 
@@ -92,7 +92,8 @@ class Silent(Rewards):
 
 
 def compare(id, arguments, mode, num_workers, wrappers=(), steps=24):
-    """Hold a vector environment and single ones equal, stepped and reset alike; return how many episodes ended."""
+    """Step and reset a vector environment and single ones, assert equal outputs; return the number of ended episodes.
+    """
 
     def single():
         env = gymnasium.make(id, disable_env_checker=True, **arguments)

@@ -1,4 +1,4 @@
-"""Worlds of vector environments: drawn ahead of time, they are the ones that single environments draw."""
+"""Worlds drawn ahead of time are equal to those of single environments."""
 
 import multiprocessing
 import os
@@ -28,14 +28,14 @@ MODES = [(AutoresetMode.NEXT_STEP, 1), (AutoresetMode.SAME_STEP, 2)]
 
 
 def threads(rng):
-    """Draw a world with the help of a thread, which starts a program in a way that forks in Python."""
+    """Draw a world with a thread that starts a program by forking in Python."""
     with ThreadPoolExecutor(1) as pool:
         pool.submit(subprocess.run, ["true"], preexec_fn=os.setpgrp).result()
     return ROOMS(rng)
 
 
 def pool(rng):
-    """Draw a world with the help of processes that are replaced by others."""
+    """Draw a world with processes that are replaced."""
     with multiprocessing.get_context("fork").Pool(1, maxtasksperchild=1) as pool:
         pool.map(abs, [1, 2], chunksize=1)
     return ROOMS(rng)
@@ -46,7 +46,6 @@ def spawning(rng):
 
 
 class Counting:
-    """Draws worlds by the number of its calls."""
 
     def __init__(self):
         self.count = 0
@@ -67,7 +66,7 @@ class Sometimes:
 
 @dataclass(kw_only=True, eq=False)
 class Drawing(Explore):
-    """Draws in each step from the generator that `reset` gave it."""
+    """Draws in each step from the generator of `reset`."""
 
     def reset(self, simulator, robots, rng, options):
         self.rng = rng
@@ -173,7 +172,7 @@ def test_errors_of_samplers_are_raised_when_the_world_is_needed_and_then_gone():
 
 
 class Unpreparable(LidarEnv):
-    """Cannot prepare worlds; draws them when they are needed."""
+    """Cannot prepare worlds ahead of time."""
 
     def prepare(self):
         raise ValueError("not now")
@@ -202,7 +201,7 @@ def test_preparing_draws_from_no_other_generator_and_copies_share_what_is_prepar
     first, second, third = env.reset(), copy.reset(), plain.reset()
     assert same(first, second)
     assert same(first, third)
-    # A generator that users set is a seed as well.
+    # A generator set by users is a seed as well.
     observations = []
     for prepares in (True, False, True):
         if prepares:

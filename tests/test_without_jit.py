@@ -1,4 +1,4 @@
-"""`NUMBA_DISABLE_JIT=1`: environments run as plain Python, and like compiled ones."""
+"""`NUMBA_DISABLE_JIT=1`: environments run as plain Python, with equal results."""
 
 import os
 import pickle

@@ -1,4 +1,3 @@
-"""Keys that may change when a run goes on."""
 
 import re
 import shutil
@@ -100,7 +99,7 @@ def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_dat
     ],
 )
 def test_an_evolution_that_would_mix_settings_is_refused_and_left_alone(changes, says, tmp_path):
-    """What it has reached belongs to individuals that only the former settings draw again."""
+    """Its results belong to individuals that only the previous settings reproduce."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("lidarnaut.agents.frontiers.evolution._Evolution", None)
         with pytest.raises(TypeError):

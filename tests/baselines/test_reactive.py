@@ -7,7 +7,7 @@ from tests.baselines.maps import BURGER, reading_of
 
 
 def reading_of_walls(*, right=np.inf, ahead=np.inf, yaw_rate=0.0):
-    """What a burger sees between a wall parallel to its path and one across it [m]."""
+    """Reading of a burger between a wall parallel to its path and a wall across it [m]."""
     angles = BURGER.lidar.angles
     with np.errstate(divide="ignore"):
         to_right = np.where(np.sin(angles) < 0, right / -np.sin(angles), np.inf)

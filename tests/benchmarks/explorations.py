@@ -1,4 +1,4 @@
-"""What is measured of explorations, the columns of their rows, and rows that are made up."""
+"""Measures of explorations, columns of result rows, and synthetic rows."""
 
 import csv
 
@@ -22,7 +22,6 @@ def row(policy, seed=0, world="maze", area=0.8, time=100.0, distance=50.0, explo
 
 
 def read_rows(folder):
-    """Return the table of an evaluation as text."""
     return list(csv.DictReader((folder / "episodes.csv").read_text().splitlines()))
 
 

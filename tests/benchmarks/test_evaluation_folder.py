@@ -121,7 +121,7 @@ def test_a_world_of_the_users_own_stays_the_same(tmp_path):
     for path, side in ((first, 4), (second, 5)):
         path.write_text(f"bounds: [0, 0, {side}, {side}]\nspawn: [1, 1, 0]\n")
 
-    records_of(folder, maze=str(second)).begin()  # which was never driven in
+    records_of(folder, maze=str(second)).begin()  # never driven in
     records = records_of(folder, "1of2", maze=str(first))
     records.begin()
     records.add(row(0))

@@ -21,7 +21,7 @@ RELATIVE = BY_NAME["relative_time_to_95"]
 
 
 def everywhere(policy, area, time, **more):
-    """Four starts in each of two worlds, of which the second takes ten times as long."""
+    """Four starts in each of two worlds; the second world takes ten times as long."""
     return [
         row(policy, seed, world, area + 0.01 * seed, scale * time, scale * time / 2, **more)
         for world, scale in (("maze", 1.0), ("caves", 10.0))
@@ -58,7 +58,7 @@ def test_the_ranking_is_by_area_and_leaves_the_bound_out():
     head, lines = section.parts[1].head, section.parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
-    assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
+    assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # mean of 0.85 to 0.88, twice
     assert episodes.estimate("quick", RELATIVE)[:3] == pytest.approx((0.8, 0.8, 0.8))
     assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
     best = [cell.is_best for line in lines for cell in line]
@@ -76,7 +76,7 @@ def test_the_gap_to_the_bound_is_closed_by_known_shares():
     assert leaderboard.gap_section(episodes.where(lambda row: row["policy"] != "oracle (ground truth)")) is None
     shown = leaderboard.gap_section(episodes).parts[1].lines
     assert [cell.text for cell in shown[0]] == ["quick", "50", "40", "40"]
-    # Where the bound gains nothing there is no gap.
+    # Without gain of the bound there is no gap.
     level = [r | {"area_under_curve": 0.8} if r["policy"] == "oracle (ground truth)" else r for r in ROWS]
     assert leaderboard.gap_section(related(level)).parts[1].lines[0][1].text == "-"
 
@@ -137,7 +137,7 @@ def test_an_axis_is_compared_pair_by_pair():
         for slam, area, time in (("tinyslam", 0.7, 120.0), ("truth", 0.8, 100.0), ("odometry", 0.2, 300.0))
         for seed in range(4)
     ]
-    # These have no partners.
+    # Rows without partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
     section = leaderboard.axis_section(Episodes(rows, MEASURES), "slam")
     text, table = section.parts
@@ -200,7 +200,7 @@ def test_what_was_never_reached_does_not_look_reached():
     assert texts(time, Episodes(rows, MEASURES).estimate("a", time)) == ("> 400 s", "1 of 8")
     estimates = {"a": Estimate(400.0, 400.0, 400.0, 1), "b": Estimate(400.0, 400.0, 400.0, 1, 1, (True,) * 3)}
     assert best_of(estimates, time) == {"a"}
-    # Where the reference never got there, its limit is the unit.
+    # If the reference never reached the fraction, its time limit is the unit.
     rows = [*reached_in("nearest", math.inf), *reached_in("a", 100.0)]
     assert [r["relative_time_to_95"] for r in related(rows)] == [math.inf, 0.25]
 

@@ -1,4 +1,3 @@
-"""Every task is evaluated, reported and played as explorations are, a user's own in an unknown world among them."""
 
 import json
 import pickle

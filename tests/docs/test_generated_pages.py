@@ -1,4 +1,4 @@
-"""Pages of the documentation that are made of registry, docstrings and sources."""
+"""Pages generated from registry, docstrings and sources."""
 
 import re
 import sys
@@ -15,7 +15,7 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.fixture(scope="module", autouse=True)
 def extension():
-    """The folder of the extension, from which Sphinx imports it."""
+    """Add the folder of the Sphinx extension to the import path."""
     sys.path.insert(0, str(DOCS / "_ext"))
     yield
     sys.path.remove(str(DOCS / "_ext"))
@@ -46,7 +46,7 @@ def test_cards_differ_and_observations_are_explained():
     assert len(texts) >= 8
     assert len({text for _, text in texts}) == len(texts)
     assert len([text for _, text in texts if re.search(r"Free area: \d+( to \d+)?\sm²\.", text)]) == 7
-    for name in set(pages) - {"index.md", "explorefrontiersabstract.md"}:  # which refers to another page
+    for name in set(pages) - {"index.md", "explorefrontiersabstract.md"}:  # refers to another page
         space = pages[name][pages[name].index("## Observation Space") :]
         space = space[: space.index("## Rewards")]
         keys = re.findall(r"`(\w+)`: `(?:Box|MultiBinary)", pages[name][: pages[name].index("## Description")])

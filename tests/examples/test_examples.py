@@ -1,4 +1,4 @@
-"""Every example runs, on a small budget, and gives what its text says."""
+"""Run every example on a small budget."""
 
 import ast
 import csv
@@ -24,7 +24,7 @@ NEEDS = {"pettingzoo_team": "pettingzoo", "run_onnx": "onnxruntime", "torchrl_pp
 
 @pytest.fixture
 def load(monkeypatch):
-    """Imports an example by name, in its folder; the test is skipped where what it needs is not installed."""
+    """Import an example by name in its folder; skip the test if a requirement is missing."""
     monkeypatch.chdir(EXAMPLES)
     monkeypatch.syspath_prepend(str(EXAMPLES))
 

@@ -21,7 +21,7 @@ def bomb(path, size):
 
 
 def lie(path, size):
-    """Write a small archive whose header promises `size` bytes."""
+    """Write a small archive with a header of `size` bytes."""
     header = b"\x93NUMPY\x01\x00v\x00" + f"{{'descr': '|u1', 'fortran_order': False, 'shape': ({size},), }}".encode()
     with zipfile.ZipFile(path, "w") as file:
         for name in ("about", "curve", "t", "odo", "idx", "ranges", "origin", "map"):

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class TurningSlam:
-    """A SLAM of the user's own: each scan turns the robot by a right angle on the spot."""
+    """User-defined SLAM that turns the robot by 90 degrees at each scan."""
 
     def __init__(self, lidar, resolution):
         self.belief = None
@@ -58,14 +58,14 @@ class ClosingSlam(TurningSlam):
 
 
 class FinishingSlam(ClosingSlam):
-    """Corrects everything again at the end."""
+    """Corrects all poses again at the end."""
 
     def finish(self):
         self.belief.path = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.57]])
 
 
 class WrongSlam(TurningSlam):
-    """Corrects more poses than there are."""
+    """Corrects more poses than exist."""
 
     def finish(self):
         self.belief.path = np.zeros((5, 3))
@@ -81,7 +81,7 @@ class LostSlam(TurningSlam):
 
 
 class AnchoredSlam(TurningSlam):
-    """Corrects a path that holds the first scan alone, on which the others hang."""
+    """Corrects a path of the first scan only; later scans are relative to the first one."""
 
     @property
     def anchor(self):
@@ -92,7 +92,7 @@ class AnchoredSlam(TurningSlam):
 
 
 OWN = f"{__name__}:"
-"""Before the name of a SLAM of this module."""
+"""Prefix of the names of this module's SLAMs."""
 
 
 @pytest.fixture
@@ -142,7 +142,7 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path):
     main(Options(log, slam=name, change={"resolution": "0.25"}, out=tmp_path))
     trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
     np.testing.assert_allclose(trajectory[:, 1][[1, 3]], 5.0)
-    assert abs(trajectory[3, 6]) == pytest.approx(1.0)  # half a turn
+    assert abs(trajectory[3, 6]) == pytest.approx(1.0)
     summary = read_summary(tmp_path)
     assert (summary["slam"], summary["params"]) == (name, None)
     with pytest.raises(ValueError, match="has no parameters hole_width"):
@@ -289,7 +289,7 @@ def test_picture_shows_low_y_at_the_bottom():
 @needs_data
 @pytest.mark.parametrize(
     ("slam", "seed", "online", "final", "rotation", "milliseconds"),
-    [  # single seeds of GMapping: 0.048 to 0.080 m; times are about a tenth where nothing else runs
+    [  # single seeds of GMapping: 0.048 to 0.080 m; times are about a tenth on an idle machine
         ("tinyslam", 200, 0.15, 0.15, 3.0, 5.0),
         ("hector", 0, 0.045, 0.045, 1.5, 1.0),
         ("gmapping", 200, 0.09, 0.09, 2.5, 15.0),

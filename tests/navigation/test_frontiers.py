@@ -1,4 +1,4 @@
-"""Frontier kernels against SciPy and brute force, and what is in view of a candidate against areas by hand."""
+"""Frontier kernels against SciPy and brute force; visible unknown areas against areas by hand."""
 
 import math
 
@@ -50,7 +50,7 @@ def test_all_is_in_view_where_nothing_is_known():
     free, unknown, _ = view(data, 50, 50, 40)
     assert (free == 40).all()
     assert unknown.sum() == pytest.approx(math.pi * 40**2, rel=0.03)
-    # What lies beyond the map is unknown as well.
+    # Cells outside of the map are unknown as well.
     np.testing.assert_allclose(view(data[:60, :60], 50, 50, 40)[1], unknown)
 
 

@@ -1,4 +1,4 @@
-"""The same seed in other processes, and with other numbers of threads."""
+"""Reproducibility of a seed across processes and numbers of threads."""
 
 import hashlib
 
@@ -15,7 +15,6 @@ CASES = {
     "ExploreTeam-v0": ("ExploreTeam", {"num_robots": 2}),
     "Navigate-v0": ("Navigate", {}),
 }
-"""Ids and arguments."""
 COMMON = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0}
 ELSEWHERE = {
     "another process": {},
@@ -23,7 +22,7 @@ ELSEWHERE = {
     "four threads": {"OMP_NUM_THREADS": "4", "NUMBA_NUM_THREADS": "4"},
     "another hash seed": {"PYTHONHASHSEED": "77"},
 }
-"""Variables of the environment of a process that repeats the episodes."""
+"""Environment variables of processes that repeat the episodes."""
 
 
 def digest(case):

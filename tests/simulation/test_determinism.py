@@ -1,4 +1,4 @@
-"""Same seed, same bytes, whatever happened before."""
+"""Reproducibility of seeds to the last byte, independent of earlier episodes."""
 
 import numpy as np
 import pytest
@@ -49,7 +49,7 @@ def test_an_episode_repeats_after_other_episodes(physics, name):
 
 
 def test_both_physics_draw_the_same_noise(bullet):
-    """Standing still, the robot senses the same under both, draw for draw."""
+    """Readings at rest are equal under both."""
     readings = []
     for physics in (bullet, "kinematic"):
         simulator = begin(physics, load_robot("mpo_500"), WORLD, NEAR_WALL)

@@ -17,7 +17,7 @@ ONE_BEAM = LidarParams(num_beams=1, range_max=3.0)
 
 
 def draw(params, beams, quality=1.0, lidar=ONE_BEAM):
-    """Draw (range, heading) beams from the middle of the 5 x 5 grid."""
+    """Integrate (range, heading) beams from the middle of the 5 x 5 grid."""
     grid_map = GridMap(params, lidar)
     for r, heading in beams:
         grid_map.integrate(np.array([r], dtype=np.float32), Pose2D(0.5, 0.5, heading), quality)

@@ -1,4 +1,4 @@
-"""Maps in the styles of other programs, used as worlds: the robot starts in the house, and the house is the world."""
+"""Maps of other programs as worlds: the robot starts in the house, and the house is the world."""
 
 import logging
 
@@ -22,7 +22,7 @@ HOUSE = (2.0, 1.5, 8.0, 6.5)
 def house(beyond=UNKNOWN, yard=0.0):
     """Classes of a map of 11 m x 9 m in cells of 0.05 m, top row first: two rooms and a door between them.
 
-    `beyond`: class around the house; `yard`: width of free space that was seen through a window above it [m].
+    `beyond`: class around the house; `yard`: width of free space seen through a window above the house [m].
     """
     cells = np.full((180, 220), beyond)
     cells[28:132, 38:162] = WALL

@@ -1,4 +1,3 @@
-"""Episodes as ROS 2 bags."""
 
 import itertools
 import math
@@ -69,7 +68,7 @@ def pose(transform):
 
 @pytest.fixture
 def drive_recorded(tmp_path):
-    """Records a whole episode; returns the environment, the readings and the bag."""
+    """Record a whole episode; return the environment, the readings and the bag."""
 
     def record(**arguments):
         with RecordBag(make(**arguments), tmp_path) as env:
@@ -179,7 +178,7 @@ def test_a_recorder_leaves_nothing_after_an_exception(tmp_path):
 
     with pytest.raises(KeyboardInterrupt):
         interrupted()
-    with BagRecorder(env, tmp_path / "drive.mcap"):  # without a reset there is nothing to write
+    with BagRecorder(env, tmp_path / "drive.mcap"):
         pass
     assert list(tmp_path.iterdir()) == []
     with BagRecorder(env, tmp_path / "drive.mcap") as recorder:

@@ -1,4 +1,3 @@
-"""Which way people walk."""
 
 import heapq
 import math
@@ -23,7 +22,7 @@ from tests.rooms import make_room
 
 
 def shortest(slowness, source):
-    """Cost-to-go by Dijkstra with straight, diagonal and knight's moves; at most 3 % more than the way needs."""
+    """Cost-to-go by Dijkstra with straight, diagonal and knight's moves; at most 3 % above the exact cost."""
     moves = [(a, b) for a in range(-2, 3) for b in range(-2, 3) if math.gcd(a, b) == 1]
     costs, queue = {source: 0.0}, [(0.0, source)]
     while queue:

@@ -1,4 +1,4 @@
-"""What is near people, and what pushes them out of it."""
+"""Walls near people, and push-out of people from walls."""
 
 import math
 

@@ -1,4 +1,4 @@
-"""Maps that share tiles, against maps that are copied as a whole."""
+"""Particle maps with shared tiles, against full copies."""
 
 import numpy as np
 import pytest
@@ -29,7 +29,7 @@ def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
     ours = ParticleMaps(params, LIDAR)
 
     def replayed(scans):
-        """A map of its own of a particle's scans."""
+        """Build a separate map from a particle's scans."""
         plain = LogOddsMap(HectorParams(skip_exceeding=skip_exceeding, **SHARED), LIDAR)
         for ranges, pose in scans:
             plain.integrate(ranges, pose)

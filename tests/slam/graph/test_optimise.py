@@ -7,7 +7,7 @@ from lidarnaut.envs.slam.posegraph import PoseGraph, chi_squares, drop_outliers,
 
 PHI = 9.0
 SPACING, TURN = 20, 40
-"""Nodes from one submap to the next, and nodes that a submap takes."""
+"""Number of nodes between submap starts, and number of nodes of a submap."""
 SIGMAS = np.array([0.03, 0.03, 0.008])
 """Noise of constraints [m, m, rad]."""
 DRIFT = np.array([0.005, 0.005, 0.004])
@@ -15,7 +15,7 @@ DRIFT = np.array([0.005, 0.005, 0.004])
 
 
 def make_graph(num_nodes, num_loops, num_outliers, rng):
-    """Return a graph of laps of an oval whose poses have drifted, and the true poses of its nodes."""
+    """Return a graph of laps of an oval with drifted poses, and the true poses of its nodes."""
     truth = [Pose2D(0.0, 0.0, 0.0)]
     for k in range(num_nodes - 1):
         truth.append(truth[-1].compose(Pose2D(0.2, 0.0, np.pi / 20 if k % 100 >= 80 else 0.0)))
@@ -69,7 +69,7 @@ def random_graph(seed, num_outliers=0):
 
 
 def reference(graph, phi):
-    """Return poses of submaps and nodes by SciPy, from where they are."""
+    """Return poses of submaps and nodes optimized by SciPy from the current poses."""
     submaps, nodes, constraints = graph.arrays
     num_submaps = len(submaps)
 
@@ -117,7 +117,7 @@ def test_loops_take_out_drift_despite_outliers():
     _, robust, arrays = errors(40, PHI)
     assert robust < clean + 0.03
     assert errors(40, np.inf)[1] > 0.5
-    # What is left of the outliers is dropped, and nothing else.
+    # Only the remaining outliers are dropped.
     assert drop_outliers(arrays, 54.0) == 40
     assert not arrays.constraints.is_active[-40:].any()
     assert arrays.constraints.is_active[:-40].all()
