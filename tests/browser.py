@@ -62,12 +62,12 @@ def visit(folder: Path, harness: Path, query: str, timeout: float = 120.0) -> di
 
 
 def processor_time(session: int) -> float:
-    """Return the processor time of all processes of a session [s]."""
+    """Processor time of all processes of a session [s]."""
     ticks = 0
     for path in Path("/proc").glob("[0-9]*/stat"):
         try:
             fields = path.read_text().rpartition(")")[2].split()
-        except OSError:  # the process has ended
+        except OSError:
             continue
         if int(fields[3]) == session:
             ticks += int(fields[11]) + int(fields[12])

@@ -5,7 +5,6 @@ from importlib.util import find_spec
 
 import pytest
 
-# No windows: pictures and figures are made in memory.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("MPLBACKEND", "Agg")
 # Background jobs of a script inherit an ignored SIGINT, and pass it to the processes that tests interrupt.
@@ -45,5 +44,5 @@ def pytest_terminal_summary(terminalreporter):
 
 @pytest.fixture
 def no_curves(monkeypatch):
-    """Skip plots of learning curves, half of the time of the smallest trainings."""
+    """Skip plots of learning curves, which are slow."""
     monkeypatch.setattr("lidarnaut.agents.run_folder.draw_learning_curve", lambda *args: None)

@@ -1,4 +1,3 @@
-
 import numpy as np
 from numba import njit
 
@@ -26,7 +25,6 @@ SCENES = {
 
 
 def robots_at_poses(*poses, radius=0.3):
-    """Rows of robots at poses (x, y, heading, speed)."""
     rows = np.zeros((len(poses), robots_at.ROW_SIZE))
     rows[:, [robots_at.X, robots_at.Y, robots_at.THETA, robots_at.V]] = poses
     rows[:, robots_at.PERIOD], rows[:, robots_at.ROBOT] = PERIOD, radius

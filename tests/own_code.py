@@ -14,8 +14,6 @@ from lidarnaut.envs.worlds import load_world
 
 
 class Circling:
-    """Explorer that maps readings and beliefs to twists."""
-
     end_reason = None
     plan = None
 
@@ -27,8 +25,6 @@ class Circling:
 
 
 class Spy(Circling):
-    """Explorer that takes ground truth."""
-
     def reveal(self, coverage, target_coverage):
         self.coverage = coverage
 
@@ -52,8 +48,6 @@ class Truth:
 
 
 class SeesTruth:
-    """Policy that observes the true pose."""
-
     observations = {"truth": Truth}
 
     def __call__(self, observation):
@@ -70,13 +64,10 @@ class FollowsTruth:
 
 
 class FollowsPlan(FollowsTruth):
-    """Policy that observes the path of a navigator."""
-
     observations = {"carrot": {"path": "plan"}}
 
 
 def shown(observation):
-    """Policy that ignores its observation."""
     return np.array([0.5, 0.1])
 
 
@@ -127,13 +118,10 @@ ROBOT = replace(load_robot("raspimouse"), name="my_mouse")
 
 
 def my_slam(lidar, resolution):
-    """SLAM that maps at odometry poses."""
     return KnownPoses(lidar, load_params("default", {"resolution": resolution}))
 
 
 class Failing(KnownPoses):
-    """SLAM that fails at its first scan."""
-
     def __init__(self, lidar, resolution):
         super().__init__(lidar, load_params("default", {"resolution": resolution}))
 
@@ -142,7 +130,6 @@ class Failing(KnownPoses):
 
 
 def leave(*_):
-    """Exit the process."""
     sys.exit(3)
 
 

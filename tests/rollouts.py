@@ -1,5 +1,3 @@
-"""Rollouts for tests, and comparison of vector environments with single environments."""
-
 import numpy as np
 from gymnasium.utils.env_checker import data_equivalence
 

@@ -1,5 +1,3 @@
-"""Rooms for tests, and simulators that start in them."""
-
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +12,7 @@ BURGER = load_robot("turtlebot3_burger")
 
 
 def make_room(x_min, y_min, x_max, y_max, segments=(), circles=(), people=(), spawn=ORIGIN):
-    """Rectangular room with contents; its walls come before `segments`."""
+    """The walls of the room come before `segments`."""
     corners = [(x_min, y_min), (x_max, y_min), (x_max, y_max), (x_min, y_max)]
     walls = [(*a, *b) for a, b in zip(corners, corners[1:] + corners[:1])]
     return World(
@@ -38,7 +36,6 @@ def hall(width=8.0, height=4.0, segments=()):
 
 
 PLAIN = square_room(60.0)
-"""Flat ground without nearby obstacles."""
 
 
 def without_slip(robot):

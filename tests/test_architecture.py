@@ -1,5 +1,3 @@
-"""Imports against the table of layers in docs/architecture.md."""
-
 import ast
 import graphlib
 import itertools
@@ -34,7 +32,6 @@ def floor_of(path, rows):
 
 
 def imports(path, name, known):
-    """Return the names of the project's modules that a file imports anywhere."""
     package = name if path.name == "__init__.py" else name.rpartition(".")[0]
     found = set()
     for node in ast.walk(ast.parse((ROOT / path).read_text(encoding="utf-8"))):
@@ -48,7 +45,6 @@ def imports(path, name, known):
 
 
 def edges():
-    """Return all pairs (importing file, imported file)."""
     known = modules()
     return [(path, known[other]) for name, path in known.items() for other in imports(path, name, known)]
 
@@ -79,7 +75,6 @@ READERS = {
     "read_text", "read_bytes", "loadtxt", "genfromtxt", "fromfile", "load_file", "load_npz", "unsafe_load",
     "np.load", "json.load", "pickle.load", "pickle.loads", "torch.load", "yaml.load",
 }  # fmt: skip
-"""Calls that read files or objects without a limit."""
 READ_ANYTHING = {
     "envs/files/archives.py", "envs/files/yaml_models.py", "envs/player/page.py", "agents/package_policy.py",
     "benchmarks/demo.py",

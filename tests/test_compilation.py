@@ -33,7 +33,6 @@ print(shifted(3), same(3), sum(shifted.stats.cache_hits.values()), sum(same.stat
 
 @pytest.fixture
 def checkouts(tmp_path):
-    """Return two checkouts of a minimal project."""
     for name in ("first", "second"):
         folder = tmp_path / name / "lidarnaut" / "envs"
         folder.mkdir(parents=True)
@@ -50,7 +49,6 @@ def checkout(checkouts):
 
 
 def run(checkout, program=PROGRAM, **variables):
-    """Run a program in a checkout with its own cache; return standard output and error."""
     environment = {"PYTHONPATH": str(checkout), "XDG_CACHE_HOME": str(checkout.parent / "cache"), **variables}
     done = subprocess.run(
         [sys.executable, "-c", program], env=environment, cwd=checkout, capture_output=True, text=True, check=True
@@ -153,7 +151,6 @@ def test_a_temporary_folder_that_is_not_private_is_not_used(checkout, temporary,
 
 
 class Bomb:
-
     def __init__(self, path):
         self.path = path
 

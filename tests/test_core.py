@@ -1,5 +1,3 @@
-"""Common parts of all environments: reset options, observation parts, rewards, user-defined SLAMs and sensors."""
-
 import pickle
 
 import gymnasium
@@ -26,8 +24,6 @@ STILL = np.zeros(2, dtype=np.float32)
 
 
 class Speed:
-    """Speed by odometry."""
-
     def space(self, robot):
         return spaces.Box(-1.0, 1.0, (1,), np.float32)
 
@@ -57,8 +53,6 @@ class Hurry(Rewards):
 
 
 class Beacon:
-    """Distance to the world's origin, with noise."""
-
     name = "beacon"
     shape = (1,)
 
@@ -84,7 +78,6 @@ def test_world_and_start_can_be_chosen_for_one_episode():
     assert tuple(env.map_pose) == (-2.0, 0.5, 1.0)
     env.reset(options={"world": load_world("turtlebot3_stage_1"), "start": "spawn"})
     assert env.world.name == "turtlebot3_stage_1"
-    # The options do not affect the next episode.
     assert same(first, rollout(env, 3, 10))
 
 
@@ -195,11 +188,10 @@ def test_a_map_that_is_redrawn_reaches_coverage_crops_and_trail():
     infos = [env.step(ahead)[4] for _ in range(8)]
     before, crop = infos[-1]["explored_area"], env.observe()["map_near"]
     _, _, _, _, info = env.step(ahead)
-    # The moved map no longer covers the true cells.
+    # Cells at the true positions are no longer known.
     assert info["explored_area"] < 0.95 * before
     assert info["rewards"]["explored"] == pytest.approx(info["explored_area"] - before)
     assert env.robots[0].trail.positions[0].tolist() == [1.0, 0.0]
-    # Map and pose moved together.
     assert np.mean(env.observe()["map_near"][:2] != crop[:2]) < 0.2
 
 
@@ -327,8 +319,6 @@ def test_what_is_no_sensor_is_named(sensors, culprit):
 
 
 class Device(Cliff):
-    """Fails at its fourth measurement of an episode, once."""
-
     name = "device"
     has_failed = False
 
@@ -344,8 +334,6 @@ class Device(Cliff):
 
 
 class Failing(Rewards):
-    """Fails at its third call, once."""
-
     count = 0
 
     def terms(self, quantities):
@@ -356,8 +344,6 @@ class Failing(Rewards):
 
 
 class Mute(Speed):
-    """Fails at its fourth observation, once."""
-
     count = 0
 
     def write(self, robot, out):

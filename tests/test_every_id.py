@@ -1,4 +1,4 @@
-"""Every registered id is trained, killed, resumed, evaluated with classic policies, recorded and played."""
+"""Every registered id is trained, killed, resumed, evaluated, recorded and played."""
 
 import csv
 from unittest.mock import Mock

@@ -29,7 +29,6 @@ def test_reset_keeps_clear_of_people(world, seed):
 
 
 def hall(length):
-    """Hall, 2 m wide, with one end out of sight of the other."""
     near = [(0, 2, 0, 0), (0, 0, 8, 0), (0, 2, 8, 2), (3, 0, 3, 0.8)]
     far = [(8, 0, length, 0), (8, 2, length, 2), (length, 0, length, 2)]
     walls = np.array([*near, *far], dtype=float)

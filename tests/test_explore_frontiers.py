@@ -52,7 +52,6 @@ class Jumping(KnownPoses):
 
 
 def users_own(kind):
-    """Return a SLAM as a user's class, without a kernel."""
     update = lambda self, reading, motion: kind.update(self, reading, motion)  # noqa: E731
     return type(f"Own{kind.__name__}", (kind,), {"update": update, "num_jumps": 0})
 
@@ -114,7 +113,6 @@ def test_the_mask_shows_the_candidates_and_the_features_are_theirs():
         costs = observation["candidates"][mask == 1, COST]
         assert (np.diff(costs) >= 0.0).all()
         assert ((costs >= 0.0) & (costs < 1.0)).all()
-        # Candidates fill the first slots.
         assert (np.diff(mask) <= 0).all()
     np.testing.assert_array_equal(env.action_masks(), mask == 1)
     assert env.action_masks().dtype == np.bool_
@@ -193,7 +191,6 @@ LARGER = {**QUICK, "world_size": (8.0, 8.0), "target_coverage": 0.95}
 
 
 def explore_by_rule(env, seed):
-    """Explore by a rule; return the last info, and all positions."""
     rule = GainOverCost()
     env.reset(seed=seed)
     positions = [env.explore.truths[0].state.pose[:2]]

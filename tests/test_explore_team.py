@@ -18,7 +18,6 @@ from tests.test_core import QUICK
 
 
 def team_in(world, start, **arguments):
-    """Return a team at the start of an episode in a world, its observation and info."""
     arguments = {"physics": "kinematic", "num_robots": len(start), **arguments}
     env = LidarEnv(ExploreTeam, world=world, start=start, **arguments)
     return env, *env.reset(seed=0)
@@ -144,7 +143,7 @@ def test_peers_leave_no_trace_in_the_map(slam):
         inner = (x > 0.4) & (x < 7.6) & (y > 0.4) & (y < 3.6)
         highest = max(highest, grid.data[grid.data >= 0][inner].max())
     assert (grid.data >= 65).sum() > 200
-    # 32 without the removal of beams that end at peers: robots' own scans clear most cells of their peers.
+    # 32 if beams that end at peers are integrated: the peers' own scans clear most of their cells.
     assert highest <= 12
 
 
@@ -159,11 +158,9 @@ def test_robots_that_collide_both_report_contact(physics):
     assert min(info["rewards"]["collision"] for info in infos) == pytest.approx(2 * -0.5 * 0.1)
     first, second = (truth.state.pose for truth in env.truths[:2])
     if physics == "kinematic":
-        # No robot is pushed or driven through.
         assert tuple(second) == start[1]
         assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
     else:
-        # The robot that was hit rolls on.
         assert second.x > start[1][0] + 0.01
         assert math.dist(first[:2], second[:2]) > BURGER.radius
     env.close()

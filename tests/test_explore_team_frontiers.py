@@ -1,4 +1,3 @@
-
 import gymnasium
 import numpy as np
 import pytest
@@ -30,7 +29,7 @@ def test_what_another_robot_goes_to_is_no_gain_and_peers_tell_of_it():
     env = ExploreTeamFrontiersEnv(**ROOMS, num_robots=2, max_candidates=30)
     seen, _ = env.reset(seed=0)
     assert seen["peers"].shape == (7,)
-    assert seen["peers"][4:].tolist() == [0.0, 0.0, 0.0]  # the other robot has not chosen yet
+    assert seen["peers"][4:].tolist() == [0.0, 0.0, 0.0]
     choice = int(seen["candidates"][:, 0].argmax())
     goal, pose = env.candidates["frontier"][choice].copy(), env.belief.pose
     seen, *_ = env.step(np.int64(choice))

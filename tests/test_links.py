@@ -1,5 +1,3 @@
-"""Markdown links, and files, modules and configurations named in pages, have to exist."""
-
 import importlib.util
 import re
 from pathlib import Path
@@ -50,7 +48,6 @@ def test_links_lead_somewhere(page):
 
 
 def missing(text):
-    """Return the paths, modules of commands and configurations named in code that do not exist."""
     paths = re.findall(r"`((?:envs|agents|baselines|benchmarks|configs|tests|docs|examples)/[\w/.]*)`", text)
     modules = re.findall(r"python -m ([\w.]+)", text)
     configs = re.findall(r"--config ([a-z_]+)(?=\s|`)", text)

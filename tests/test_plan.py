@@ -12,7 +12,7 @@ from tests.rooms import make_room
 PARTS = ("scan", "motion", "plan")
 ROOMS = {"world": "rooms", "world_size": (8.0, 8.0), "physics": "kinematic", "control_hz": 5.0, "observations": PARTS}
 CORRIDOR = make_room(0.0, 0.0, 12.0, 1.6, spawn=Pose2D(0.8, 0.8, 0.0))
-"""From one end, all unknown space is at the other end."""
+"""At one end, all unknown space is at the other end."""
 
 
 def test_points_ahead_are_measured_along_the_path():
@@ -43,7 +43,6 @@ def test_the_plan_points_into_the_unknown_in_the_robots_frame(turn):
 
 
 def drive(env, steps, seed):
-    """Follow the first path, and yield observations."""
     observation, _ = env.reset(seed=seed)
     for _ in range(steps):
         yield observation

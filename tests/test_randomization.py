@@ -1,4 +1,3 @@
-
 import json
 import pickle
 from importlib.util import find_spec

@@ -150,7 +150,7 @@ def test_a_world_may_have_a_goal_of_its_own_and_a_length_that_its_benchmark_coun
 
 
 def box(*routes):
-    """Return a square of 12 m with people who walk between two points at a speed."""
+    """Return a square of 12 m; people walk between two points at a speed."""
     corners = np.array([(0.0, 0.0), (12.0, 0.0), (12.0, 12.0), (0.0, 12.0)])
     people = tuple(FixedRoute(0.3, np.array(points), speed) for points, speed in routes)
     walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
@@ -190,7 +190,7 @@ def test_who_runs_into_a_robot_that_drives_on_is_no_wall(physics):
 
 
 def stand_by(route, time):
-    """Return the rewards of a robot of 0.22 m that stands in the box for a time, and its last info."""
+    """Return the rewards and the last info of a robot of 0.22 m that stands in the box."""
     robot = replace(load_robot("turtlebot3_waffle_pi"), radius=0.22)
     settings = {"physics": "kinematic", "start": "spawn", "goal": (8.0, 2.0, 0.0), "time_limit": time, "robot": robot}
     out = drive(LidarEnv(ReachGoal, world=box(route), **settings), STOP, 200)

@@ -1,4 +1,3 @@
-
 import math
 import pickle
 
@@ -18,8 +17,6 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "physics": "kinematic", "re
 
 
 class Tired:
-    """Explorer that stops after some control periods, with frontiers left."""
-
     def __init__(self, patience):
         self._explorer, self._patience, self.end_reason = make_explorer("nearest"), patience, None
 
@@ -35,7 +32,6 @@ class Tired:
 
 
 def explore(explorer, **arguments):
-    """Run an episode; return the environment and every `info` of it."""
     env, infos = LidarEnv(Explore, **QUICK, **arguments), []
     start = begin_episode(env, explorer, 3, np.random.default_rng(0))
     run(env, decide_with(explorer, env), *start, infos.append)

@@ -23,7 +23,6 @@ HALL = {"robot": "mpo_500", "control_hz": 17.0, "physics": "kinematic", "path": 
 
 
 def follow(env, seed=0):
-    """Drive with the classic tracker; return every `info`."""
     tracker, infos = RouteFollower(), []
     start = begin_episode(env, tracker, seed, np.random.default_rng(0))
     run(env, decide_with(tracker, env), *start, infos.append)

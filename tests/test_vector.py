@@ -1,5 +1,3 @@
-"""Vector environments against single environments, with user-defined parts, and their interface."""
-
 import os
 import time
 from dataclasses import dataclass
@@ -28,8 +26,6 @@ QUICK = {"world": "rooms", "world_size": (6.0, 6.0), "control_hz": 5.0, "time_li
 
 
 class Travelled:
-    """Counts the steps of the episode, and shows the estimated position."""
-
     def reset(self, robot):
         self.count = 0
 
@@ -42,8 +38,6 @@ class Travelled:
 
 
 class Faster(Motion):
-    """Part of the package with a user-defined `write`."""
-
     def write(self, robot, out):
         super().write(robot, out)
         out[0] *= 0.5
@@ -51,7 +45,7 @@ class Faster(Motion):
 
 @dataclass(kw_only=True, eq=False)
 class Counting(Explore):
-    """Counts control periods, and reports every fifth."""
+    """Reports every fifth control period."""
 
     def reset(self, *args):
         self.count = 0
@@ -71,15 +65,11 @@ class Counting(Explore):
 
 @dataclass(kw_only=True, eq=False)
 class Halved(ReachGoal):
-    """Halves rewards, without columns of its own."""
-
     def quantities(self):
         return {name: 0.5 * value for name, value in super().quantities().items()}
 
 
 class Braked(LidarEnv):
-    """Has its own twists."""
-
     def twists(self, action):
         return [twist._replace(v=0.5 * twist.v) for twist in super().twists(action)]
 
@@ -320,8 +310,6 @@ def test_actions_can_be_clipped():
 
 
 class SlowlyPrepared(LidarEnv):
-    """Prepares an episode slowly, and reports the start and the end."""
-
     is_preparing = False
 
     def prepare(self):

@@ -1,5 +1,3 @@
-"""Misuse, interrupts, failing workers and unpicklable requests of vector environments."""
-
 import copy
 import gc
 import multiprocessing
@@ -37,21 +35,16 @@ class TwoArgumentsError(Exception):
 
 
 class TextError(Exception):
-    """Unpickles to a text."""
-
     def __reduce__(self):
         return str, ("no error at all",)
 
 
 class Unloadable:
-
     def __reduce__(self):
         return int, ("no number",)
 
 
 class Failing(LidarEnv):
-    """Fails once as `failure` says."""
-
     failure = None
 
     def fail(self, *_):
@@ -82,7 +75,7 @@ def raise_signal():
 
 
 def interrupt_soon(delays=(0.3,)):
-    """Send SIGINT to the main thread after delays, while it waits for workers."""
+    """Send SIGINT to the main thread after delays."""
     for delay in delays:
         threading.Timer(delay, signal.pthread_kill, (threading.main_thread().ident, signal.SIGINT)).start()
 

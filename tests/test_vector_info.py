@@ -1,4 +1,4 @@
-"""`info` and rewards of vector environments, against Gymnasium's `SyncVectorEnv` of single ones, byte by byte."""
+"""Results are equal to those of Gymnasium's `SyncVectorEnv`, byte by byte."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -44,7 +44,6 @@ VALUES = {
     "date": lambda k: np.datetime64("2026-01-01"),
     "NaN": lambda k: np.nan if k % 2 else -0.0,
 }
-"""Values of metrics after k control periods."""
 
 
 @dataclass(kw_only=True, eq=False)
@@ -76,8 +75,6 @@ class Telling(Explore):
 
 
 class Fading(Rewards):
-    """Has a term that fades with the number of calls, and an intermittent term."""
-
     changes = {"fading": 1}
 
     def terms(self, quantities):
@@ -92,8 +89,7 @@ class Silent(Rewards):
 
 
 def compare(id, arguments, mode, num_workers, wrappers=(), steps=24):
-    """Step and reset a vector environment and single ones, assert equal outputs; return the number of ended episodes.
-    """
+    """Assert equal outputs of a vector environment and single ones; return the number of ended episodes."""
 
     def single():
         env = gymnasium.make(id, disable_env_checker=True, **arguments)

@@ -1,5 +1,3 @@
-"""Worlds drawn ahead of time are equal to those of single environments."""
-
 import multiprocessing
 import os
 import pickle
@@ -46,7 +44,6 @@ def spawning(rng):
 
 
 class Counting:
-
     def __init__(self):
         self.count = 0
 
@@ -56,8 +53,6 @@ class Counting:
 
 
 class Sometimes:
-    """Fails for some draws."""
-
     def __call__(self, rng):
         if rng.random() < 0.4:
             raise ValueError("no world")
@@ -66,8 +61,6 @@ class Sometimes:
 
 @dataclass(kw_only=True, eq=False)
 class Drawing(Explore):
-    """Draws in each step from the generator of `reset`."""
-
     def reset(self, simulator, robots, rng, options):
         self.rng = rng
         return super().reset(simulator, robots, rng, options)
@@ -172,8 +165,6 @@ def test_errors_of_samplers_are_raised_when_the_world_is_needed_and_then_gone():
 
 
 class Unpreparable(LidarEnv):
-    """Cannot prepare worlds ahead of time."""
-
     def prepare(self):
         raise ValueError("not now")
 

@@ -1,5 +1,3 @@
-"""The wheel: built, installed into its own environment, and used without a checkout."""
-
 import email
 import os
 import re
@@ -82,7 +80,6 @@ def without_checkout():
 
 
 def run_in(environment, cwd, *command):
-    """Run a command of an environment in `cwd`, and return its output."""
     line = [environment / "bin" / command[0], *command[1:]]
     done = subprocess.run(line, cwd=cwd, env=without_checkout(), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr

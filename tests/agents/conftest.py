@@ -30,5 +30,4 @@ def tiny_config():
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_config, tmp_path_factory):
-    """Folder of a finished training."""
     return train(tiny_config, run=tmp_path_factory.mktemp("runs") / "tiny", progress=False)

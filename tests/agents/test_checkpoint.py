@@ -29,7 +29,6 @@ def fresh_model(tiny_config):
 
 @pytest.fixture
 def run(tiny_run, tmp_path):
-    """Copy of a finished run, to be damaged."""
     return shutil.copytree(tiny_run, tmp_path / "run")
 
 

@@ -69,7 +69,6 @@ def test_what_does_not_fit_is_reported(tiny_run, env):
 
 def test_scans_of_other_lidars_are_shown_as_that_of_the_training():
     def act(name, distance):
-        """Return the action of a robot that has a wall ahead at a distance [m]."""
         explorer, robot = LearnedPolicy.load(find_policy("pretrained/twist")), load_robot(name)
         explorer.reset(robot, 0.2, np.random.default_rng(0))
         bearings = wrap_angle(robot.lidar.angles + robot.lidar.mount.yaw)
@@ -193,7 +192,7 @@ def test_a_policy_that_is_measured_with_ground_truth_is_marked_in_its_run_and_in
 
 
 class Position:
-    """Observation part without bounds: position along an axis [m]."""
+    """Observation part without bounds."""
 
     def space(self, robot):
         return spaces.Box(-np.inf, np.inf, (1,), np.float32)

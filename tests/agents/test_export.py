@@ -1,4 +1,3 @@
-
 import json
 import sys
 
@@ -31,7 +30,7 @@ def onnxruntime():
 
 
 class Quadrant:
-    """Set the number of the goal's quadrant to 1, and three others to 0."""
+    """One-hot quadrant of the robot's heading."""
 
     def space(self, robot):
         return spaces.MultiBinary(4)
@@ -41,7 +40,7 @@ class Quadrant:
 
 
 class Fickle(CombinedExtractor):
-    """Policy with control flow in Python, which ONNX cannot store."""
+    """Feature extractor with a Python branch, which ONNX cannot store."""
 
     def forward(self, observations):
         sign = 1.0 if observations["motion"].sum() > 0 else -1.0
@@ -56,7 +55,7 @@ def read(onnxruntime, path):
 
 
 def acts_alike(onnxruntime, config, run, path, steps=12):
-    """Drive with the ONNX file, compare each action with the torch policy, and return the metadata."""
+    """Compare the actions of the ONNX file with the torch policy; return the metadata."""
     session, about = read(onnxruntime, path)
     policy = LearnedPolicy.load(run, trust="tests")
     env = make_env(evaluation_environment(config), "test")
@@ -122,7 +121,7 @@ def test_parts_of_any_name_and_kind_and_networks_of_the_library(onnxruntime, tmp
     "name", sorted(folder.name for folder in PRETRAINED.glob("*/") if (folder / POLICY_FILE).exists())
 )
 def test_every_network_of_the_package_becomes_a_file(name, onnxruntime, tmp_path):
-    about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares both policies, on batches of 64 and of 1
+    about = main(f"ppo:pretrained/{name}", tmp_path / "policy.onnx")  # compares both, on batches of 64 and of 1
     session, _ = read(onnxruntime, tmp_path / "policy.onnx")
     assert {one.name for one in session.get_inputs()} == about["inputs"].keys()
 

@@ -13,8 +13,6 @@ SEEN = {"scan": np.ones(3), "action_mask": np.array([0, 1], dtype=np.int8)}
 
 
 class Model:
-    """Model with the interface of stable-baselines3 and sb3-contrib."""
-
     def predict(self, observation, state=None, episode_start=None, deterministic=False, action_masks=None):
         self.seen = (state, bool(episode_start[0]), deterministic, action_masks)
         return np.array([3.0, -0.5]), (state or 0) + 1
@@ -93,7 +91,7 @@ def test_models_are_reset_if_they_take_what_a_reset_gives():
             self.robot = robot.name
 
     class Reseeding(Predicting):
-        """Model with another kind of `reset`, as in other libraries."""
+        """Model with another kind of `reset`."""
 
         def reset(self, seed=None):
             self.robot = "robot"

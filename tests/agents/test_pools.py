@@ -1,4 +1,3 @@
-
 import os
 import sys
 from pathlib import Path
@@ -10,7 +9,6 @@ from lidarnaut.agents.pools import RayExecutor, collect_files, enter_folder
 
 @pytest.fixture
 def here(tmp_path, monkeypatch):
-    """Create the current folder, a folder of maps next to it, and the files that a sweep or an evaluation names."""
     files = {"room.yaml": "polylines: []", "../maps/m.yaml": "image: m.pgm", "../maps/m.pgm": "P5", "large.bin": "x"}
     files |= {"runs/a/policy.safetensors": "w", "runs/a/checkpoint.json": "{}", "runs/a/replay/1.safetensors": "r"}
     files |= {"mine_in_pools.py": "import helper_in_pools", "helper_in_pools.py": ""}

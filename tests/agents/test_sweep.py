@@ -35,7 +35,6 @@ def test_all_combinations_are_trained_and_joined_in_a_table_and_a_picture(data, 
     assert table == [[gamma, seed, 128] for gamma in (0.9, 0.99) for seed in (0, 1)]
     assert (folder / "sweep.png").read_bytes().startswith(b"\x89PNG")
     assert "gamma 0.99" in capsys.readouterr().out
-    # A resumed sweep does not repeat finished trainings.
     trained = []
     monkeypatch.setattr(
         "lidarnaut.agents.training.train", lambda config, **how: trained.append((config.seed, how["resume"]))

@@ -83,7 +83,6 @@ def read_scalars(run, name):
 
 
 def assert_logged(run, steps):
-    """Compare TensorBoard's evaluations and their steps with the table."""
     for name in ("area", "success"):
         logged = {event.step: event.value for event in read_scalars(run, f"evaluation/{name}")}
         assert list(logged) == steps
@@ -111,7 +110,6 @@ def test_the_same_seed_gives_the_same_weights_in_one_process_and_in_several(tiny
 
 
 def dead_pid():
-    """Return the ID of a process that has ended."""
     dead = subprocess.Popen([sys.executable, "-c", ""])
     dead.wait()
     return dead.pid

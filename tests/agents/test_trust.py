@@ -35,7 +35,7 @@ SETTINGS = {"a": 1}
 
 @pytest.fixture
 def hostile(tmp_path, monkeypatch):
-    """Create a module in the current folder; return a function that returns True if it was imported."""
+    """Create a module; return a function that returns True if the module was imported."""
     (tmp_path / "hostile_code.py").write_text(HOSTILE)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(tmp_path)

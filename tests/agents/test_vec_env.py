@@ -27,7 +27,6 @@ KINDS = pytest.mark.parametrize("kind", ["native", "sync", "async"])
 def make(num_envs=3, kind="native", id=QUICK.id, mode=AutoresetMode.SAME_STEP, **arguments):
     arguments = {"physics": "kinematic", "split": "train", "world": "rooms", "world_size": (6.0, 6.0)} | arguments
     if kind == "native":
-        # Tests of `lidarnaut.envs.vector` compare workers with this process.
         return gymnasium.make_vec(id, num_envs, autoreset_mode=mode, **{"num_workers": 0, **arguments})
     return gymnasium.make_vec(id, num_envs, kind, vector_kwargs={"autoreset_mode": mode}, **arguments)
 
@@ -73,7 +72,6 @@ LIMITED = {
     "function": {"entry_point": wrapped},
     "wrappers": {"entry_point": Limited, "additional_wrappers": (WRAPPER,)},
 }
-"""Registrations of environments with episodes of 8 steps."""
 
 
 @pytest.mark.parametrize("vectorization", ["native", "sync"])
@@ -216,8 +214,6 @@ def test_robots_that_cannot_be_trained_together_are_refused():
 
 
 class Standing:
-    """Policy that stands still and records its arguments."""
-
     robots: ClassVar[list[str]] = []
 
     def reset(self, robot, control_period, rng):

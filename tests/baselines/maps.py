@@ -1,4 +1,3 @@
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Belief
@@ -34,7 +33,7 @@ def belief_at(x, y, grid=None):
 
 
 def reading_of(*, ranges=np.inf, ticks=(0, 0), yaw_rate=0.0, bumper=False, time=0.0, robot=BURGER):
-    """Sensor reading of a robot; `ranges` [m] may be one value for all beams."""
+    """Sensor reading; `ranges` [m] may be one value for all beams."""
     ranges = np.full(robot.lidar.num_beams, ranges, dtype=np.float32)
     return Reading(time=time, ranges=ranges, ticks=ticks, yaw_rate=yaw_rate, heading=np.nan, bumper=bumper)
 

@@ -59,8 +59,6 @@ class ScriptedEnv(LidarEnv):
 
 
 class ScriptedExplorer:
-    """Stops with a reason at its n-th decision."""
-
     plan = np.zeros((1, 2))
 
     def __init__(self, stop_at=10**9):
@@ -121,7 +119,6 @@ def test_the_loop_ends_with_the_episode_or_the_driver_or_after_max_steps():
     ended = run(env, lambda _: next(answers), *env.reset(), lambda info: seen.append(info["time"]))
     assert (ended.info["end_reason"], ended.info["time"], len(ended.decision_times)) == ("stuck", 4.0, 3)
     assert seen == [0.0, 2.0, 4.0]
-    # The episode continues from the last state.
     ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info, max_steps=1)
     assert (ended.info["time"], len(ended.decision_times)) == (6.0, 1)
     ended = run(env, lambda _: np.zeros(2), ended.observation, ended.info)
@@ -215,8 +212,6 @@ def test_episodes_that_wrappers_end_are_measured_at_that_moment(id, arguments, w
 
 
 class Vanishing(Explore):
-    """Info with a number that vanishes and a list that grows."""
-
     def metrics(self):
         count = len(getattr(self, "_seen", ()))
         self._seen = [0.0] * (count + 1)

@@ -40,7 +40,7 @@ def test_the_wall_follower_leaves_a_pillar_that_it_has_been_round():
     while explorer.act(reading_of_walls(right=1.5, yaw_rate=-turn), None).w <= 0.0:
         steps += 1
         assert steps < 200
-    # It turns away to the left when it leaves.
+    # The robot turns to the left when it leaves.
     assert steps == pytest.approx(2.0 * np.pi / (turn * period), abs=2)
 
 

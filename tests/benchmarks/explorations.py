@@ -1,5 +1,3 @@
-"""Measures of explorations, columns of result rows, and synthetic rows."""
-
 import csv
 
 from lidarnaut.benchmarks.arena.episodes import Episodes
@@ -26,7 +24,7 @@ def read_rows(folder):
 
 
 def deterministic(rows):
-    """Return rows without the column that depends on the clock."""
+    """Drop the column that depends on the clock."""
     return [{name: value for name, value in row.items() if name != "decision_ms"} for row in rows]
 
 

@@ -70,7 +70,6 @@ def test_the_command_leaves_table_summary_pictures_and_report(tmp_path, capsys, 
     report = (tmp_path / "report.html").read_text()
     Balanced().feed(report)
     assert "<h2>Leaderboard</h2>" in report
-    # The section of a world has every measure, the difference to the reference, end reasons and maps.
     world = report[report.index(f"<h2>{WORLD}</h2>") : report.index("<h2>maze</h2>")]
     for text in ("<th>time to 90 % s</th>", "<th>better than nearest</th>", "time ran out (2)", "random: ", "map IoU"):
         assert text in world, text
@@ -147,7 +146,6 @@ def test_traces_hold_the_maps_as_they_grew(tmp_path):
     assert known.any(axis=0)[[0, -1]].all()
     assert known.any(axis=1)[[0, -1]].all()
     assert len(trace.trail) == len(trace.curve.time) == 51
-    # Most known cells were seen at once, and the rest during the drive.
     assert 0.5 < np.mean(trace.known_since[known] == 0.0) < 1.0
     assert trace.known_since[known].max() <= row["duration"] == 5.0
     # Seen from the start, occupied cells are along true walls.

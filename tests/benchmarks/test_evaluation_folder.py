@@ -55,7 +55,6 @@ def test_shards_write_files_of_their_own_and_leave_those_of_others_alone(tmp_pat
     first, second = records_of(tmp_path, "1of2"), records_of(tmp_path, "2of2")
     first.add(row(1))
     second.add(row(2))
-    # The other machine is in the middle of a row.
     with open(tmp_path / "episodes-2of2.csv", "a") as file:
         file.write("random,maze,")
     before = (tmp_path / "episodes-2of2.csv").read_bytes()

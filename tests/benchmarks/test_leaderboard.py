@@ -58,7 +58,7 @@ def test_the_ranking_is_by_area_and_leaves_the_bound_out():
     head, lines = section.parts[1].head, section.parts[1].lines
     assert [line[0].text for line in lines] == ["1. quick", "2. nearest", "3. slow", "bound: oracle (ground truth)"]
     quick = {title: cell.text for title, cell in zip(head, lines[0])}
-    assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # mean of 0.85 to 0.88, twice
+    assert episodes.estimate("quick", BY_NAME["area_under_curve"]).iqm == pytest.approx(0.865)  # of 0.85 to 0.88, twice
     assert episodes.estimate("quick", RELATIVE)[:3] == pytest.approx((0.8, 0.8, 0.8))
     assert (quick["area under curve %"], quick["time to 95 %, relative"], quick["success %"]) == ("86.5", "0.80", "100")
     best = [cell.is_best for line in lines for cell in line]
@@ -125,7 +125,7 @@ def test_the_table_of_three_policies_fits_120_columns_of_a_terminal():
 
 
 def test_ratios_of_times_are_geometric_means():
-    times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # of the last, less than a second counts
+    times = {"nearest": (100.0, math.inf, 0.2), "quick": (50.0, 2000.0, 0.0)}  # times below 1 s count as 1 s
     rows = [row(policy, k, time=time) for policy, each in times.items() for k, time in enumerate(each)]
     table = leaderboard.pairs_section(related(rows), MEASURES.gaps).parts[1]
     assert table.lines[0][table.head.index("time to 95 % / nearest's")].text == f"{0.25 ** (1 / 3):.3f}"
@@ -137,7 +137,6 @@ def test_an_axis_is_compared_pair_by_pair():
         for slam, area, time in (("tinyslam", 0.7, 120.0), ("truth", 0.8, 100.0), ("odometry", 0.2, 300.0))
         for seed in range(4)
     ]
-    # Rows without partners.
     rows += [row("a", 7, slam="tinyslam", area=0.0), row("a", 0, world="caves"), row("b", 0, world="caves")]
     section = leaderboard.axis_section(Episodes(rows, MEASURES), "slam")
     text, table = section.parts

@@ -1,4 +1,3 @@
-
 import re
 import shutil
 import subprocess
@@ -21,7 +20,6 @@ BRIEF = ["--episodes", "1", "--physics", "kinematic", "--time-limit", "6"]
 
 @pytest.fixture
 def own_folder(tmp_path, monkeypatch):
-    """Folder with a module `own_explorers`, set as current directory."""
     shutil.copy(own_code.__file__, tmp_path / "own_explorers.py")
     monkeypatch.chdir(tmp_path)
     yield tmp_path
@@ -41,7 +39,7 @@ def test_explorers_and_policies_of_a_users_module_enter_the_arena(own_folder, no
     for row in rows:
         assert 0.0 < float(row["explored_fraction"]) <= 1.0, row
         assert float(row["path_length"]) > 0.3, row
-    # A trace at decision level also has the time at which each cell became known.
+    # A trace at decision level also has the time of each cell's first observation.
     for path in (own_folder / "out" / "episodes").iterdir():
         trace = Trace.load(path)
         assert ((trace.grid.data >= 0) == (trace.known_since < 1e9)).all()

@@ -80,8 +80,6 @@ def test_a_missing_ray_is_named_with_its_extra(tmp_path, monkeypatch, capsys):
 
 
 class Fragile(RandomExplorer):
-    """Fails in one of its episodes."""
-
     def reset(self, robot, control_period, rng):
         super().reset(robot, control_period, rng)
         self._is_broken = rng.integers(2**32) == np.random.default_rng([1, 1]).integers(2**32)

@@ -1,5 +1,3 @@
-"""Pages generated from registry, docstrings and sources."""
-
 import re
 import sys
 from pathlib import Path
@@ -15,7 +13,6 @@ DOCS = Path(__file__).parents[2] / "docs"
 
 @pytest.fixture(scope="module", autouse=True)
 def extension():
-    """Add the folder of the Sphinx extension to the import path."""
     sys.path.insert(0, str(DOCS / "_ext"))
     yield
     sys.path.remove(str(DOCS / "_ext"))

@@ -1,5 +1,3 @@
-"""Documentation built by `make docs`: links, outputs and layout."""
-
 import functools
 import html
 import json
@@ -22,8 +20,6 @@ NOTEBOOKS = sorted(Path(__file__).parents[2].glob("docs/tutorials/*.ipynb"))
 
 
 class Page(HTMLParser):
-    """Links and anchors of a page."""
-
     def __init__(self, text):
         super().__init__()
         self.anchors, self.targets, self.images, self.outputs = {"", "top"}, [], 0, 0
@@ -109,7 +105,6 @@ def test_the_tutorial_of_an_own_world_trains_exports_and_drives():
 
 @pytest.fixture(scope="module")
 def answer():
-    """Return the harness's report on all pages, at two window widths."""
     paths = ",".join(path.relative_to(SITE).as_posix() for path in sorted(SITE.rglob("*.html")))
     return visit(SITE, Path(__file__).with_name("site.html"), f"widths=1280,390&pages={paths}")
 

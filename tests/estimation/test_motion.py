@@ -15,7 +15,6 @@ ROBOT = replace(BURGER, odometry=replace(BURGER.odometry, ticks_per_rev=1e9))
 
 
 def after(left, right, yaw_rate=0.0, offset=(0, 0)):
-    """Reading after the wheels have rolled these distances [m]."""
     per_metre = ROBOT.odometry.ticks_per_rev / (2 * math.pi * ROBOT.odometry.wheel_radius)
     ticks = round(left * per_metre) + offset[0], round(right * per_metre) + offset[1]
     return Reading(0.0, np.empty(0, dtype=np.float32), ticks, yaw_rate, math.nan, False)

@@ -1,5 +1,3 @@
-"""People in scans of a hall with known walls."""
-
 import copy
 import itertools
 import math
@@ -88,7 +86,7 @@ def drive(tracker, people, seconds, rng, kind="disc", lidar=LIDAR, course=course
 
 
 def walks(number, rng):
-    """Return people that walk back and forth on straight lines at 0.5 to 1.3 m/s."""
+    """Return people that walk straight, back and forth, at 0.5 to 1.3 m/s."""
 
     def walk(start, end, speed, time):
         length = math.dist(start, end)
@@ -183,7 +181,7 @@ def test_who_is_hidden_is_kept_for_a_while_and_who_has_gone_is_not():
     assert (0, 1) in hidden
     assert hidden[-1] == (0, 0)
 
-    def walking(time):  # and vanishes
+    def walking(time):
         return (3.0 + time, 4.5, 1.0, 0.0) if time < 3.0 else (-50.0, -50.0, 1.0, 0.0)
 
     shown = [len(tracks) for _, _, tracks, _, _ in drive(PeopleTracker(LIDAR, 0.1), [walking], 4.0, rng, course=stand)]

@@ -1,5 +1,3 @@
-"""Run every example on a small budget."""
-
 import ast
 import csv
 import importlib

@@ -1,4 +1,4 @@
-"""User-defined parts from the examples, given by name; see the table in docs/customize/index.md."""
+"""The parts are listed in docs/customize/index.md."""
 
 import csv
 import sys
@@ -22,7 +22,6 @@ OWN = {
     "observations": {"motion": None, "beacons": None, "sectors": "own_observation:Sectors"},
     "slam": "own_slam:make_forgetful",
 }
-"""Arguments of an environment of user-defined parts only."""
 TRAINING = {
     "total_steps": 16,
     "num_envs": 2,
@@ -34,7 +33,6 @@ TRAINING = {
 
 @pytest.fixture(autouse=True)
 def in_examples(monkeypatch, tmp_path):
-    """Find the examples by name as the commands do, and write results elsewhere."""
     monkeypatch.syspath_prepend(str(EXAMPLES))
     monkeypatch.chdir(tmp_path)
     yield

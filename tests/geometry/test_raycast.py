@@ -10,7 +10,6 @@ TURN = 2 * math.pi
 
 
 def all_pairs(x, y, heading, beams, segments, circles, num_beams):
-    """Intersect every beam with every segment and circle."""
     angles = heading + beams.angle_min + beams.angle_increment * np.arange(num_beams)
     d = np.column_stack([np.cos(angles), np.sin(angles)])
     with np.errstate(all="ignore"):

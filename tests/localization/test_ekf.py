@@ -1,5 +1,3 @@
-"""Kalman filter against a slow reference and known answers, with late, missing and wrong measurements."""
-
 import math
 
 import numpy as np
@@ -208,7 +206,7 @@ def test_measurements_far_apart():
     ]
     bounded, asked = started(v=0.5, max_ahead=math.inf), started(v=0.5)
     for k in range(1, 7):
-        asked.estimate(5.0 * k - 0.5)  # the caller's clock
+        asked.estimate(5.0 * k - 0.5)
         assert asked.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
         assert bounded.add(measure(5.0 * k, "encoder", 0.5, 0.0)) == "accepted"
 
@@ -225,7 +223,7 @@ def test_the_first_stamp_is_compared_with_the_time_of_the_reset():
 def drive(ekf, stamps, seconds=20.0):
     """Drive at 0.5 m/s with all measurements at 10 Hz; return the final position error [m].
 
-    `stamp` maps kind and true time of a measurement to its stamp.
+    `stamps` maps kind and true time of a measurement to its stamp.
     """
     for k in range(1, round(10 * seconds) + 1):
         time = 0.1 * k

@@ -1,5 +1,3 @@
-"""Ambiguous poses: the filter has to stay lost until it has evidence for one of them."""
-
 import itertools
 import math
 from dataclasses import replace
@@ -46,7 +44,7 @@ def drive(amcl, walls, poses, before=None):
 
 
 def straight(*points, step=0.1):
-    """Return poses along straight lines, a step [m] apart, with turns on the spot."""
+    """Return poses along straight lines, `step` [m] apart, with turns on the spot."""
     poses, heading = [], None
     for (x0, y0), (x1, y1) in itertools.pairwise(points):
         goal = math.atan2(y1 - y0, x1 - x0)

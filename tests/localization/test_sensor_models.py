@@ -31,7 +31,6 @@ def _scan(rng):
 
 
 def _field_reference(params, grid, ranges, particles):
-    """Weigh particles by the formulas, one beam at a time."""
     occupied = grid.centers(np.argwhere(grid.data >= 65))
     x_min, y_min, x_max, y_max = grid.bounds
     weights = []

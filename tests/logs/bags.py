@@ -12,8 +12,6 @@ SCAN, ODOMETRY, TF = "sensor_msgs/msg/LaserScan", "nav_msgs/msg/Odometry", "tf2_
 
 
 class Messages:
-    """Factory of ROS 1 or ROS 2 messages."""
-
     def __init__(self, store):
         self.store = get_typestore(store)
         if TF not in self.store.types:  # ROS 1 has the type in another package
@@ -47,7 +45,7 @@ class Messages:
         return self.make(ODOMETRY, self.header(seconds, "odom"), base, pose, twist)
 
     def transforms(self, seconds, *edges):
-        """Return a TFMessage of edges (parent, child, x, y, yaw, roll)."""
+        """`edges`: (parent, child, x, y, yaw, roll)."""
         stamped = []
         for parent, child, x, y, yaw, roll in edges:
             moved = self.make("geometry_msgs/msg/Vector3", x, y, 0.2)

@@ -121,7 +121,6 @@ def test_a_room_seen_twice_at_different_poses_conflicts():
     for value in (np.nan, 1e12):
         poses[3, 1] = value
         assert math.isnan(conflict_share(log, poses))
-    # NaN without returns.
     assert math.isnan(conflict_share(log_of([[np.inf] * 4, [np.nan] * 4]), np.zeros((2, 3))))
 
 
@@ -132,6 +131,6 @@ def test_thinned_logs_keep_scans_that_are_far_apart_or_turned():
     thinned = log.thinned(1.0, 0.5)
     np.testing.assert_array_equal(thinned.scan_rows, [0, 3, 6])
     np.testing.assert_array_equal(thinned.ranges[:, 0], [1.0, 4.0, 7.0])
-    assert len(thinned.times) == 7  # odometry is unchanged
+    assert len(thinned.times) == 7
     assert log.step_length == pytest.approx(0.3)
     assert thinned.step_length == pytest.approx(0.6)

@@ -24,7 +24,7 @@ ROOT = Path(__file__).parents[2]
 
 
 class TurningSlam:
-    """User-defined SLAM that turns the robot by 90 degrees at each scan."""
+    """Turns the robot by 90 degrees at each scan."""
 
     def __init__(self, lidar, resolution):
         self.belief = None
@@ -65,15 +65,11 @@ class FinishingSlam(ClosingSlam):
 
 
 class WrongSlam(TurningSlam):
-    """Corrects more poses than exist."""
-
     def finish(self):
         self.belief.path = np.zeros((5, 3))
 
 
 class LostSlam(TurningSlam):
-    """Is lost after the second of two scans."""
-
     def update(self, reading, motion):
         belief = super().update(reading, motion)
         belief.is_lost = self.theta == math.pi
@@ -92,7 +88,6 @@ class AnchoredSlam(TurningSlam):
 
 
 OWN = f"{__name__}:"
-"""Prefix of the names of this module's SLAMs."""
 
 
 @pytest.fixture
@@ -221,7 +216,7 @@ def test_a_map_that_contradicts_its_scans_must_not_be_trusted(tmp_path, capsys):
     assert f"{100 * run.conflict_share:.1f} % of the beams pass through walls of its map" in said
     assert "sparse log: 1.00 m between scans (median)" in said
     assert "warning: do not trust odometry" in said
-    main(Options(tmp_path / "drive.npz", slam="odometry", preset="sparse", thin=(3.0, 3.0)))  # one scan is left
+    main(Options(tmp_path / "drive.npz", slam="odometry", preset="sparse", thin=(3.0, 3.0)))
     assert "warning" not in capsys.readouterr().out
 
 

@@ -1,4 +1,3 @@
-
 from lidarnaut.envs.navigation import COST_UNKNOWN
 
 

@@ -1,5 +1,3 @@
-"""DWB: trajectories, each critic by itself, and the planner."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Frontier candidates, drives to them, and recovery of stuck robots."""
-
 import dataclasses
 import math
 
@@ -53,7 +51,6 @@ def offered(data, x, y, *, max_candidates=24, theta=0.0, **planning):
 
 
 def empty_features(num):
-    """Placeholder features, sectors and gaps of candidates."""
     return (np.ones((num, size), dtype=np.float32) for size in (len(FEATURES), 2 * NUM_SECTORS, num))
 
 
@@ -172,7 +169,6 @@ def test_features_say_where_and_since_when():
     assert named["left"] == pytest.approx((y - 1.0) / 16.0)
     assert named["age"] == pytest.approx(robot.time / (robot.time + 60.0))
     assert named["chosen"] == 1.0
-    # The path to a door ahead on the left turns counter-clockwise.
     assert 0.0 < named["turn"] < 0.5
     assert named["cost_ratio"] == 1.0
     assert named["rank"] == 0.0
@@ -300,7 +296,6 @@ def test_a_frontier_that_is_gone_ends_the_drive_after_a_second():
     data = robot.belief.grid.data
     robot.change(slice(None), slice(None), np.where(data < 0, 100, data))
     assert robot.decide() == "frontier_gone"
-    # A second, and the turn on the spot in search of frontiers.
     assert robot.time == pytest.approx(1.0 + 2.0 * math.pi / NavigatorParams().spin_rate, abs=2 * PERIOD)
 
 

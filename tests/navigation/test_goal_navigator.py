@@ -1,5 +1,3 @@
-"""Navigation to goals on known and growing maps."""
-
 import math
 
 import numpy as np
@@ -146,7 +144,7 @@ def test_a_path_through_the_unknown_is_taken_where_that_is_allowed():
     grid = hall()
     grid.data[1:-1, 145:155] = 0
     assert navigator_to((4.5, 0.0), allow_unknown=True).act(reading_of(), Belief(HERE, grid)).v > 0.0
-    # On a growing map it is valid, also outside of the map.
+    # On a growing map the path is valid, also outside of the map.
     grid.data[1:-1, -1] = -1
     growing = Belief(HERE, grid)
     growing.update = MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 80, 200))
@@ -170,7 +168,7 @@ def test_a_gap_too_narrow_for_the_robot_is_looked_at_on_a_map_that_grows_where_t
 
 
 def unknown(pose=HERE):
-    """Return a belief of dead reckoning, without a map."""
+    """Belief of dead reckoning, without a map."""
     blank = OccupancyGrid(np.full((1, 1), -1, dtype=np.int8), 0.05, (0.0, 0.0))
     return Belief(pose, blank, MapUpdate(np.empty((0, 2), dtype=np.int32), Window(0, 0, 1, 1)))
 
@@ -271,7 +269,6 @@ def test_a_robot_that_gets_nowhere_tries_everything_and_then_gives_up():
     assert navigator.end_reason == "stuck"
     actions = np.array(actions)
     assert actions[:, 0].min() < 0.0
-    # It spun for half a turn at least once.
     spun = (actions[:, 0] == 0.0) & (np.abs(actions[:, 1]) > 0.1)
     assert spun.sum() * 0.1 > math.pi
 

@@ -1,5 +1,3 @@
-"""MPPI: costs of sequences against a slow reference, and drives among walls and people."""
-
 import math
 
 import numpy as np

@@ -1,5 +1,3 @@
-"""Obstacle memory, and free distances along arcs."""
-
 import dataclasses
 import math
 import pickle
@@ -25,7 +23,7 @@ def robot_with(**lidar):
 
 
 def scan_of(robot, pose, points):
-    """Beams that hit single points in the world from a pose; each point fills the nearest beam."""
+    """Scan of single points (world frame); each point fills the nearest beam."""
     lidar = robot.lidar
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     ranges = np.full(lidar.num_beams, np.inf, dtype=np.float32)
@@ -55,7 +53,6 @@ class Wheels:
 
 
 def begin(robot, points):
-    """Return a navigator after its first reading, and the robot's `Wheels`."""
     navigator, wheels = Navigator(robot, 0.1), Wheels(robot)
     navigator.reset(wheels.drive(0.0, 0.0, points))
     return navigator, wheels

@@ -1,5 +1,3 @@
-"""All local planners on every robot: they follow the path, reach its end, and stop before obstacles."""
-
 import math
 
 import numpy as np
@@ -29,7 +27,7 @@ CASES = [
 STRAYS = {"rpp": 0.25, "dwb": 0.6, "mppi": 0.6}
 """Maximum deviation of each planner from a path with sharp corners [m]; DWB cuts corners in free space."""
 STOPS = {"rpp": 0.15, "dwb": 0.2, "mppi": 0.4}
-"""Maximum distance to a wall at which each planner stops [m]; DWB rounds to cells."""
+"""Maximum stopping distance of each planner before a wall [m]; DWB rounds to cells."""
 NOTHING = np.empty((0, 2))
 PERIOD = 0.1
 
@@ -44,7 +42,6 @@ def drive(follower, robot, pose, num_steps, *, walls=NOTHING, jitter=0.0, seed=0
             pose.x + jitter * rng.normal(), pose.y + jitter * rng.normal(), pose.theta + jitter * rng.normal()
         )
         obstacles = pose.inverse().transform(walls) if len(walls) else walls
-        # Scan noise along the beams.
         ranges = np.hypot(obstacles[:, 0], obstacles[:, 1])
         obstacles = obstacles * (1.0 + rng.normal(0.0, robot.lidar.noise_std, len(obstacles)) / ranges)[:, None]
         command = follower.command(estimated, Twist(v, w), obstacles)

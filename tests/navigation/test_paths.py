@@ -1,5 +1,3 @@
-"""Path search against SciPy's Dijkstra, path validity, and smoothing."""
-
 import math
 
 import numpy as np
@@ -52,7 +50,6 @@ def reference_travel(costs, weights, start):
 
 
 def random_costs(rng, height, width):
-    """Cells at random, or free space with patches."""
     values = np.array([0, 0, 0, 40, 252, 253, 254, 255], dtype=np.uint8)
     if rng.integers(2):
         return values[rng.integers(0, len(values), (height, width))]
@@ -206,7 +203,6 @@ def test_smoothing_rounds_corners_and_touches_nothing():
     corner = resample(np.array([[1.7, 1.0], [1.7, 2.3], [2.4, 2.3], [2.4, 1.0]]), 0.05)
     assert is_path_valid(COSTMAP, smooth_path(COSTMAP, corner))
     assert len(smooth_path(COSTMAP, path[:1])) == 1
-    # A straight line stays straight.
     line = resample(np.array([[0.5, 2.5], [4.5, 2.5]]), 0.05)
     np.testing.assert_allclose(smooth_path(COSTMAP, line), line, atol=1e-9)
 

@@ -21,7 +21,6 @@ BURGER, MOUSE = load_robot("turtlebot3_burger"), load_robot("raspimouse")
 
 
 def joined_slowly(data, block):
-    """Maximum occupancy in each block of map cells."""
     height, width = (-(-size // block) for size in data.shape)
     padded = np.full((height * block, width * block), -1, dtype=np.int8)
     padded[: data.shape[0], : data.shape[1]] = data
@@ -29,7 +28,6 @@ def joined_slowly(data, block):
 
 
 def expected(grid, planning, level, pose, obstacles, ignored):
-    """Blocks, frontier and costs, computed from a whole map."""
     joined = OccupancyGrid(joined_slowly(grid.data, planning.block), planning.side, grid.origin)
     frontier = frontier_mask(joined)
     for row, col in joined.cells(ignored):
@@ -44,7 +42,6 @@ def expected(grid, planning, level, pose, obstacles, ignored):
 
 
 def scan_into(grid, rng, size=30):
-    """Set a random window of a map to random values; return the window."""
     height, width = grid.data.shape
     row, col = int(rng.integers(height - 2)), int(rng.integers(width - 2))
     last_row = min(row + int(rng.integers(1, size)), height - 1)
@@ -55,7 +52,6 @@ def scan_into(grid, rng, size=30):
 
 
 def grow(grid, rng):
-    """Let a map grow by a random number of cells on each side."""
     margins = rng.integers(0, 40, (2, 2))
     data = np.pad(grid.data, margins, constant_values=-1)
     x, y = grid.origin
@@ -110,7 +106,6 @@ def test_bodies_are_marked_though_the_map_accounts_for_them():
     cell = planning.cell(3.15, 2.55)
     assert planning.layer(0, pose, beside).costs[cell] < 254
     assert planning.layer(0, pose, bodies=beside).costs[cell] == 254
-    # The next update forgets it.
     assert planning.layer(0, pose).costs[cell] < 254
 
 

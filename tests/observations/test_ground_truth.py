@@ -37,21 +37,18 @@ CASES = {
     "bearing": ("ReachGoal", {**REACH, "goal_given": "bearing"}),
     "track": ("Track", {"physics": "kinematic", "map_resolution": 0.1}),
 }
-"""Ids and arguments, with people, peers, and randomized limits if the task supports them."""
 TURNING = np.array([0.6, 0.3], dtype=np.float32)
 
 
 def make_with_all_parts(name, arguments, **choices):
-    """Make an environment with all of its observation parts, by defaults or `choices`."""
     env = gymnasium.make(f"lidarnaut/{name}-v0", **arguments).unwrapped
     parts = dict.fromkeys((*PARTS, *env.task.observation_parts())) | choices
     return gymnasium.make(f"lidarnaut/{name}-v0", **arguments, observations=parts).unwrapped
 
 
 def falsified(env):
-    """Return the observation of an environment with temporarily falsified ground truth."""
     numbers, people, hidden = env.rows.numbers, env.simulator.crowd.rows, np.isnan(at.SENSED)
-    tasks = [env.rows.memory[GOAL_MEMORY][:, 2:]] if GOAL_MEMORY in env.rows.memory else []  # all except the goal itself
+    tasks = [env.rows.memory[GOAL_MEMORY][:, 2:]] if GOAL_MEMORY in env.rows.memory else []  # all except goals
     kept, rng = [array.copy() for array in (numbers, people, *tasks)], np.random.default_rng(0)
     numbers[:, hidden] = rng.uniform(-9.0, 9.0, (len(numbers), hidden.sum()))
     people[:, [person_at.X, person_at.Y, person_at.VX, person_at.VY]] += 3.0
@@ -107,8 +104,6 @@ def test_kernels_for_many_robots_show_what_single_ones_see(case):
 
 
 class Peek:
-    """Part that writes an attribute of its robot."""
-
     def __init__(self, look, size=3):
         self.look, self.size = look, size
 
@@ -206,8 +201,6 @@ def test_rules_get_no_true_state_either(name):
 
 
 class Admitting(gymnasium.ObservationWrapper):
-    """Part that shows the true pose and declares it."""
-
     uses_ground_truth = True
 
     def observation(self, observation):
@@ -242,7 +235,6 @@ def drive_to(env, name, goal, steps):
 
 @pytest.fixture(scope="module")
 def open_floor():
-    """Environment in an empty hall that gives only the bearing of the goal."""
     corners = np.array([(0.0, 0.0), (20.0, 0.0), (20.0, 20.0), (0.0, 20.0)])
     walls = np.hstack([corners, np.roll(corners, -1, axis=0)])
     world = World("floor", walls, np.empty((0, 3)), (Pose2D(2.0, 2.0, 0.0),), (0.0, 0.0, 20.0, 20.0))

@@ -127,7 +127,7 @@ def test_points_on_who_walks_are_no_walls():
     assert find_walls(ranges, frame, NOBODY, points) > 1
     assert find_walls(ranges, frame, np.array([(2.0, 0.0, 1.0, 0.0, 0.3)]), points) == 1
     np.testing.assert_allclose(points[:, 0], (0.0, -1.0), atol=1e-6)
-    pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])  # inaccurate track
+    pillar = np.array([(2.0, 0.0, 0.2, 0.0, 0.3)])
     assert find_walls(ranges, frame, pillar, points) > 1
 
 

@@ -1,4 +1,3 @@
-
 import numpy as np
 
 from lidarnaut.envs.player.recording import CANDIDATE_COLUMNS, FREE, OCCUPIED, Recording

@@ -1,5 +1,3 @@
-"""The page in headless Chromium of Debian."""
-
 from pathlib import Path
 
 import pytest
@@ -26,7 +24,7 @@ def test_the_page_draws_and_fits(pair, width):
     report = pair[width]
     assert report["errors"] == []
     assert report["samples"] == "121 61"
-    assert report["overflow"] <= 0  # nothing to scroll sideways
+    assert report["overflow"] <= 0
     # The panels are side by side, or one below the other on a narrow page.
     truth, estimate = report["boxes"][:2]
     assert (estimate["left"] > truth["right"]) == (width > 600)

@@ -75,14 +75,14 @@ def test_decisions_are_recorded_with_the_scores_by_which_they_were_made(make):
     first = recording.candidates[: recording.candidate_ends[0]]
     assert len(first) > 1
     assert first[recording.decision_chosen[0], 5] == first[:, 5].max()
-    # The robot does not return to an abandoned goal during a drive, whatever its score.
+    # A drive does not end with a return to an abandoned goal, even with the best score.
     assert (recording.decision_chosen >= 0).all()
 
 
 def test_candidates_have_their_costs_and_the_rules_values():
     env, explorer = make_env(time_limit=3.0), GainOverCostExplorer()
     recording, *_ = record(env, explorer)
-    candidates = explorer.navigator.candidates  # the candidates of the last decision
+    candidates = explorer.navigator.candidates
     last = recording.candidates[-len(candidates) :]
     np.testing.assert_allclose(last[:, :2], candidates["frontier"], atol=1e-5)
     np.testing.assert_allclose(last[:, 2], candidates["cost"], rtol=1e-6)

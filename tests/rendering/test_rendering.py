@@ -62,7 +62,6 @@ def renderer():
 
 
 def panels(frame):
-    """Cut ground truth and estimate out of a frame of 1280 x 720."""
     return frame[108:680, 16:632], frame[108:680, 648:1264]
 
 
@@ -86,7 +85,6 @@ def test_rgb_arrays_are_fresh_and_equal_for_equal_scenes(renderer):
 
 @pytest.fixture(scope="module")
 def truth_and_belief(renderer):
-    """Return the two panels of a scene."""
     return panels(renderer.draw(make_scene()))
 
 

@@ -15,12 +15,10 @@ def row(record_property):
 
 @pytest.fixture
 def size(request):
-    """Return a function that chooses between the default size and the size with `--slow`."""
     return lambda few, many: many if request.config.getoption("slow") else few
 
 
 def in_new_process(function, *arguments, **variables):
-    """Return the result of a function in a new process with additional environment variables."""
     before = dict(os.environ)
     os.environ |= variables
     try:

@@ -15,7 +15,6 @@ IN_MESSAGES = {
     int: st.sampled_from([0, 1, 10**6, 2**31 - 1]),
     str: st.sampled_from(["", "/", "x" * 5000, "\x00", "odom", "base_link", "laser", "map"]),
 }
-"""Strategies for values of messages by type."""
 
 
 @st.composite

@@ -25,7 +25,7 @@ ANGLES = (15, 30, 45, 60, 75)
 
 
 def resident():
-    """Return the resident memory of this process [MiB]."""
+    """Resident memory of this process [MiB]."""
     with open("/proc/self/statm", encoding="ascii") as file:
         return round(int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20)
 
@@ -89,7 +89,7 @@ def crosses(before, after, segments):
     """Return True if the line between two positions crosses a segment, shape (n, 4) [m]."""
 
     def side(a, b, p):
-        """Return the sign of the cross product: the side of the line from a to b with the point p."""
+        """Return the side of the line from a to b with the point p, as a sign."""
         ab, ap = b - a, p - a
         return np.sign(ab[..., 0] * ap[..., 1] - ab[..., 1] * ap[..., 0])
 

@@ -56,11 +56,9 @@ closures: [[0.0, 3.0, 0.0, 0.0]]
 """)
 MAP = {"image": "", "resolution": 0.1, "origin": [0.0, 0.0, 0.0], "negate": 0, "occupied_thresh": 0.65}
 DEPTH = 2000
-"""Nesting depth beyond the limits of our parsers."""
 
 
 def drive_in(**arguments):
-    """Reset an environment with a world or a robot and drive a few steps."""
     env = LidarEnv(Explore, physics="kinematic", slam="truth", control_hz=5.0, **arguments)
     env.reset(seed=0)
     for _ in range(3):
@@ -92,7 +90,6 @@ def any_yaml(folder, draw):
 
 
 def try_map(folder, draw):
-    """Damage the YAML or the image of a map of `map_server`."""
     pixels = np.full((20, 30), 254, dtype=np.uint8)
     pixels[5, 5:12] = 0
     suffix, image = draw(st.sampled_from(["pgm", "png"])), io.BytesIO()
@@ -121,7 +118,6 @@ def try_config(folder, draw):
 
 
 def try_log(folder, draw):
-    """Damage a log: text, also gzipped, or arrays."""
     text = draw(st.sampled_from([CARMEN, ROBOTLASER])).encode()
     kind = draw(st.sampled_from(["input.log", "input.log.gz", "input.npz"]))
     path = folder / kind
@@ -140,7 +136,6 @@ def try_log(folder, draw):
 
 
 def try_bag(folder, draw):
-    """Damage the messages of a bag, or one of its files."""
     storage, in_messages = draw(st.sampled_from(["ros1", "sqlite3", "mcap", "file"])), draw(st.booleans())
     path = write_bag(
         folder / "input", lambda m: draw(damaged_messages(list(drive(m)))) if in_messages else drive(m), storage
@@ -183,7 +178,7 @@ KINDS = {
     "bags": (try_bag, 30),
     "checkpoints": (try_checkpoint, 6),
 }
-"""Functions that write and use a damaged input named `input`, and the default number of trials."""
+"""Functions that write and use a file named `input`, and the default number of trials."""
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -1,5 +1,3 @@
-"""Trainings and evaluations that are killed at random moments and started again: losses and results."""
-
 import csv
 import os
 import shutil
@@ -27,7 +25,6 @@ CONFIG = {
     "evaluation": {"every": 2048, "episodes": 1, "references": []},
     "checkpoints": {"every": 128, "keep": 2},
 }
-"""Training of 32 updates, with a checkpoint after each."""
 EVALUATION = (
     "--policies", "random", "nearest", "--worlds", "turtlebot3_world", "--episodes", "10", "--physics", "kinematic",
     "--slam", "truth", "--time-limit", "6", "--shard", "1/1", "--out",
@@ -48,7 +45,7 @@ class Killer:
         environment = {**os.environ, "PYTHONPATH": str(ROOT)}
         try:
             subprocess.run(program, cwd=self.folder, env=environment, timeout=limit, check=True, capture_output=True)
-        except subprocess.TimeoutExpired:  # `run` has killed it
+        except subprocess.TimeoutExpired:
             return False
         self.duration = self.duration or time.perf_counter() - began
         return True
@@ -117,7 +114,6 @@ def test_no_checkpoint_of_a_killed_training_is_lost(tmp_path, row):
             shutil.copytree(run, copied)
         ended = killer.run_or_kill(*([program, "--resume", run] if resumes else begin))
         for begun in (tmp_path / "runs").glob("*"):
-            # A run that was killed before its first checkpoint cannot be resumed.
             begun.rename(run) if list_checkpoints(begun) else shutil.rmtree(begun)
         steps = max((load_checkpoint(path, trust="tests").record.steps for path in list_checkpoints(run)), default=0)
         assert steps >= reached

@@ -103,7 +103,6 @@ MAPS = {
 
 
 def write_map(name, size, folder):
-    """Write a map of `MAPS` with `size` x `size` cells; return the path of its YAML."""
     fit = math.ceil(2.0 * load_robot("turtlebot3_burger").radius / RESOLUTION) + 1
     y, x = np.ogrid[:size, :size]
     free = MAPS[name](y, x, size, fit, np.random.default_rng(0))
@@ -139,7 +138,7 @@ def test_hard_maps_are_driven_on_or_refused_by_name(name, tmp_path):
 def test_large_maps_are_reset_in_little_time_and_memory(name, tmp_path, row):
     small = write_map("one wall", 100, tmp_path)
     for case in CASES:
-        reset_once(small, case)  # compiles
+        reset_once(small, case)
     path = write_map(name, 5000, tmp_path)
     found = {case: in_new_process(reset_once, path, case) for case in CASES}
     times = {f"{case} [s]": f"{r[0]:.1f}" + " (refused)" * bool(r[2]) for case, r in found.items()}

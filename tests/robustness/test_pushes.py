@@ -19,13 +19,11 @@ from tests.rooms import ORIGIN
 SPEED, RADIUS, SECONDS = 1.5, 0.25, 5.0
 """Speed and radius of the moving circle [m/s, m], and duration of its motion [s]."""
 DRIVE = 12.0
-"""Duration of drives against walls [s]."""
 RATES = (5, 10, 20, 50)
 WITHOUT_PYBULLET = importlib.util.find_spec("pybullet") is None
 
 
 def faster(name, speed, torque=10.0):
-    """Robot of the library with a higher speed and far higher acceleration."""
     robot = load_robot(name)
     drive = replace(robot.drive, max_torque=torque * robot.drive.max_torque)
     return replace(robot, name=f"{name} at {speed} m/s", max_v=speed, max_acc_v=20.0, max_w=4.0, drive=drive)
@@ -73,7 +71,6 @@ def commands(robot, mode, rate, rng):
 
 
 def circle_at(robot, time, aside):
-    """Circle (x, y, radius) that moves over the robot, towards the walls ahead [m]."""
     return -(robot.radius + RADIUS + 0.6) + SPEED * time, aside * (1.0 - 0.2 * time), RADIUS
 
 

@@ -1,5 +1,3 @@
-"""Reproducibility of a seed across processes and numbers of threads."""
-
 import hashlib
 
 import gymnasium
@@ -22,11 +20,9 @@ ELSEWHERE = {
     "four threads": {"OMP_NUM_THREADS": "4", "NUMBA_NUM_THREADS": "4"},
     "another hash seed": {"PYTHONHASHSEED": "77"},
 }
-"""Environment variables of processes that repeat the episodes."""
 
 
 def digest(case):
-    """Return the SHA-256 of an episode: observations, rewards, pose errors."""
     id, arguments = CASES[case]
     env = gymnasium.make(f"lidarnaut:lidarnaut/{id}-v0", **COMMON | arguments).unwrapped
     found = hashlib.sha256()

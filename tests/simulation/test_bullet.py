@@ -1,5 +1,3 @@
-"""PyBullet, also in worlds of many walls, and the lidar's ray casting against PyBullet's."""
-
 import math
 import pickle
 import subprocess
@@ -88,7 +86,6 @@ def test_ever_new_worlds_do_not_fill_the_memory():
 
 @pytest.fixture
 def many(monkeypatch):
-    """Treat every world as a world of many walls."""
     monkeypatch.setattr(bullet_world, "_MAX_RECTANGLES", 0)
 
 

@@ -1,5 +1,3 @@
-"""Flat ground: motion is the command times the controller error, under both physics."""
-
 import math
 from dataclasses import replace
 
@@ -17,13 +15,12 @@ SECONDS = 5
 
 
 def gains(robot):
-    """Ratios of true to commanded forward speed, and of true to commanded yaw rate."""
+    """True over commanded forward speed, and true over commanded yaw rate."""
     forward = robot.drive.wheel_radius / robot.odometry.wheel_radius
     return forward, forward * robot.odometry.track / robot.drive.track
 
 
 def motions(simulator, command, steps):
-    """Step and return the true motion and the reading of each step."""
     for _ in range(steps):
         before = simulator.states[0].pose
         reading = simulator.step([command])[0]

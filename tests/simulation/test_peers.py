@@ -1,5 +1,3 @@
-"""Several robots that sense and hit each other, and contact types."""
-
 import math
 from dataclasses import replace
 

@@ -1,5 +1,3 @@
-"""Walls stop robots, let none through, and tip none over."""
-
 import math
 
 import numpy as np
@@ -17,7 +15,6 @@ WALLED = square_room(8.0, segments=[[WALL, -8.0, WALL, 8.0]])
 
 
 def farthest(robot, pose):
-    """Maximum x of the chassis [m]."""
     x, y, _ = robot.body.center
     center = pose.transform(np.array([[x, y]]))[0, 0]
     if robot.body.size is None:

@@ -91,7 +91,7 @@ def cost(values, points, x, y, theta, unvisited):
 
 
 def search(values, points, pose, sigma_xy, sigma_theta, max_failed, max_tries, noise, unvisited):
-    """Monte Carlo matcher; returns (pose, cost, [(tested pose, its cost, accepted), ...])."""
+    """Return (pose, cost, [(tested pose, its cost, accepted), ...])."""
     best_cost = cost(values, points, *pose, unvisited)
     tested = [(pose, best_cost, True)]
     failed = total = 0

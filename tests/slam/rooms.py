@@ -1,5 +1,3 @@
-"""Exact scans of a small room, for tests of SLAMs."""
-
 import numpy as np
 
 from lidarnaut.envs.geometry import Pose2D
@@ -15,7 +13,7 @@ STAY = Pose2D(0.0, 0.0, 0.0)
 # A room of 6 m x 5 m with a box, around the start.
 ROOM = [(-3, -2, 3, -2), (3, -2, 3, 3), (3, 3, -3, 3), (-3, 3, -3, -2)]
 BOX = [(1, 0.5, 1.6, 0.7), (1.6, 0.7, 1.3, 1.4), (1.3, 1.4, 1, 0.5)]
-CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400  # about one turn
+CIRCLE = [Pose2D(0.02, 0.0, 0.015)] * 400
 BY_WHEELS = [Pose2D(0.0206, 0.0002, 0.0165)] * 400  # distances 3 % too long, turns 10 % too large
 WHEELS = OdometryNoise(0.005, 0.05, 0.005, 0.12, 0.05)
 CORRIDOR = [(-50, -1, 50, -1), (-50, 1, 50, 1)]
@@ -35,7 +33,6 @@ def make_small(name, preset="default", noise=WHEELS, **changes):
 
 
 def scan(pose, rng=None, noise=0.01, walls=ROOM + BOX, lidar=LIDAR, circles=NO_CIRCLES):
-    """Ranges of the lidar at a pose, with noise if there is a generator."""
     out = np.empty(lidar.num_beams, dtype=np.float32)
     sensor = pose.compose(Pose2D(lidar.mount.x, lidar.mount.y, lidar.mount.yaw))
     cast_rays(*sensor, lidar.beams, np.array(walls, dtype=float), circles, out)
@@ -75,7 +72,6 @@ def wall_distances(points, segments, circles=()):
 
 
 def rectangle(x0, y0, x1, y1):
-    """Return the four walls of a rectangle, shape (4, 4)."""
     return np.array([[x0, y0, x1, y0], [x1, y0, x1, y1], [x1, y1, x0, y1], [x0, y1, x0, y0]], dtype=float)
 
 
@@ -92,7 +88,6 @@ def visible_points(walls, pose, num_beams, range_max):
 
 
 def render_field(walls, poses, num_beams=180, range_max=10.0, seed=0):
-    """Return the field of noisy scans of walls from poses."""
     rng, lidar = np.random.default_rng(seed), LidarParams(num_beams=num_beams, range_max=range_max)
     map = LogOddsMap(HectorParams(num_levels=1, skip_exceeding=True), lidar)
     for pose in poses:

@@ -1,4 +1,3 @@
-
 import math
 
 import numpy as np
@@ -66,7 +65,7 @@ def test_same_seed_same_bytes(name):
     slam = make_small(name)
     first = run(slam, 1)
     assert run(slam, 1) == run(make_small(name), 1) == first
-    assert (run(slam, 2) == first) == (name == "hector")  # Hector has no random numbers
+    assert (run(slam, 2) == first) == (name == "hector")
 
 
 @pytest.mark.parametrize(

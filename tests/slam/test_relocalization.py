@@ -15,7 +15,6 @@ MOTION = Pose2D(0.15, 0.0, -0.25)
 
 @pytest.fixture(scope="module")
 def grid():
-    """Return a map of the room, built on a circular drive."""
     slam = make_slam("hector", LIDAR, 0.05)
     for pose, belief in follow(slam, [MOTION] * 30):
         assert math.dist(belief.pose[:2], pose[:2]) < 0.03
@@ -63,7 +62,7 @@ def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
 
 
 def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
-    tracker, outside = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0)  # in a corner
+    tracker, outside = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0)
     inside = scan(STAY)
     lost = []
     for ranges in [inside] * 2 + [scan(outside)] + [inside] * 6:

@@ -84,7 +84,7 @@ EVERYTHING = np.zeros((200, 200), dtype=np.int8)
 
 
 def begin(world, start=MIDDLE, lidar=LONG):
-    """Return the explorable area of a world, its coverage, and a function that adds a map update and a perfect scan."""
+    """`add` integrates a map update and a perfect scan."""
     area = explorable_area(world, BURGER, 0.05)
     coverage = Coverage(area, start, lidar)
     return area, coverage, lambda update, pose=start: coverage.update(update, 0.05, true_scan(world, pose, lidar), pose)

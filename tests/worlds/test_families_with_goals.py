@@ -76,7 +76,6 @@ def bottleneck(world):
 
 
 def detour(world):
-    """Return the ratio of shortest path length to straight distance to the goal."""
     area = explorable_area(world, JACKAL, STEP)
     return GeodesicDistance(area, world.goals[0]).length(world.spawns[0]) / (world.goals[0].y - world.spawns[0].y)
 

@@ -164,7 +164,7 @@ def test_the_log_names_area_spawn_and_the_rest(tmp_path, caplog):
     caplog.clear()
     load_world(tmp_path / "map.yaml")
     warned = [record.getMessage() for record in caplog.records if record.levelno == logging.WARNING]
-    assert any("m2 in 1 other areas" in text for text in warned)  # more than the house
+    assert any("m2 in 1 other areas" in text for text in warned)
 
 
 def test_a_start_chooses_the_area(tmp_path):

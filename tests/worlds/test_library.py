@@ -30,7 +30,7 @@ MEASURED = {
 
 @pytest.mark.parametrize("name", WORLD_NAMES)
 def test_every_world_loads_and_has_room_at_its_spawns(name):
-    world = load_world(name)  # refuses leaks and spawns in walls
+    world = load_world(name)
     assert world.source
     assert world.licence
     assert load_world(name) is world_sampler(name)(np.random.default_rng(0)) is world

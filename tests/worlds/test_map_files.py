@@ -108,7 +108,6 @@ def test_sixteen_bits_are_read_as_eight(tmp_path):
         ({"occupied_thresh": None}, "occupied_thresh"),
         ({"mode": "binary"}, "mode.*trinary"),
         ({"free_thresh": 0.7}, "free_thresh"),
-        # Excessive extents are refused before allocation.
         ({"resolution": 1e5}, r"world 'm' spans 200000 x 100000 m, .*cells of 0\.05 m; at most 100,000,000"),
         ({"resolution": 1e300}, r"resolution: .*1e\+300"),
         ({"resolution": 1e-320}, "world 'm': spawn"),
@@ -183,7 +182,6 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
     data[:, 20:] = -1
     data[5, 5] = 100
     world = world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half")
-    # Around the free part, and around the one occupied cell.
     assert len(world.segments) == 4 + 4
     assert world.bounds == pytest.approx((0.0, 0.0, 2.0, 2.0))
     x, y, _ = world.spawns[0]

@@ -22,7 +22,7 @@ def test_forty_worlds_are_closed_and_fit_for_a_robot(family):
     outlines = set()
     for seed in range(40):
         size = (None, SMALLEST[family], *MORE.get(family, ((10.0, 10.0), (9.35, 14.05))))[seed % 4]
-        world = check_world(generate(seed, size))  # closed, and the spawn is free
+        world = check_world(generate(seed, size))
         if size is not None:
             assert world.bounds == pytest.approx((0.0, 0.0, *size), abs=1e-6)
         _, inside = reachable(world)

@@ -1,4 +1,3 @@
-
 import itertools
 import math
 from types import SimpleNamespace
@@ -32,7 +31,6 @@ FIELDS = {
     "/plan": ("nav_msgs/msg/Path", "header poses"),
     "/cmd_vel": ("geometry_msgs/msg/TwistStamped", "header twist"),
 }
-"""Type of each topic, and the fields of its messages as ROS 2 defines them."""
 
 
 def make(id="lidarnaut/Explore-v0", **arguments):
@@ -40,7 +38,6 @@ def make(id="lidarnaut/Explore-v0", **arguments):
 
 
 def drive(env, seed=0):
-    """Drive a whole episode in curves, and return the readings."""
     env.reset(seed=seed)
     readings, done = [env.unwrapped.reading], False
     while not done:
@@ -52,7 +49,6 @@ def drive(env, seed=0):
 
 
 def read(path):
-    """Return the messages of a bag by topic."""
     messages = {}
     with AnyReader([path]) as reader:
         for connection, time, raw in reader.messages():
@@ -68,7 +64,6 @@ def pose(transform):
 
 @pytest.fixture
 def drive_recorded(tmp_path):
-    """Record a whole episode; return the environment, the readings and the bag."""
 
     def record(**arguments):
         with RecordBag(make(**arguments), tmp_path) as env:

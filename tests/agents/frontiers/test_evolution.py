@@ -63,7 +63,7 @@ def whole(tmp_path_factory):
 
 
 def test_a_run_that_goes_on_ends_as_one_that_was_never_stopped(whole, tmp_path):
-    """After a kill in the midst of the second generation, all of the first one is there, and nothing of the second."""
+    """After a kill in the second generation, the folder has the results of the first generation only."""
     part = shutil.copytree(whole, tmp_path / "part")
     shutil.rmtree(part / "policy")
     for name, lines in ((GENERATIONS, 1), ("evaluations.csv", 3)):

@@ -23,8 +23,7 @@ def to_tensors(batch):
 
 @pytest.fixture(scope="module")
 def episode():
-    """Return spaces, observations of an episode driven by the rule, and actions of the rule; failures are artificial.
-    """
+    """Return spaces, and observations and actions of an episode of the rule; failures are artificial."""
     env, rule = ExploreFrontiersAbstractEnv(**QUICK), GainOverCost()
     observations, choices = [], []
     observation, _ = env.reset(seed=4)

@@ -24,7 +24,6 @@ PARTS = "candidates", "sectors", "gaps", "robot"
 
 
 def drive(env, policy, seed, num_steps):
-    """Drive with a policy; yield its observations and actions."""
     observation, _ = env.reset(seed=seed)
     for _ in range(num_steps):
         choice = policy(observation)

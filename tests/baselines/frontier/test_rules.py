@@ -124,7 +124,7 @@ def test_explore_lite_weighs_three_metres_against_nine_cells():
     published = make_explorer("explore_lite:published")
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 299)))[0] < 7.0
     assert first_choice(published, 10.0, -0.5, corridor((100, 119), (280, 339)))[0] > 13.0
-    # Without gain, the nearer frontier is better, whatever its size.
+    # Without gain, the nearer frontier is better.
     explorer = ExploreLiteExplorer(ExploreLite(gain_scale=0.0))
     assert first_choice(explorer, 10.0, -0.5, corridor((103, 122), (280, 339)))[0] < 7.0
 

@@ -1,5 +1,3 @@
-"""Tours against all permutations, priorities, and paths between stops on coarse cells."""
-
 from itertools import permutations
 
 import numpy as np
@@ -91,7 +89,6 @@ def test_a_tour_is_kept_to_unless_another_one_is_clearly_shorter():
     assert choice(explorer.rule, 10.2) < 9.0
     assert first_choice(TourExplorer(), 10.2, -0.5, grid)[0] > 11.0
     assert choice(explorer.rule, 11.2) > 11.0
-    # The choice also changes during a drive.
     explorer.reset(BURGER, 0.1, np.random.default_rng(0))
     for _ in range(12):
         explorer.act(reading_of(), belief_at(10.0, -0.5, grid))

@@ -1,4 +1,3 @@
-
 import logging
 from dataclasses import replace
 
@@ -25,7 +24,6 @@ def test_clusters_are_dense_groups_of_candidates_cells():
     for label, opening in ((labels[0], cells[0]), (labels[-1], cells[-1])):
         assert (np.abs(cells[labels == label][:, 0] - opening[0]) < 1.0).all()
     assert all(len(candidates.cells[k]) == np.count_nonzero(owners == k) for k in range(len(candidates)))
-    # No cluster is dense enough.
     assert (cluster(candidates, 0.5, 100)[2] == -1).all()
 
 
@@ -83,7 +81,6 @@ def test_a_robot_that_gets_nowhere_drops_its_goal_for_another():
     assert explorer.rule.goal[0] < 0.0
     assert len(explorer.rule.blacklist) == 1
     assert explorer.end_reason is None
-    # The path leads to the new goal.
     assert explorer.plan[-1, 0] < 0.5
 
 

@@ -1,4 +1,3 @@
-
 from itertools import pairwise
 
 import numpy as np
@@ -29,7 +28,6 @@ def world_of(*corners, walls=(), start=(1.0, 1.0)):
 
 
 def corridor(x):
-    """Corridor of 20 m x 2 m with the start at `x`."""
     return world_of((0, 0), (20, 0), (20, 2), (0, 2), start=(x, 1.0))
 
 
@@ -40,7 +38,6 @@ def planner_for(world, target=1.0):
 
 
 def seen_from(planner, point):
-    """Mask of the explorable area that is visible from a point."""
     area = planner.area
     cells = np.argwhere(area.explorable)
     words = views_from(area.walls.data == 0, area.walls.cells(np.array([point])), REACH / 0.05, cells)

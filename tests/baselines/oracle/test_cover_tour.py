@@ -1,5 +1,3 @@
-"""Coverage tours against all orders of all subsets of the viewpoints."""
-
 from itertools import pairwise, permutations
 
 import numpy as np

@@ -1,4 +1,3 @@
-
 import numpy as np
 import pytest
 
@@ -32,10 +31,8 @@ def test_only_the_oracle_uses_ground_truth():
     [
         # All but 1 %: 0.2 m of the far end. Seen from 3.5 m, the near end takes 4.6 m there and back, the other 8.4 m.
         (CORRIDOR, (8.0, 1.0, 0.0), pytest.approx(2 * 4.6 + 8.4, rel=0.06)),
-        # From near one end, only the drive to the other end remains.
         (CORRIDOR, (2.0, 1.0, 0.0), pytest.approx(14.5, rel=0.05)),
         (CORRIDOR, (2.0, 1.0, 2.5), pytest.approx(14.5, rel=0.05)),
-        # The area visible from the start needs no path.
         (world_of((0, 0), (3, 0), (3, 3), (0, 3), start=(1.5, 1.5)), "spawn", pytest.approx(0.0, abs=0.05)),
     ],
 )
@@ -58,7 +55,6 @@ def test_its_path_is_shorter_than_that_of_an_explorer_without_the_map(world, see
 
 
 def test_what_the_tour_leaves_over_is_left_to_the_nearest_frontier():
-    # The plan covers half of the world, the episode nearly all of it.
     env, explorer = make_env(CORRIDOR, start=(8.0, 1.0, 0.0)), OracleExplorer()
     _, info = begin_episode(env, explorer, 0, np.random.default_rng(0))
     explorer.reveal(env.task.coverage, 0.5)

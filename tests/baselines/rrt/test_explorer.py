@@ -76,7 +76,6 @@ def test_the_global_tree_stays_in_free_space_and_finds_the_frontier_behind_the_d
     gaps = np.hypot(*(tree.vertices[:, None] - tree.vertices[None]).transpose(2, 0, 1))
     assert gaps[~np.eye(len(gaps), dtype=bool)].min() >= 0.3 - 1e-4
     for k in range(1, len(gaps)):
-        # An earlier vertex is one step away.
         near = np.flatnonzero(gaps[k, :k] <= eta + 1e-4)
         ends = [((tree.vertices[[other, k]] - grid.origin) / grid.resolution).ravel() for other in near]
         assert any(grid_check(grid.data, *end)[0] == CLEAR for end in ends)
@@ -210,7 +209,7 @@ def test_candidates_are_the_frontier_cells_nearest_to_the_points():
 def test_points_in_costly_cells_and_beyond_walls_are_invalid():
     grid = rooms()
     points = np.array([[9.05, 0.0], [9.05, -1.93]])
-    # The second point is too close to the wall.
+    # The second point is within the inflation radius of the wall.
     assert len(navigator_at(grid, points).candidates) == 1
     assert len(navigator_at(grid, points, max_cost=99.0).candidates) == 2
     grid.data[42:62, 100:102] = 100
@@ -236,5 +235,4 @@ def test_an_episode_ends_after_patience_without_frontiers_that_can_be_reached(do
     assert 250 - 20 * door_closes <= steps < 500
     assert explorer.end_reason == "no_reachable_frontier"
     assert (len(explorer.points) > 0) == door_closes
-    # After the last frontier it stands still.
     assert explorer.act(reading_of(), belief) == (0.0, 0.0)

@@ -60,7 +60,6 @@ def test_two_robots_head_on_in_a_corridor_both_get_through(indices, monkeypatch)
     grid, points = known_map(env, targets), env.map_pose.inverse().transform(np.array(targets))
 
     def assign_far_ends(grid, robots, found, costs, params, taken):
-        """Send each robot to its target at the other end."""
         chosen = np.full(len(robots), UNASSIGNED)
         for k, position in enumerate(robots):
             index = np.argmin([math.dist(position, robot.belief.pose[:2]) for robot in env.robots])

@@ -10,7 +10,6 @@ def lengths_of(robots, stops):
 
 
 def totals_of(starts, between, work, tours):
-    """Length of each tour, including the work at its stops."""
     totals = []
     for row, tour in zip(starts, tours, strict=True):
         legs = sum(between[a, b] for a, b in pairwise(tour))
@@ -19,7 +18,6 @@ def totals_of(starts, between, work, tours):
 
 
 def least(starts, between, work):
-    """Minimum objective over all assignments of stops."""
     num, count = starts.shape
     best = np.inf
     for owners in product(range(num), repeat=count):

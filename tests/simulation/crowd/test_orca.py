@@ -1,5 +1,3 @@
-"""ORCA against its definitions and slow solvers."""
-
 import itertools
 import math
 
@@ -72,7 +70,6 @@ def random_lines(rng, count, spread):
 
 
 def violations(lines, velocity):
-    """Depth of a velocity on the forbidden side of each line [m/s]."""
     return lines[:, 2] * (lines[:, 1] - velocity[1]) - lines[:, 3] * (lines[:, 0] - velocity[0])
 
 

@@ -1,5 +1,3 @@
-"""People whose destinations are in other people, walls or robots."""
-
 import numpy as np
 import pytest
 

@@ -1,5 +1,3 @@
-"""Social force model against a slow reference, another implementation and measured crowds."""
-
 import math
 
 import numpy as np
@@ -25,7 +23,6 @@ NO_ROBOTS = np.empty((0, 5))
 
 
 def reference(people, directions, robots, walls, model):
-    """Accelerations person by person, from all other people, robots and obstacles."""
 
     def push(offset, touching, ahead, sideways):
         distance = np.hypot(*offset)
@@ -186,8 +183,7 @@ def test_speed_falls_with_density_as_measured():
 def lane_order(rows):
     """Rex and Loewen, "Influence of hydrodynamic interactions on lane formation" (2008): mean of ((n - m) / (n + m))^2.
 
-    Of the people at most 0.5 m to the side of a person's line, n walk in the person's direction, and m in the opposite
-    one.
+    Of the people at most 0.5 m to the side of a person's line, n walk in the same direction, and m in the opposite one.
     """
     beside = np.abs(rows[:, at.Y, None] - rows[:, at.Y]) < 0.5
     same = (beside & (rows[:, at.GOAL, None] == rows[:, at.GOAL])).sum(axis=1)

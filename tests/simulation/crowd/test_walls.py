@@ -1,5 +1,3 @@
-"""Walls near people, and push-out of people from walls."""
-
 import math
 
 import numpy as np

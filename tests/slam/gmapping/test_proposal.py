@@ -1,5 +1,3 @@
-"""Matching on tiles, proposals and resampling, against the matcher on one array and against sampled poses."""
-
 import math
 
 import numpy as np

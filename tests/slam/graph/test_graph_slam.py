@@ -53,7 +53,6 @@ def laps(count, step=0.25):
 
 @pytest.fixture(scope="module")
 def drive():
-    """Return true poses in the frame of the start, ranges and odometry motions, for two laps."""
     poses, rng = laps(2), np.random.default_rng(0)
     ranges = [scan(pose, rng, walls=HALL, lidar=LIDAR) for pose in poses]
     motions = [STAY]
@@ -114,7 +113,7 @@ def test_a_corrected_map_replaces_the_live_one_when_it_is_complete(drive):
     grid = slam.belief.grid
     slam, _ = run(drive, watch=watch)
     assert sum(redrawn for _, redrawn, _ in seen) >= 2
-    assert grid is not slam.belief.grid  # grid of another object
+    assert grid is not slam.belief.grid
     kept = slam.belief.grid
     slam.finish()
     assert slam.belief.grid is kept is slam.map.grid

@@ -31,7 +31,7 @@ def test_small_corrections_are_taken_at_once_and_large_ones_wait_for_a_second_on
     confirmation = Confirmation()
     assert [confirmation.add(each) for each in (first, same_node, other)] == [[], [], []]
     assert confirmation.add(second) == [first, second]
-    # Closures do not agree if they differ in heading, or after too many nodes.
+    # Closures disagree if they differ in heading, or after too many nodes.
     confirmation = Confirmation()
     assert confirmation.add(first) == []
     turned = second._replace(after=second.after._replace(theta=second.after.theta + 0.06))

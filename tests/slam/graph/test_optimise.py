@@ -69,7 +69,6 @@ def random_graph(seed, num_outliers=0):
 
 
 def reference(graph, phi):
-    """Return poses of submaps and nodes optimized by SciPy from the current poses."""
     submaps, nodes, constraints = graph.arrays
     num_submaps = len(submaps)
 
@@ -117,7 +116,6 @@ def test_loops_take_out_drift_despite_outliers():
     _, robust, arrays = errors(40, PHI)
     assert robust < clean + 0.03
     assert errors(40, np.inf)[1] > 0.5
-    # Only the remaining outliers are dropped.
     assert drop_outliers(arrays, 54.0) == 40
     assert not arrays.constraints.is_active[-40:].any()
     assert arrays.constraints.is_active[:-40].all()
@@ -150,7 +148,7 @@ def test_what_nothing_determines_stays():
     assert optimise(graph.arrays, PHI, 5, 1e-4) == 1
     for pose in ([0.0, 0.0, 0.0], [3.0, 1.0, 0.5], [7.0, 0.0, 0.0]):
         graph.add_submap(pose)
-    graph.add_node([1.0, 0.0, 0.0])  # without a constraint
+    graph.add_node([1.0, 0.0, 0.0])
     graph.add_node([2.0, 0.0, 0.1])
     graph.add_constraint(1, 0, [2.0, 0.0, 0.0], 0.01 * np.eye(3))
     graph.add_constraint(1, 1, [-1.0, -0.5, 0.0], 0.01 * np.eye(3))

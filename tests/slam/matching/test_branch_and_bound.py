@@ -14,7 +14,6 @@ ABOVE = 50
 
 
 def brute_force(field, points, pose, window):
-    """Score every pose of the grid; return the best pose, and its score."""
     cells = np.where(field.occupancy > ABOVE, field.occupancy, 0).astype(int)
     reach, turns = round(window.half_width / field.resolution), int(window.half_angle / window.angle_step + 1e-9)
     best = None
@@ -85,7 +84,6 @@ def test_a_robot_finds_its_pose_in_a_room_with_few_evaluations(room):
     assert abs(found.pose.theta - truth.theta) <= window.angle_step
     poses = 61 * 61 * (2 * int(0.35 / window.angle_step) + 1)
     assert found.evaluations < 0.03 * poses
-    # A window without the true pose has no sufficient score.
     missed = search(pyramid, points, predicted, window._replace(half_width=0.4), 0.7, NO_LIMIT)
     assert missed.pose is None
     assert missed.score == 0.0

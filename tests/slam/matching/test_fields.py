@@ -47,7 +47,7 @@ def test_beams_are_asked_for_the_walls_that_they_pass_through():
     for ranges, expected in (
         ([at_wall] * 3 + [0.8, 0.8], (0, 5)),
         ([just_behind, through, through, 0.2, ignored], (2, 3)),  # shorter than the omitted end, ignored
-        ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its ray, mostly through unknown cells
+        ([no_return, through, ignored, no_return, 0.8], (2, 3)),  # no return clears its ray, mostly in unknown cells
     ):
         assert count_crossings(field, np.array(ranges, dtype=np.float32), geometry, pose) == expected
 
