@@ -31,7 +31,7 @@ from lidarnaut.envs.files import naming, own_folder, read_record
 
 @dataclass(frozen=True)
 class Command:
-    """Command-line options."""
+    """Command-line options of an evaluation."""
 
     settings: Annotated[Settings, tyro.conf.arg(name="")]
     """Settings of the evaluation."""
@@ -42,7 +42,7 @@ class Command:
     jobs: int = 1
     """Number of processes; decision times are most accurate with at most one per core."""
     shard: str | None = None
-    """Run part I of N and publish nothing, as `I/N`; parts may share the folder."""
+    """Run only part I of N, given as `I/N`, and publish nothing; parts may share the folder."""
     trust: tuple[str, ...] = ()
     """Modules of your own, or `module:attribute`, that learned policies may use."""
     ray: str | None = None
@@ -108,7 +108,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def split_arguments(words: Sequence[str]) -> tuple[list[str], dict[str, Any]]:
-    """Split a command line into other options and the values of `--arguments.NAME VALUE`."""
+    """Split a command line into other options, and values of `--arguments.NAME VALUE` by name."""
     rest, found, left = list[str](), dict[str, Any](), iter(words)
     for word in left:
         if not word.startswith("--arguments."):

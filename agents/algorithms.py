@@ -50,13 +50,13 @@ DEFAULTS: dict[str, dict[str, Any]] = {
     "CrossQ": _ENTROPY,
     "TD3": {"learning_rate": 1e-3, "gamma": 0.98, "action_noise": 0.1},
 }
-"""Hyperparameters that differ from the library defaults. Rewards per step are small relative to SAC's default entropy
-bonus."""
+"""Default hyperparameters by algorithm, if different from the library's. SAC starts with a small entropy bonus
+(`auto_0.05`), because rewards per step are small."""
 BUFFER_BYTES, BUFFER_STEPS = 2**30, 1_000_000
-"""Limits of the default replay buffer: memory [bytes] and transitions."""
+"""Maximum size of the default replay buffer: memory [bytes], and number of transitions."""
 FIXED = {"policy", "env", "seed", "device", "verbose", "tensorboard_log", "_init_setup_model", "monitor_wrapper"}
 FIXED |= {"support_multi_env", "supported_action_spaces", "replay_buffer_class", "rollout_buffer_class", "sde_support"}
-"""Algorithm arguments that this package sets, and that hyperparameters cannot change."""
+"""Constructor arguments of algorithms that this package sets. They are not allowed as hyperparameters."""
 
 
 def find_algorithm(name: str) -> type[BaseAlgorithm]:
@@ -64,7 +64,7 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
 
     Raises:
         ImportError: if sb3-contrib is required and missing.
-        ValueError: if the class is unknown or cannot be trained here.
+        ValueError: if the class is unknown, or is not an `OnPolicyAlgorithm` or `OffPolicyAlgorithm`.
     """
     try:
         found = load_object(name if ":" in name else f"{ALGORITHMS[name]}:{name}")
@@ -79,15 +79,15 @@ def find_algorithm(name: str) -> type[BaseAlgorithm]:
 
 
 def takes_vectors(algorithm: type[BaseAlgorithm]) -> bool:
-    """Return True if an algorithm accepts only vectors as observations."""
+    """Return True if an algorithm accepts only vectors, not dictionaries, as observations."""
     return _alias(algorithm).startswith("Mlp")
 
 
 def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> TrainingConfig:
-    """Return the configuration with all default values filled in.
+    """Return a training configuration with default hyperparameters and network settings filled in.
 
     Raises:
-        ValueError: if a hyperparameter is invalid, or a rollout is longer than `checkpoints.every`.
+        ValueError: if a hyperparameter is invalid, or the steps between updates exceed `checkpoints.every`.
     """
     algorithm = find_algorithm(config.algorithm)
     allowed = {name: one for name, one in _parameters(algorithm).items() if name not in FIXED}
@@ -121,7 +121,7 @@ def complete(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> Tra
 
 
 def rollout_steps(config: TrainingConfig) -> int:
-    """Return the environment steps between two updates; raise ValueError if the setting is invalid."""
+    """Return the number of environment steps between two updates; ValueError for invalid settings."""
     algorithm = find_algorithm(config.algorithm)
     name = "n_steps" if issubclass(algorithm, OnPolicyAlgorithm) else "train_freq"
     value = config.hyperparameters.get(name, _parameters(algorithm)[name].default)
@@ -133,12 +133,12 @@ def rollout_steps(config: TrainingConfig) -> int:
 
 
 def num_updates(config: TrainingConfig) -> int:
-    """Return the number of updates for `total_steps`."""
+    """Return the number of updates in a training: `total_steps` / steps between updates, rounded up."""
     return -(-config.total_steps // rollout_steps(config))
 
 
 def build_model(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -> BaseAlgorithm:
-    """Build a new model, and seed the global generators of NumPy and torch.
+    """Create an algorithm with an untrained policy; seed the global generators of NumPy and torch.
 
     Raises:
         ValueError: if the device or a hyperparameter is invalid.
@@ -182,14 +182,14 @@ def _find_culprit(config: TrainingConfig, env: GymnasiumVecEnv | JoinedVecEnv) -
 
 
 class NoOptimizer:
-    """Optimizer stub for inference: creating a real optimizer loads torch's compiler."""
+    """Placeholder optimizer for inference. A real optimizer would load torch's compiler."""
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
         pass
 
 
 def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
-    """Build the policy of a checkpoint for inference; raise CheckpointError if the weights do not fit."""
+    """Return the policy network of a checkpoint for inference; CheckpointError if weights do not fit."""
     record = checkpoint.record
     parts = spaces.Dict({key: box.space() for key, box in record.observation.items()})
     try:
@@ -215,7 +215,7 @@ def build_policy(checkpoint: Checkpoint, folder: Path) -> BasePolicy:
 
 
 class Actor:
-    """Callable policy of stable-baselines3 that keeps its recurrent state."""
+    """Callable that returns actions of a policy, and keeps recurrent (LSTM) state between calls."""
 
     def __init__(self, policy: BasePolicy, *, deterministic: bool = True) -> None:
         self.policy, self._deterministic = policy, deterministic
@@ -224,7 +224,7 @@ class Actor:
         self._state: Any = None
 
     def __call__(self, observations: Observations, starts: np.ndarray | None = None) -> np.ndarray:
-        """Return actions, shape (num_envs, ...); `starts`, shape (num_envs,), bool, marks new episodes."""
+        """Return actions, shape (num_envs, ...); `starts` marks new episodes, shape (num_envs,), bool."""
         masks: dict[str, Any] = {}
         if self._takes_masks and "action_mask" in observations:
             masks = {"action_masks": observations["action_mask"].astype(np.bool_)}

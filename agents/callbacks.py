@@ -22,7 +22,7 @@ from lidarnaut.envs.progress import Progress
 
 
 class RunCallback(BaseCallback):
-    """Evaluates the policy, saves checkpoints between updates, and updates the progress bar."""
+    """Training callback that evaluates the policy, saves checkpoints and updates the progress bar."""
 
     model: BaseAlgorithm
 
@@ -36,7 +36,6 @@ class RunCallback(BaseCallback):
         replay: ReplayFiles | None,
         bar: Progress,
     ) -> None:
-        """Prepare a run resumed at `saved_steps`, None for a new run. New rows are appended to `evaluations`."""
         super().__init__()
         self._config, self._run, self._evaluator, self._replay, self._bar = config, run, evaluator, replay, bar
         self._evaluations, self._saved_steps = evaluations, saved_steps
@@ -46,7 +45,7 @@ class RunCallback(BaseCallback):
         """Training state before the current rollout, for on-policy algorithms."""
 
     def save(self) -> str:
-        """Save the state before the current rollout; return a text on how to resume."""
+        """Save the latest resumable state as a checkpoint; return a message with the options to resume."""
         latest = self._latest if self._replay is None else self._capture()
         if latest is not None and latest.record.steps != self._saved_steps:
             if self._replay is not None:
@@ -60,7 +59,6 @@ class RunCallback(BaseCallback):
         return f"at step {self._saved_steps} (saved); resume with {resuming(self._run, self._config.model_dump())}"
 
     def diverged(self, what: str = "the network's weights or outputs are not finite") -> ValueError:
-        """Return the error for non-finite values, with a remedy."""
         rate = self._config.hyperparameters.get("learning_rate", "the library's default")
         what = f"the training diverged at step {self.num_timesteps}: {what}"
         remedy = f"lower hyperparameters.learning_rate ({rate}) or the weights of large rewards"

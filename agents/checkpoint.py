@@ -26,15 +26,15 @@ from lidarnaut.envs.files import MAX_JSON_BYTES, explain_errors, printable, read
 POLICY_FILE = "policy.safetensors"
 TRAINING_FILE = "training.safetensors"
 MAX_SIZE = 100_000
-"""Maximum length of an axis and maximum number of discrete actions."""
+"""Maximum length of an axis of a saved space, and maximum number of discrete actions."""
 MAX_ELEMENTS = 10_000_000
-"""Maximum number of elements of a space."""
+"""Maximum number of elements of a saved observation or action space."""
 
 Size = Annotated[int, Field(ge=1, le=MAX_SIZE)]
 
 
 class SpaceRecord(BaseModel):
-    """Saved space: a `Box` with uniform bounds, a `Discrete` from 0, or a `MultiBinary` with one axis."""
+    """Gymnasium space in JSON: `Box` with uniform bounds, `Discrete` from 0, or `MultiBinary` with one axis."""
 
     # JSON has no infinity: infinite bounds are strings.
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True, ser_json_inf_nan="strings")
@@ -62,7 +62,7 @@ class SpaceRecord(BaseModel):
 
     @classmethod
     def of(cls, space: spaces.Space) -> "SpaceRecord":
-        """Return the record of a space; raise ValueError if unsupported."""
+        """Return the JSON description of a Gymnasium space; raise ValueError if unsupported."""
         dtype: Any = str(space.dtype)
         if isinstance(space, spaces.Box):
             low, high = float(space.low.min()), float(space.high.max())
@@ -85,44 +85,45 @@ class SpaceRecord(BaseModel):
 
 
 class Record(BaseModel):
-    """Content of `checkpoint.json`."""
+    """Content of `checkpoint.json`: configuration, spaces, counters, random states and evaluations."""
 
     model_config = ConfigDict(extra="forbid", use_attribute_docstrings=True)
 
     format: Literal[2] = 2
     steps: NonNegativeInt
     updates: NonNegativeInt
-    """Number of updates, as counted by stable-baselines3."""
     config: TrainingConfig
     observation: dict[str, SpaceRecord]
     action: SpaceRecord
     numpy_random: tuple[
         Literal["MT19937"], Annotated[int, Field(ge=0, le=624)], Annotated[int, Field(ge=0, le=1)], FiniteFloat
     ]
-    """State of NumPy's global generator: name, position, flag and value of a cached Gaussian."""
     action_random: dict[str, Any] = {}
     counters: dict[str, int | float] = {}
     control_hz: FiniteFloat
-    """Control frequency of the environment [Hz]."""
     replay: dict[Annotated[str, Field(pattern=r"^\d{12}-\d{12}\.safetensors$")], str] = {}
-    """SHA-256 of each replay buffer file by name, oldest first."""
+    """SHA-256 checksum of each replay buffer file by file name, oldest first."""
     evaluations: list[Row]
     sha256: dict[str, str] = {}
-    """SHA-256 of each tensor file by name."""
 
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """Training state between two updates."""
+    """Training state between two updates: record, policy weights, and tensors for resuming."""
 
     record: Record
     policy: dict[str, Tensor]
     training: dict[str, Tensor]
-    """Tensors by name: `optimizer.<weight>.<moment>`, `variable.<name>`, `random.numpy`, `random.torch`."""
+    """Optimizer moments, other trained variables and random states, by name: `optimizer.<weight>.<moment>`,
+    `variable.<name>`, `random.numpy`, `random.torch`."""
 
 
 def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
-    """Write a checkpoint, and remove all but the newest `keep`; raise CheckpointError if writing fails."""
+    """Write a checkpoint to a run folder, and delete all but the newest `keep` checkpoints.
+
+    Raises:
+        CheckpointError: if writing fails.
+    """
     folder = run / "checkpoints" / f"step_{checkpoint.record.steps:09d}"
     tensors = {
         POLICY_FILE: safetensors.torch.save(checkpoint.policy),
@@ -145,13 +146,14 @@ def save_checkpoint(checkpoint: Checkpoint, run: Path, keep: int) -> Path:
 
 
 def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[str] = ()) -> Checkpoint:
-    """Read a checkpoint; with `policy_only`, without training state, whose file may be missing.
+    """Read a checkpoint from a folder.
 
-    `trust` holds code names to accept; see `lidarnaut.agents.trust.check_names`.
+    `policy_only`: skip optimizer moments and random states, whose file may be missing. `trust`: modules, or names
+    `module:attribute`, that the checkpoint may import.
 
     Raises:
         CheckpointError: if a file is missing, altered or invalid.
-        ValueError: if the record names code that is not trusted.
+        ValueError: if the checkpoint names code that is not trusted.
     """
     tensors = []
     try:
@@ -175,7 +177,7 @@ def load_checkpoint(folder: Path, *, policy_only: bool = False, trust: Iterable[
 
 
 def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
-    """Return the tensors of a file; raise SafetensorError if invalid or not finite."""
+    """Return the tensors of a safetensors file; raise SafetensorError if invalid or not finite."""
     try:
         tensors = safetensors.torch.load(content)
     except (SafetensorError, ValueError, KeyError, AttributeError, TypeError, RuntimeError) as error:
@@ -187,14 +189,14 @@ def load_tensors(name: str, content: bytes) -> dict[str, Tensor]:
 
 
 def damaged(folder: Path, why: str) -> CheckpointError:
-    """Return the error for an unusable checkpoint, with a remedy."""
+    """Return the error that a checkpoint is damaged, with the reason `why` and a remedy."""
     older = [path for path in list_checkpoints(folder.parent.parent) if path.name < folder.name]
     remedy = f"use the previous checkpoint, {older[-1]}" if older else "the run has no earlier checkpoint"
     return CheckpointError(f"checkpoint {folder} is damaged: {printable(why)}; {remedy}")
 
 
 def check_tensors(folder: Path, name: str, given: dict[str, Tensor], needed: dict[str, Tensor]) -> None:
-    """Raise CheckpointError if names, dtypes or shapes of tensors differ."""
+    """Raise CheckpointError if names, dtypes or shapes of saved tensors differ from those of the model."""
     for key in sorted(needed.keys() | given.keys()):
         if key not in given:
             raise damaged(folder, f"{name} lacks the tensor {key!r}")

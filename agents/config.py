@@ -1,4 +1,4 @@
-"""Configuration of experiments."""
+"""Configuration of training runs, and its YAML files."""
 
 import copy
 from collections.abc import Mapping
@@ -14,11 +14,11 @@ ALGORITHMS = {
     **dict.fromkeys(("PPO", "A2C", "SAC", "TD3", "DDPG", "DQN"), "stable_baselines3"),
     **dict.fromkeys(("TQC", "CrossQ", "QRDQN", "TRPO", "RecurrentPPO", "MaskablePPO"), "sb3_contrib"),
 }
-"""Library of each algorithm, by algorithm name."""
+"""Python package of each reinforcement learning algorithm, by algorithm name."""
 
 
 class Section(BaseModel):
-    """Immutable configuration section; unknown keys are errors."""
+    """Base of immutable configuration sections; unknown keys are errors."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, use_attribute_docstrings=True, allow_inf_nan=False)
 
@@ -32,83 +32,84 @@ class Section(BaseModel):
 
 
 Width = Annotated[int, Field(ge=1, le=8192)]
-"""Layer width; the limit bounds memory."""
 Count = Annotated[int, Field(ge=1, le=10**12)]
-"""Number of steps, episodes or generations."""
 Side = Annotated[int, Field(ge=1, le=100_000)]
-"""Number of parallel environments, episodes or threads."""
 
 
 class EnvironmentConfig(Section):
-    """Environment id, execution of sub-environments, and arguments of the environment."""
+    """Environment id and execution of parallel sub-environments. Further keys are environment arguments."""
 
     model_config = ConfigDict(extra="allow")
 
     id: str = "lidarnaut/Explore-v0"
     """Gymnasium id; `module:id` imports the module first."""
     vectorization: Literal["native", "sync", "async"] = "native"
-    """Execution of sub-environments: by the package's vector environment, sequential, or in one process each."""
+    """Execution of sub-environments: `native` (together, by this package), `sync` (one after another), or `async` (one
+    process each)."""
     num_workers: int | None = Field(default=None, ge=0, le=100_000)
-    """Worker processes of `native` execution; 0 uses the main process, null one worker per core."""
+    """Number of worker processes for `native`. 0 uses only the main process; null uses one worker per core."""
 
     robots: tuple[str, ...] = ()
-    """Training robots, instead of one `robot`, in equal shares of the sub-environments. Evaluations use the first."""
+    """Robots for training, each in an equal share of the sub-environments. They replace the argument `robot`.
+    Evaluations use the first robot."""
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Arguments of the environment, with lists as tuples."""
+        """Arguments of the environment; lists are converted to tuples."""
         own = {name: _tuples(value) for name, value in (self.model_extra or {}).items()}
         return own | ({"robot": self.robots[0]} if self.robots else {})
 
     @property
     def each_robot(self) -> list["EnvironmentConfig"]:
-        """Configuration for each training robot."""
+        """One copy of this configuration per training robot."""
         return [self.model_copy(update={"robots": (name,)}) for name in self.robots] or [self]
 
 
 class NetworkConfig(Section):
-    """Network with one encoder per observation part; see `lidarnaut.agents.networks`."""
+    """Settings of the default network, with one encoder per entry of the observation."""
 
     features: Width = 128
-    """Width of the features shared by policy and value function."""
+    """Width of the feature layer that policy and value function share."""
     channels: Width = 16
-    """Output channels of the convolution over map patches."""
+    """Number of output channels of the convolution over map patches of 10 x 10 pixels."""
     hidden: Width = 64
     """Width of the hidden layers of policy and value function."""
 
 
 class GaussianNetworkConfig(NetworkConfig):
-    """Network with Gaussian twists, for on-policy algorithms."""
+    """Settings of the network with Gaussian velocity commands, for on-policy algorithms."""
 
     log_std: float = Field(default=-0.5, ge=-20, le=20)
-    """Initial logarithm of the standard deviation of actions, as a fraction of the robot's limits."""
+    """Initial natural logarithm of the standard deviation of actions. Actions are velocities divided by the robot's
+    limits."""
     speed: float = Field(default=0.0, ge=-1, le=1)
-    """Initial mean forward speed, as a fraction of the robot's limit; speed helps early exploration."""
+    """Initial mean forward speed, divided by the robot's maximum. Driving forward helps early exploration."""
     plan_prior: float = Field(default=0.0, ge=0, le=1)
-    """Weight of path pursuit in the mean action, for observation `plan`; 0 disables pursuit."""
+    """Weight of a path-following command in the mean action. Requires the observation `plan`; 0 disables path
+    following."""
 
 
 class TrajectoryNetworkConfig(Section):
-    """Network that selects a twist of `trajectories` by PPO or A2C; see `lidarnaut.agents.trajectories`."""
+    """Settings of the network that selects one of 66 candidate velocity commands, for PPO and A2C."""
 
     width: Width = 32
-    """Number of features per twist."""
+    """Number of learned features per candidate command."""
     hidden: Width = 64
     """Width of the hidden layers of the value function."""
 
 
 class DecisionNetworkConfig(Section):
-    """Network that selects frontiers by PPO or A2C; see `lidarnaut.agents.frontiers.network`."""
+    """Settings of the attention network that selects frontiers, for PPO and A2C."""
 
     width: Width = 64
     """Width of all layers."""
     heads: Width = 4
     """Number of attention heads; must divide `width`."""
     prior: float = Field(default=10.0, ge=0)
-    """Weight of the prior policy in the logits; larger values reduce early exploration, 0 disables the prior."""
+    """Weight of the prior policy in the logits. Larger values reduce early exploration; 0 disables the prior policy."""
     prior_policy: str = "rule"
-    """Policy that an untrained network imitates: `rule` (`gain_over_cost`), the folder of a frontier score or evolution
-    run, or `pretrained/NAME`."""
+    """Policy that the untrained network imitates: `rule` (`gain_over_cost`: unknown area / path cost), the folder of a
+    frontier score or evolution run, or `pretrained/NAME`."""
 
     @model_validator(mode="after")
     def _divides(self) -> "DecisionNetworkConfig":
@@ -118,57 +119,58 @@ class DecisionNetworkConfig(Section):
 
 
 class EvaluationConfig(Section):
-    """Evaluation in test worlds, with the same episodes each time."""
+    """Settings of evaluations in test worlds, with the same episodes each time."""
 
     every: Count = 25_000
-    """Environment steps between evaluations."""
+    """Number of environment steps between evaluations."""
     episodes: Side = 20
-    """Episodes per evaluation; episode i has seed i."""
+    """Number of episodes per evaluation; episode i has seed i."""
     references: tuple[str, ...] = ("random",)
-    """Classic policies to measure once on the same episodes, by name or `module:attribute`."""
+    """Non-learned policies, by name or `module:attribute`, evaluated once in the same episodes for comparison."""
     environment: dict[str, Any] = {}
-    """Environment arguments other than in training, such as `world`. Later uses of the policy keep `observations`."""
+    """Environment arguments that replace those of training, such as `world`. The value of `observations` also applies
+    to later uses of the policy."""
 
     @property
     def arguments(self) -> dict[str, Any]:
-        """Environment arguments that differ from training, with lists as tuples."""
+        """Environment arguments that differ from training; lists are converted to tuples."""
         return {name: _tuples(value) for name, value in self.environment.items()}
 
 
 class CheckpointConfig(Section):
-    """Schedule of checkpoints."""
+    """Interval and number of saved checkpoints."""
 
     every: Count = 20_000
-    """Maximum environment steps between checkpoints; at least one rollout."""
+    """Maximum number of environment steps between checkpoints; at least the steps between two updates."""
     keep: int = Field(default=3, ge=2)
     """Number of newest checkpoints to keep."""
 
 
 class EvolutionConfig(Section):
-    """Evolution of a frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
+    """Settings to optimize a linear frontier score by CMA-ES; see `lidarnaut.agents.frontiers.evolution`."""
 
     algorithm: Literal["evolution"]
-    """Constant `evolution`, which selects this configuration."""
+    """Always `evolution`, which selects CMA-ES instead of reinforcement learning."""
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Experiment name, which begins the run folder's name."""
+    """Experiment name, the first part of the run folder's name."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of all random generators."""
     generations: Count = 100
     """Number of generations."""
     population: int = Field(default=14, ge=4, le=100_000)
-    """Individuals per generation."""
+    """Number of individuals (weight vectors) per generation."""
     tasks: Side = 24
-    """Episodes explored by each individual of a generation."""
+    """Number of exploration episodes per individual."""
     sigma: PositiveFloat = 0.06
-    """Initial standard deviation of each weight, times the spread of its feature."""
+    """Initial standard deviation of each weight, multiplied by the standard deviation of the weight's feature."""
     families: tuple[str, ...] = ("rooms", "maze", "warehouse", "caves")
-    """Procedural families of the training worlds."""
+    """Families of generated worlds for training."""
     validation_tasks: Side = 240
-    """Number of validation episodes, always the same; results do not affect training."""
+    """Number of validation episodes, the same each time. Results do not affect training."""
     validate_every: Count = 10
-    """Generations between two validations."""
+    """Number of generations between two validations."""
     num_workers: Side | None = None
-    """Worker processes; null uses one per core."""
+    """Number of worker processes; null uses one per core."""
 
     @field_validator("families")
     @classmethod
@@ -179,14 +181,14 @@ class EvolutionConfig(Section):
 
 
 class TrainingConfig(Section):
-    """Reinforcement learning experiment."""
+    """Settings of a training by reinforcement learning."""
 
     experiment: str = Field(pattern=r"^[A-Za-z0-9._-]+$")
-    """Experiment name, which begins the run folder's name."""
+    """Experiment name, the first part of the run folder's name."""
     total_steps: Count
-    """Total environment steps of all sub-environments, rounded up to whole rollouts."""
+    """Total number of environment steps over all sub-environments, rounded up to whole updates."""
     algorithm: str
-    """Algorithm of stable-baselines3 or sb3-contrib by name, or `module:attribute` of a derived class."""
+    """Algorithm class: name in stable-baselines3 or sb3-contrib, or `module:attribute` of a derived class."""
     seed: int = Field(default=0, ge=0, le=2**63 - 1)
     """Seed of all random generators."""
     num_envs: Side = 16
@@ -194,19 +196,19 @@ class TrainingConfig(Section):
     device: Literal["cpu", "cuda", "auto"] = "cpu"
     """Device of torch; `auto` uses a GPU if available. Small networks need no GPU."""
     torch_threads: Side = 1
-    """Threads of torch; more than one slows small networks."""
+    """Number of torch threads; more than one slows small networks."""
     environment: EnvironmentConfig = EnvironmentConfig()
-    """Training environment."""
+    """Environment for training."""
     hyperparameters: dict[str, Any] = {}
-    """Arguments of the algorithm class. `lin_3e-4` decreases linearly to zero; `action_noise: 0.1` is the standard
-    deviation of Gaussian noise."""
+    """Arguments of the algorithm class. A value `lin_3e-4` decreases linearly from 3e-4 to zero. `action_noise: 0.1`
+    adds Gaussian noise to actions, with standard deviation 0.1."""
     network: dict[str, Any] = {}
     """Network settings: keys of `NetworkConfig`, `GaussianNetworkConfig`, `TrajectoryNetworkConfig` or
     `DecisionNetworkConfig`."""
     evaluation: EvaluationConfig = EvaluationConfig()
-    """Evaluation during training."""
+    """Settings of evaluations during training."""
     checkpoints: CheckpointConfig = CheckpointConfig()
-    """Schedule of checkpoints."""
+    """Interval and number of saved checkpoints."""
 
     @field_validator("algorithm")
     @classmethod
@@ -218,17 +220,23 @@ class TrainingConfig(Section):
 
 
 def parse_config(data: Mapping[str, Any], source: str) -> TrainingConfig | EvolutionConfig:
-    """Parse a training or evolution configuration; raise ValueError with `source` and wrong keys."""
+    """Parse a training or evolution configuration from nested mappings; `source` names their origin.
+
+    Raises:
+        ValueError: if a key or value is wrong.
+    """
     kind: Any = EvolutionConfig if data.get("algorithm") == "evolution" else TrainingConfig
     return parse_record(data, source, kind)
 
 
 CONFIGURATIONS = Path(__file__).resolve().parents[1] / "configs"
-"""Folder of the packaged configurations."""
+"""Folder of the YAML configurations in the package."""
 
 
 def find_configuration(name: str) -> Path:
-    """Return the file of a configuration: a path, or the name of a packaged one, such as `explore_frontiers`.
+    """Return the path of a configuration file.
+
+    `name`: path of a YAML file, or name of a configuration in the package, such as `explore_frontiers`.
 
     Raises:
         ValueError: if there is no such configuration; the message lists the packaged ones.
@@ -242,7 +250,11 @@ def find_configuration(name: str) -> Path:
 
 
 def change(data: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return nested mappings with new values at dotted keys; raise ValueError if a parent is not a mapping."""
+    """Return a copy of nested mappings with changed values, by dotted keys such as `network.hidden`.
+
+    Raises:
+        ValueError: if a parent key does not hold a mapping.
+    """
     changed: dict[str, Any] = copy.deepcopy(dict(data))
     for key, value in changes.items():
         *parents, name = key.split(".")

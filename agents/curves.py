@@ -16,17 +16,17 @@ from lidarnaut.envs.command_line import run_command
 from lidarnaut.envs.files import MAX_JSON_BYTES, printable, read_bytes, read_record, write_file
 
 Row = dict[str, int | float | str]
-"""Row of `evaluations.csv`, by column."""
+"""Row of the evaluation table `evaluations.csv`: value by column name."""
 LEARNED = "learned"
-"""Name of the trained policy in evaluation rows."""
+"""Name of the trained policy in the evaluation table."""
 LEARNED_NAMES = LEARNED, LEARNED + GROUND_TRUTH
-"""Names of the trained policy in evaluation rows, without and with ground truth."""
+"""Names of the trained policy in the evaluation table, without and with observations of ground truth."""
 SCORES = "scores"
-"""Column with the headline measure of each episode, separated by spaces."""
+"""Column with the headline (main) measure of each episode, as numbers separated by spaces."""
 
 
 def read_evaluations(run: Path) -> list[Row]:
-    """Read `evaluations.csv` of a run folder; raise ValueError if empty or damaged."""
+    """Read the evaluation table of a run folder; raise ValueError if empty or damaged."""
     kinds: dict[str, type] = {"policy": str, SCORES: str, "steps": int}
     path = run / "evaluations.csv"
     try:
@@ -41,7 +41,7 @@ def read_evaluations(run: Path) -> list[Row]:
 
 
 def check_rows(rows: Sequence[Row]) -> None:
-    """Raise ValueError if an evaluation row lacks a plotted number."""
+    """Raise ValueError if a row of the evaluation table lacks a number that plots need."""
     try:
         for row in rows:
             int(row["steps"]), str(row["policy"])
@@ -52,17 +52,17 @@ def check_rows(rows: Sequence[Row]) -> None:
 
 
 def headline_of_rows(rows: Sequence[Row]) -> str:
-    """Return the column of the headline measure, which has quartiles."""
+    """Return the column name of the headline (main) measure, the only measure with quartiles."""
     return next((name.removesuffix("_q25") for name in rows[0] if name.endswith("_q25")), "*_q25")
 
 
 def draw_learning_curve(
     runs: Mapping[str, Sequence[Row]], title: str, path: Path, axis: str = "environment steps"
 ) -> None:
-    """Plot success rate or task progress, and the headline measure, over training steps.
+    """Plot success rate or task progress, and the headline (main) measure, over training steps.
 
-    Lines are means with 95 % confidence bands; reference policies are horizontal lines. `runs` holds rows of
-    `evaluations.csv` by run label, `axis` is the label of the x-axis.
+    Lines are means with 95 % confidence bands; horizontal lines are reference policies. `runs`: rows of
+    `evaluations.csv` by run label. `axis`: label of the x-axis.
     """
     from matplotlib.figure import Figure
     from matplotlib.ticker import EngFormatter, MaxNLocator
@@ -114,7 +114,10 @@ def _error_of_mean(row: Row, measure: str) -> float:
 
 
 def draw_sweep(curves: Mapping[str, np.ndarray], measure: str, title: str, path: Path) -> None:
-    """Plot a measure of several trainings, shape (n, 4) each: steps, mean, and 95 % confidence bounds."""
+    """Plot one measure of several trainings over steps, with confidence bands.
+
+    `curves`: arrays by label, shape (n, 4): steps, mean, lower and upper 95 % bound.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8, 4.8), dpi=120, layout="constrained")

@@ -30,7 +30,7 @@ def evaluation_environment(config: TrainingConfig) -> EnvironmentConfig:
 
 
 class Evaluator:
-    """Evaluates policies in the same episodes on test worlds."""
+    """Evaluates policies in the same test episodes, and summarises the results."""
 
     def __init__(self, config: TrainingConfig) -> None:
         self._episodes = config.evaluation.episodes
@@ -40,9 +40,7 @@ class Evaluator:
         self.headline = headline_of(inner.task.measures)
         others = (one for one in measures_of(inner.task.measures) if one is not self.headline)
         self.measures = (self.headline, *others)
-        """Measures of an episode, headline first."""
         self.progress: str = inner.task.progress
-        """Key in `info` of the completed share of the task."""
         self.control_hz = 1.0 / inner.control_period
         self._max_speed: float = inner.robot.max_v
         self._vector = make_vector(environment, "test", self._episodes)
@@ -52,18 +50,18 @@ class Evaluator:
         self._vector.close()
 
     def policy(self, policy: BasePolicy) -> Row:
-        """Return the evaluation row of a policy with its most likely actions."""
+        """Evaluate a policy with its most likely actions; return a row of the evaluation table."""
         histories = run_episodes(self._vector, Actor(policy), self._max_speed)
         return {"policy": marked(LEARNED, None, self._env)} | self.summarise(histories)
 
     def reference(self, name: str) -> Row:
-        """Return the evaluation row of a classic policy."""
+        """Evaluate a non-learned policy, given by name; return a row of the evaluation table."""
         policies = [self.make_reference(name) for _ in range(self._episodes)]
         histories = [run_episode(self._env, policy, seed).history for seed, policy in enumerate(policies)]
         return {"policy": marked(name, policies[0], self._env)} | self.summarise(histories)
 
     def make_reference(self, name: str) -> Policy:
-        """Return a classic policy by name or `module:attribute`; raise ValueError if unknown."""
+        """Return a non-learned policy by name or `module:attribute`; raise ValueError if unknown."""
         from lidarnaut.baselines import (
             policies_for,
         )
@@ -74,9 +72,10 @@ class Evaluator:
         return policy
 
     def summarise(self, histories: Sequence[EpisodeHistory]) -> Row:
-        """Return mean progress and measures, and quartiles and values of the headline measure.
+        """Return a row of the evaluation table: mean progress and measures of several episodes.
 
-        An unreached measure counts as the time limit or the maximum distance.
+        The row includes quartiles and all values of the headline (main) measure. An unreached threshold counts as the
+        time limit, or as the distance driven until then at maximum speed.
         """
         speeds = {"time_limit": 1.0, "distance_limit": self._max_speed}
         columns = {"progress": [float(np.mean(history.final[self.progress])) for history in histories]}
@@ -95,9 +94,10 @@ def run_episodes(
     act: Callable[[Observations, np.ndarray], np.ndarray],
     max_speed: float = math.inf,
 ) -> list[EpisodeHistory]:
-    """Run one episode in each sub-environment i with seed i; return the recorded courses.
+    """Run one episode in each sub-environment; return the recorded `info` entries of each episode.
 
-    `act` maps observations and episode starts, shape (num_envs,), bool, to actions. `max_speed` is the robot's [m/s].
+    Sub-environment i has seed i. `act`: function that returns actions for observations and flags of episode starts,
+    shape (num_envs,), bool. `max_speed`: maximum speed of the robot [m/s].
     """
     observations, info = vector.reset(seed=0)
     limits = vector.call("time_limit")  # type: ignore[attr-defined]

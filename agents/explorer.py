@@ -1,4 +1,4 @@
-"""Policies trained with `train.py`."""
+"""Loading and inference of policies trained with `train.py`."""
 
 import math
 from collections.abc import Iterable
@@ -17,7 +17,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 
 
 class LearnedPolicy:
-    """Trained policy that acts on observations."""
+    """Trained network that returns actions for observations."""
 
     end_reason = plan = None
 
@@ -25,16 +25,14 @@ class LearnedPolicy:
         self._actor = Actor(policy, deterministic=deterministic)
         self._record, self._name, self._deterministic = record, name, deterministic
         self.level: Level = "decision" if record.action.kind == "Discrete" else "twist"
-        """Kind of action, `twist` or `decision`; see `lidarnaut.agents.policies.Level`."""
+        """Kind of action: `twist` (velocity command) or `decision` (choice of a frontier)."""
         self.id = record.config.environment.id
         self.arguments = record.config.environment.arguments | record.config.evaluation.arguments
-        """Arguments of the environment in evaluations."""
         self.observations = self.arguments.get("observations")
-        """Required observation parts; None for the environment's default."""
+        """Names of required observations; None for the environment's default."""
         self.collision_monitor = bool(self.arguments.get("collision_monitor"))
-        """True if the policy drives with the collision monitor."""
+        """Whether the policy drives with the collision monitor, which slows down before obstacles."""
         self.control_hz = record.control_hz
-        """Control frequency in training [Hz]."""
         self._is_first = True
         self._beams: tuple[np.ndarray, np.ndarray, float] | None = None
         spaces = {key: described.space() for key, described in record.observation.items()}
@@ -47,7 +45,7 @@ class LearnedPolicy:
         Args:
             path: run folder (newest checkpoint) or checkpoint folder.
             deterministic: take the most likely action instead of sampling.
-            trust: code names to accept; see `lidarnaut.agents.trust`.
+            trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
         Raises:
             CheckpointError: if the checkpoint is missing or damaged.
@@ -62,15 +60,15 @@ class LearnedPolicy:
         """Start an episode; convert scans to the training lidar if the numbers of beams differ.
 
         Raises:
-            CheckpointError: if the training lidar is unknown.
+            CheckpointError: if a conversion is needed and the training lidar is unknown.
         """
         self._rng, self._is_first, self._beams = rng, True, self._match_beams(robot)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        """Return a normalized twist, shape (2,), float32, or a frontier candidate's index.
+        """Return the action: velocities / limits, shape (2,), float32, or the index of a frontier.
 
         Raises:
-            CheckpointError: if the observation differs from training.
+            CheckpointError: if the observation has other names, shapes or dtypes than in training.
         """
         if self._beams is not None and "scan" in observation:
             nearest, in_view, scale = self._beams
@@ -92,7 +90,6 @@ class LearnedPolicy:
             return self._actor(batch, starts)[0]
 
     def _match_beams(self, robot: RobotParams) -> tuple[np.ndarray, np.ndarray, float] | None:
-        """Return indices, visibility mask and range factor that convert beams to the training lidar."""
         scan = self._record.observation.get("scan")
         if scan is None or len(scan.shape) > 1 or robot.lidar.num_beams == scan.shape[0]:
             return None

@@ -1,9 +1,9 @@
 """Export of policies to ONNX: `python -m lidarnaut.agents.export POLICY OUT.onnx`.
 
-POLICY is a run folder, a checkpoint, or a name such as `ppo:pretrained/twist`. The file has one input per observation
-part, shape (batch, ...), and the output `action`: the most likely action, clipped to the action space. Recurrent
-policies add inputs `state_h` and `state_c` (zeros at the start of an episode) and outputs `next_state_h` and
-`next_state_c`. The metadata key `lidarnaut` describes inputs, action, robot and environment as JSON.
+POLICY is a run folder, a checkpoint, or a name such as `ppo:pretrained/twist`. The file has one input per observation,
+shape (batch, ...), and the output `action`: the most likely action, clipped to the action space. Recurrent policies add
+inputs `state_h` and `state_c` (zeros at the start of an episode) and outputs `next_state_h` and `next_state_c`. The
+metadata key `lidarnaut` describes inputs, action, robot and environment as JSON.
 """
 
 import contextlib
@@ -38,14 +38,14 @@ from lidarnaut.envs.core import lidar_env_of
 from lidarnaut.envs.files import printable, write_file
 
 TOLERANCE = 1e-5
-"""Tolerance of continuous actions between policy and ONNX file; discrete actions must match."""
+"""Maximum difference between continuous actions of policy and ONNX file. Discrete actions must be equal."""
 NUM_RANDOM, NUM_STEPS = 64, 100
-"""Number of random observations, and of episode steps, to compare policy and ONNX file."""
+"""Number of random observations, and number of episode steps, to compare policy and ONNX file."""
 MEANING = {
     "Box": "(forward speed over robot.max_v, yaw rate over robot.max_w, counter-clockwise), of each robot of a team",
     "Discrete": "row of the candidate to drive to",
 }
-"""Meaning of actions, by kind of the action space."""
+"""Descriptions of actions in the metadata of the ONNX file, by kind of action space."""
 
 
 def main(
@@ -110,8 +110,6 @@ def export_policy(policy: str | Path, out: str | Path, trust: Iterable[str] = ()
 
 
 class _Graph(nn.Module):
-    """Traced module: observation parts and recurrent state to action and next state."""
-
     def __init__(self, policy: BasePolicy, names: list[str]) -> None:
         super().__init__()
         self.policy, self.names = policy, names

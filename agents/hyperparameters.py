@@ -1,4 +1,4 @@
-"""Early validation of hyperparameters."""
+"""Validation of hyperparameters before training."""
 
 import contextlib
 import inspect
@@ -10,16 +10,17 @@ from pydantic import ConfigDict, PydanticUserError, TypeAdapter
 
 LOWEST = {"gradient_steps": -1, "learning_starts": 0, "sde_sample_freq": -1, "target_entropy": -math.inf}
 LOWEST |= {"top_quantiles_to_drop_per_net": 0}
-"""Lower bounds of hyperparameters; by default 1 for integers, else 0."""
+"""Lower bounds of hyperparameters, by name; the default is 1 for integers and 0 for floats."""
 SHARES = ("gamma", "gae_lambda", "tau", "exploration_fraction", "exploration_initial_eps", "exploration_final_eps")
-"""Hyperparameters with upper bound 1."""
+"""Names of hyperparameters with upper bound 1."""
 _STRICT = ConfigDict(arbitrary_types_allowed=True, strict=True)
 
 
 def check_hyperparameter(name: str, given: Any, value: Any, annotation: Any) -> None:
     """Raise ValueError if a hyperparameter has an invalid type or value.
 
-    `given` is the configured value, `value` the algorithm's argument. A missing or string `annotation` allows any type.
+    `given`: configured value. `value`: resulting argument of the algorithm. `annotation`: type annotation of the
+    argument; any type is allowed if missing or a string.
     """
     json.dumps(given, allow_nan=False, default=str)
     if not (isinstance(annotation, str) or annotation is inspect.Parameter.empty):

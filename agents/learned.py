@@ -17,14 +17,14 @@ from lidarnaut.baselines.policy import Explorer, ObservationPolicy
 from lidarnaut.envs.files import read_bytes
 
 PRETRAINED = Path(__file__).with_name("pretrained")
-"""Folder of the package's policies."""
+"""Folder of the pretrained policies in the package."""
 POLICY = "policy"
 
 
 def find_policy(path: str | Path) -> Path:
     """Return the folder with the weights of a policy; raise CheckpointError if missing.
 
-    `path` is a folder of a run, checkpoint or policy, or `pretrained/NAME`; a prefix `ppo:` or `learned:` is ignored.
+    `path`: folder of a run, checkpoint or policy, or `pretrained/NAME`. A prefix `ppo:` or `learned:` is ignored.
     """
     path = Path(re.sub("^(ppo|learned):", "", str(path)))
     if path.parts[:1] == ("pretrained",) and not path.exists():
@@ -41,17 +41,18 @@ def find_policy(path: str | Path) -> Path:
 def load_policy(
     policy: str | Path, *, pursuit: bool = False, deterministic: bool = True, trust: Iterable[str] = ()
 ) -> Explorer | ObservationPolicy:
-    """Load a learned policy for `run_episode` or for calls with observations.
+    """Load a learned policy from a folder or from the package.
 
     Args:
         policy: folder of a run, a checkpoint or a policy, or a packaged policy such as `"pretrained/crowd"`.
-        pursuit: drive a frontier score by pursuit of the path (`lidarnaut.baselines.frontier.pursuit_explorer`).
+        pursuit: drive by steering to a point ahead on the path; for frontier scores only
+            (`lidarnaut.baselines.frontier.pursuit_explorer`).
         deterministic: return the most likely action; False samples actions as in training.
         trust: modules, or names `module:attribute`, of your own code that the policy may import.
 
     Returns:
-        An explorer for a frontier score; otherwise a `LearnedPolicy`, whose `observations` name the observation parts
-        that the environment must have.
+        An explorer for a frontier score; otherwise a `LearnedPolicy`, whose `observations` name the observations that
+        the environment must have.
 
     Raises:
         CheckpointError: if there is no such policy, it is damaged, or it does not support the options.
@@ -72,7 +73,7 @@ def load_policy(
 
 
 def fingerprint(folder: Path) -> str:
-    """Return the SHA-256 of a policy's weights."""
+    """Return the SHA-256 checksum (hexadecimal) of a policy's weights."""
     from lidarnaut.agents.checkpoint import POLICY_FILE
 
     weights = folder / (WEIGHTS_FILE if (folder / RECORD_FILE).exists() else POLICY_FILE)

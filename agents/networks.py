@@ -13,21 +13,20 @@ from torch import Tensor, nn
 from torch.nn import functional
 
 Tensors = dict[str, Tensor]
-"""Batched observation parts, by name."""
+"""Batch of observations: tensors by name, shape (batch, ...) each."""
 PATCH = 10
-"""Side length of a map patch [pixels]."""
+"""Side length of the square patches of a map image [pixels]."""
 SECTORS = 40
-"""Maximum number of sectors of a scan."""
+"""Maximum number of angular sectors of an encoded scan."""
 ROW_FEATURES = 16
-"""Features per row of a tabular observation part."""
+"""Number of learned features per row of a two-dimensional observation."""
 
 
 class ExplorerFeatures(BaseFeaturesExtractor):
-    """Encoders for observation parts, and a layer that merges their features.
+    """Feature extractor for dictionary observations: one encoder per entry, then a joint layer.
 
-    Encoders are a patch convolution for map crops, sector pooling for the part `scan`, and a linear layer for other
-    vectors. Table rows share an encoder. Patches do not overlap, which is several times cheaper; positions of walls
-    within a patch matter little.
+    Encoders are a convolution over patches for map images, sector pooling for `scan`, and a linear layer for other
+    vectors. Rows of a table share an encoder. Patches do not overlap, which is several times cheaper.
     """
 
     def __init__(self, observation_space: spaces.Dict, features_dim: int = 128, channels: int = 16) -> None:
@@ -58,7 +57,7 @@ class ExplorerFeatures(BaseFeaturesExtractor):
 
 
 class FlatFeatures(ExplorerFeatures):
-    """`ExplorerFeatures` for vectors made by `flatten`."""
+    """Feature extractor for dictionary observations flattened to vectors."""
 
     def __init__(self, observation_space: spaces.Box, *, parts: spaces.Dict, **arguments: int) -> None:
         super().__init__(parts, **arguments)
@@ -72,10 +71,10 @@ class FlatFeatures(ExplorerFeatures):
 
 
 class JointPolicy(ActorCriticPolicy):
-    """PPO or A2C policy that computes action distribution and value together."""
+    """Base of PPO and A2C policies with one network for action distribution and state value."""
 
     def judge(self, obs: Tensors) -> tuple[Distribution, Tensor]:
-        """Return the action distribution, and values of shape (batch, 1)."""
+        """Return the action distribution, and state values, shape (batch, 1), float32."""
         raise NotImplementedError
 
     def forward(self, obs: Tensors, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:  # type: ignore[override]
@@ -95,18 +94,18 @@ class JointPolicy(ActorCriticPolicy):
 
 
 def flat_space(parts: spaces.Dict) -> spaces.Box:
-    """Return the space of flattened observations."""
+    """Return the space of dictionary observations flattened to vectors."""
     return spaces.Box(-np.inf, np.inf, (spaces.flatdim(parts),), np.float32)
 
 
 def flatten(observations: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Concatenate observation parts, shape (batch, ...), to shape (batch, n), float32."""
+    """Flatten batched dictionary observations to shape (batch, n), float32, entries sorted by name."""
     rows = [part.reshape(len(part), -1).astype(np.float32) for _, part in sorted(observations.items())]
     return np.concatenate(rows, axis=1)
 
 
 class ScanSectors(nn.Sequential):
-    """Scan encoder: nearest return and share of invalid beams per sector."""
+    """Scan encoder: linear layer over nearest range and fraction of invalid beams in angular sectors."""
 
     def __init__(self, num_beams: int, width: int) -> None:
         beams_per_sector = math.ceil(num_beams / SECTORS)
@@ -114,7 +113,10 @@ class ScanSectors(nn.Sequential):
         self._beams_per_sector = beams_per_sector
 
     def forward(self, scan: Tensor) -> Tensor:
-        """Return features, shape (batch, width), of scans, shape (batch, num_beams)."""
+        """Return features, shape (batch, width).
+
+        `scan`: ranges from 0 (invalid) to 1, shape (batch, num_beams), float32.
+        """
         # Missing ranges (0) get a separate channel, distinct from near obstacles.
         scan = scan[:, None]  # required by ONNX pooling
         invalid = (scan == 0).float()
@@ -125,16 +127,16 @@ class ScanSectors(nn.Sequential):
 
 
 class MapPatches(nn.Conv2d):
-    """Patch convolution over map crops."""
+    """Map encoder: convolution over separate patches of a map image."""
 
     def __init__(self, shape: tuple[int, ...], channels: int) -> None:
         super().__init__(shape[0], channels, PATCH, stride=PATCH)
         self._missing = -shape[2] % PATCH, -shape[1] % PATCH
 
     def forward(self, crop: Tensor) -> Tensor:
-        """Return features, shape (batch, channels * patches), of crops from 0 to 255.
+        """Return features, shape (batch, channels * patches), of map images with pixels from 0 to 255.
 
-        Weights are scaled instead of pixels, which requires `normalize_images=False`.
+        Weights, not pixels, are divided by 255, which requires `normalize_images=False`.
         """
         if any(self._missing):
             crop = functional.pad(crop, (0, self._missing[0], 0, self._missing[1]))

@@ -20,14 +20,14 @@ from lidarnaut.envs.files import write_file
 CHECKSUMS, MODEL_CARD = "checksums.sha256", "README.md"
 HELD_OUT = Path(__file__).with_name("frontiers") / "held_out.yaml"
 SPLIT_MODULES = b"lidarnaut.agents.frontiers.tasks:", b"lidarnaut.agents.robots:"
-"""Configuration entries that imply training without held-out worlds or robots."""
+"""Texts in a configuration that imply training without held-out (test) worlds or robots."""
 
 
 def main(run: Annotated[Path, tyro.conf.Positional], folder: Annotated[Path, tyro.conf.Positional]) -> None:
-    """Write the folder of a packaged policy; an existing model card is kept.
+    """Copy a trained policy to a folder of the package; keep an existing model card (`README.md`).
 
     Args:
-        run: run folder.
+        run: run folder of the training.
         folder: output folder, `agents/pretrained/NAME`.
 
     Raises:

@@ -1,4 +1,4 @@
-"""Gaussian policy that corrects pursuit of a planned path."""
+"""Gaussian policy that adds a learned correction to path following."""
 
 from typing import Any
 
@@ -14,24 +14,25 @@ from lidarnaut.baselines.frontier.pursuit_explorer import TURN
 from lidarnaut.envs.observations.plan import WIDTH
 
 BACK = -0.3
-"""Forward speed of pursuit in contact, as a fraction of the robot's limit."""
+"""Forward speed after contact, divided by the robot's maximum; negative to back up."""
 SPIN = 0.4
-"""Yaw rate of pursuit without a path, as a fraction of the robot's limit."""
+"""Yaw rate without a path, divided by the robot's maximum."""
 BUMPER, PRESENT = 4, WIDTH - 1
-"""Indices of the bumper flag in `motion` and of the path flag in `plan`."""
+"""Index of the bumper flag in the observation `motion`, and of the flag of the first path in `plan`."""
 
 
 def pursue(plan: Tensor, motion: Tensor) -> Tensor:
-    """Return the twist towards the nearest lookahead point of the best path.
+    """Return the twist towards the point 0.3 m ahead on the path to the best frontier.
 
-    The forward speed is the cosine of the bearing, at least 0. In contact, the robot backs up.
+    Forward speed is the cosine of the bearing, at least 0. After contact, the robot backs up. Without a path, the robot
+    turns in place.
 
     Args:
-        plan: observation part, shape (batch, n).
-        motion: observation part, shape (batch, 6).
+        plan: observation `plan`, shape (batch, n), float32.
+        motion: observation `motion`, shape (batch, 6), float32.
 
     Returns:
-        Forward speed and yaw rate over the robot's limits, shape (batch, 2), float32.
+        Forward speed and yaw rate, divided by the robot's limits, shape (batch, 2), float32.
     """
     cosine, sine, present, bumper = plan[:, 0], plan[:, 1], plan[:, PRESENT], motion[:, BUMPER]
     turn = (TURN * torch.atan2(sine, cosine)).clamp(-1.0, 1.0)
@@ -40,7 +41,7 @@ def pursue(plan: Tensor, motion: Tensor) -> Tensor:
 
 
 class PlanPursuit:
-    """Twist policy equal to the mean action of an untrained `PlanPriorPolicy`."""
+    """Policy that follows the first path of the observation `plan`, without learning."""
 
     level = "twist"
     observations = ("motion", "plan")
@@ -50,7 +51,10 @@ class PlanPursuit:
 
 
 class PlanPriorPolicy(JointPolicy):
-    """Gaussian policy with mean `weight * pursue(...)` plus network output, initially near 0."""
+    """Gaussian policy with mean = `weight` x path-following command + network output.
+
+    The network output is initially near 0.
+    """
 
     def __init__(
         self,
@@ -61,7 +65,6 @@ class PlanPriorPolicy(JointPolicy):
         weight: float = 1.0,
         **arguments: Any,
     ) -> None:
-        """Build the network; raise ValueError without the observation `plan`."""
         if "plan" not in observation_space.spaces:
             raise ValueError(
                 "network.plan_prior needs the observation `plan`; add it to environment.observations, or set 0"

@@ -1,4 +1,4 @@
-"""Adapters for user policies from any library."""
+"""Adapters to the policy interface for user-defined policies."""
 
 import inspect
 from collections.abc import Callable, Mapping
@@ -13,20 +13,20 @@ from lidarnaut.envs.files import SHORT
 from lidarnaut.envs.robots import RobotParams
 
 Level = Literal["twist", "decision"]
-"""Kind of action: `twist`, or `decision` for frontiers in `ExploreFrontiers-v0`."""
+"""Kind of action: `twist` (velocity command), or `decision` (choice of a frontier in `ExploreFrontiers-v0`)."""
 
 
 def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
     """Return a policy made from an explorer, model, callable or factory.
 
-    - A frontier rule: `rule(candidates, belief)` returns scores.
+    - A frontier rule: `rule(candidates, belief)` returns the scores of frontier candidates.
     - An `Explorer`: `reset` and `act(reading, belief)`, optionally `end_reason` and `plan`. In a team, each robot gets
       a copy, unless `is_team` is true.
     - A model: `predict(observation)` returns the action, alone or first in a tuple. Accepted arguments among
-      `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)`
-      precedes each episode.
+      `deterministic=True`, `action_masks` and `state` are passed. An optional `reset(robot, control_period, rng)` is
+      called before each episode.
     - Any other callable of one argument: returns the action for an observation.
-    - A class, or a function without required arguments: makes one of these.
+    - A class, or a function without required arguments: returns one of the above.
 
     Actions outside of a `Box` action space `space` are clipped.
 
@@ -53,7 +53,7 @@ def make_policy(value: Any, space: spaces.Space | None = None) -> Policy:
 
 
 def level_of(value: Any) -> Level:
-    """Return the `level` of a policy, by default `twist`; raise ValueError if unknown."""
+    """Return the kind of a policy's actions, `twist` (default) or `decision`; ValueError if unknown."""
     level: Level = getattr(value, "level", "twist")
     if level not in get_args(Level):
         raise ValueError(f"level of {value!r} must be one of {', '.join(get_args(Level))}, got {level!r}")
@@ -70,7 +70,7 @@ def needed_arguments(value: Any) -> dict[str, Any]:
 
 
 class CalledPolicy:
-    """Policy made from a callable or a model with `predict`."""
+    """Adapter that makes a policy from a callable, or from a model with `predict`."""
 
     end_reason: str | None
     plan: np.ndarray | None
@@ -93,7 +93,6 @@ class CalledPolicy:
             self._policy.reset(robot, control_period, rng)
 
     def __call__(self, observation: dict[str, np.ndarray]) -> Any:
-        """Return the action, clipped to the action space."""
         action = self._predict(observation) if self._predicts else self._policy(observation)
         if isinstance(self._space, spaces.Box):
             action = np.asarray(action, dtype=self._space.dtype)

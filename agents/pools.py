@@ -23,13 +23,12 @@ from lidarnaut.envs.processes import start_worker, stop_workers
 CONNECT_LIMIT = 10.0
 """Timeout for connecting to a Ray cluster [s]."""
 _entered: list[tempfile.TemporaryDirectory[str] | None] = []
-"""Result of `enter_folder` in this cluster worker; empty before the first call."""
 
 
 class RayExecutor(Executor):
-    """Executor on a Ray cluster; each call uses one core.
+    """`concurrent.futures` executor on a Ray cluster; each call uses one core.
 
-    All machines need the same package version. Files travel with the calls; see `collect_files`.
+    All machines need the same package version. Required files are sent with the calls.
     """
 
     def __init__(self, address: str, named: Any = ()) -> None:
@@ -37,7 +36,7 @@ class RayExecutor(Executor):
 
         Args:
             address: `auto`, `HOST:PORT` or `ray://HOST:PORT`, as in `ray.init`.
-            named: value that names files to send; see `collect_files`.
+            named: nested value with names of files to send, such as a configuration.
 
         Raises:
             ImportError: if Ray is not installed.
@@ -94,11 +93,10 @@ def _call(files: tuple[str, Mapping[str, bytes]], call: bytes) -> Any:
 
 
 def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
-    """Yield path and content of files that remote calls need.
+    """Yield path and content of files that calls on other machines need.
 
-    These are files and policy folders named in the nested value `named`, map images, and modules imported from the
-    current
-    folder.
+    These are files and policy folders named in the nested value `named`, images of named maps, and modules imported
+    from the current folder.
     """
     here, paths = os.getcwd() + os.sep, []
     for text in set(re.findall(r'"([^"\\]+)"', json.dumps(named, default=str, ensure_ascii=False))):
@@ -114,7 +112,9 @@ def collect_files(named: Any) -> Iterator[tuple[str, bytes]]:
 
 
 def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryDirectory[str] | None:
-    """Change to `folder` if it holds `files`, else return and change to a temporary copy.
+    """Change the working folder to `folder` if it holds `files`, otherwise to a temporary copy.
+
+    Returns the temporary copy, or None.
 
     Raises:
         ValueError: if a file with an absolute path is missing or differs.
@@ -140,9 +140,10 @@ def enter_folder(folder: str, files: Mapping[str, bytes]) -> tempfile.TemporaryD
 
 @contextlib.contextmanager
 def make_pool(num_workers: int | None, ray: str | None, named: Any = ()) -> Iterator[Executor]:
-    """Yield local processes, by default one per core, or the Ray cluster at address `ray`.
+    """Yield an executor: local processes, or the Ray cluster at address `ray`.
 
-    Exceptions cancel running calls. `named` names files for the cluster; see `collect_files`.
+    `num_workers`: number of local processes, by default one per core. `named`: nested value that names files for the
+    cluster. Exceptions cancel running calls.
     """
     # Forked copies of processes with threads (torch, numba) may deadlock.
     spawn = multiprocessing.get_context("spawn")

@@ -1,4 +1,4 @@
-"""Replay buffer on disk: files of transitions, each written once."""
+"""Replay buffer on disk, in files that are written once."""
 
 import hashlib
 from collections.abc import Iterator
@@ -17,26 +17,27 @@ from lidarnaut.envs.files import own_folder, read_bytes, read_json, write_file
 
 FOLDER = "replay"
 ARRAYS = ("observations", "next_observations", "actions", "rewards", "dones", "timeouts")
-"""Arrays of a replay buffer, shape (buffer_size, num_envs, ...) each."""
+"""Names of the saved arrays of a replay buffer, shape (buffer_size, num_envs, ...) each."""
 
 
 class ReplayFiles:
     """Saves new transitions of a replay buffer, and loads the files of a checkpoint.
 
-    A row is one step of all environments. File names hold the first row and the end row.
+    A row holds one transition of every sub-environment. File names contain the index of the first row and the index
+    after the last row.
     """
 
     def __init__(self, buffer: ReplayBuffer, run: Path) -> None:
         self._buffer, self._folder = buffer, run / FOLDER
         self._sums: dict[str, str] = {}
         self._end = self._offset = 0
-        """Index after the last written row; index of the row in slot 0 of the ring buffer."""
+        """Index of the next row to save, and index of the row in slot 0 of the ring buffer. A row is one transition of
+        every sub-environment."""
 
     def write(self, end: int) -> dict[str, str]:
-        """Write buffer rows up to `end`; return checksums of the buffer's files by name.
+        """Save transitions that are not on disk yet; return SHA-256 checksums of all files by name.
 
-        Raises:
-            CheckpointError: if writing fails.
+        `end`: number of steps of each sub-environment. Raises CheckpointError if writing fails.
         """
         size = self._buffer.buffer_size
         end -= (end - self._offset) % size != self._buffer.pos
@@ -56,7 +57,7 @@ class ReplayFiles:
         return dict(self._sums)
 
     def read(self, sums: dict[str, str]) -> None:
-        """Fill the buffer from files; raise CheckpointError if a file is missing, altered or does not fit."""
+        """Fill the buffer from files with SHA-256 checksums `sums`; CheckpointError if damaged or missing."""
         buffer, count = self._buffer, 0
         if sums:
             self._sums, self._end = dict(sums), _end_of(list(sums)[-1])
@@ -78,7 +79,7 @@ class ReplayFiles:
         buffer.pos, buffer.full = count % buffer.buffer_size, count == buffer.buffer_size
 
     def prune(self, run: Path) -> None:
-        """Remove files that no checkpoint uses."""
+        """Delete replay buffer files that no checkpoint uses."""
         needed = {name for one in list_checkpoints(run) for name in read_json(one / RECORD_FILE).get("replay", {})}
         for path in self._folder.glob("*.safetensors"):
             if path.name not in needed:

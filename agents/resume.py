@@ -22,17 +22,18 @@ MAY_CHANGE = {
     "hyperparameters": "training",
     **dict.fromkeys((f"hyperparameters.{name}" for name in ("ent_coef", "policy_kwargs", "use_sde")), ""),
 }
-"""Kinds of runs that may change a key on resume. The longest matching key applies."""
+"""Kinds of runs that may change a configuration key on resume, by key. The longest matching key applies; an empty text
+forbids changes."""
 DEFAULT = "the default"
 Config = TrainingConfig | EvolutionConfig | Mapping[str, Any]
 
 
 def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) -> None:
-    """Raise CheckpointError if the configuration of a resumed run changes a fixed key.
+    """Raise CheckpointError if a resumed run changes a configuration key that must stay fixed.
 
     Args:
         now: new configuration.
-        kind: kind of run, see `MAY_CHANGE`.
+        kind: kind of run: `training`, `evolution` or `sweep`.
         run: folder of the run or checkpoint.
         was: previous configuration; None reads it from `run`.
     """
@@ -52,9 +53,9 @@ def check_changes(now: Config, kind: str, run: Path, was: Config | None = None) 
 def _changes(
     was: Mapping[str, Any], now: Mapping[str, Any], kinds: str = "", above: str = ""
 ) -> Iterator[tuple[str, Any, Any, str]]:
-    """Yield each changed key, its old and new value, and the permitted kinds of runs.
+    """Yield changed keys with old value, new value, and kinds of runs that may change the key.
 
-    Hyperparameters and network keys missing in `now` are unchanged.
+    Hyperparameters and network keys missing in `now` count as unchanged.
     """
     for name in now if above.startswith(("hyperparameters.", "network.")) else {**was, **now}:
         key, value = f"{above}{name}", now.get(name, DEFAULT)

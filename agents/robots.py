@@ -1,4 +1,4 @@
-"""Training robots of goal-reaching policies: variants of the Jackal."""
+"""Training robots of goal-reaching policies: variants of the Clearpath Jackal."""
 
 from dataclasses import replace
 from typing import Any
@@ -9,13 +9,12 @@ JACKAL = load_robot("jackal")
 
 
 def _variant(name: str, fov: float, range_max: float = JACKAL.lidar.range_max, **limits: Any) -> RobotParams:
-    """Return a Jackal with 360 beams, field of view `fov` [rad], range [m] and other limits."""
     lidar = replace(JACKAL.lidar, num_beams=360, fov=fov, range_max=range_max)
     return replace(JACKAL, name=name, lidar=lidar, **limits)
 
 
 SEES_AHEAD = _variant("sees_ahead", 4.71)
-"""Jackal with half its lidar beams, over 270 degrees."""
+"""Jackal with half its lidar beams (360), over 270 degrees."""
 SEES_AROUND = _variant("sees_around", 6.28)
 SLOW_SEES_AROUND = _variant("slow_sees_around", 6.28, max_v=1.0, max_w=3.0)
 SMALL_SEES_AROUND = _variant(
@@ -29,4 +28,4 @@ SMALL_SEES_AROUND = _variant(
     max_acc_v=1.0,
     max_acc_w=3.2,
 )
-"""Robot with about the size, speed and range of a TurtleBot3."""
+"""Robot with about the size, speed and lidar range of a TurtleBot3."""

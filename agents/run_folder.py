@@ -1,4 +1,4 @@
-"""Run folders: checkpoints and evaluation tables."""
+"""Run folders: configuration, checkpoints and evaluation tables."""
 
 import contextlib
 import csv
@@ -19,7 +19,6 @@ from lidarnaut.agents.curves import Row, draw_learning_curve
 from lidarnaut.envs.files import Lock, dump_record, own_folder, read_bytes, write_file
 
 LIBRARIES = ("torch", "stable-baselines3", "gymnasium", "numba", "numpy")
-"""Libraries with recorded versions."""
 GENERATIONS = "generations.csv"
 VERSIONS = "versions.json"
 SWEEP = "sweep.yaml"
@@ -36,7 +35,7 @@ def list_checkpoints(run: Path) -> list[Path]:
 
 
 def count_done(path: Path) -> int:
-    """Return generations of an evolution run, or steps of the newest checkpoint; 0 if unknown."""
+    """Return the number of finished generations (evolution), or of steps at the newest checkpoint."""
     if (path / GENERATIONS).exists():
         return read_bytes(path / GENERATIONS).count(b"\n")
     names = [path.name, *(one.name for one in list_checkpoints(path))]
@@ -44,7 +43,7 @@ def count_done(path: Path) -> int:
 
 
 def find_checkpoint(path: str | Path) -> Path:
-    """Return a checkpoint folder, the newest of a run folder; raise CheckpointError if missing."""
+    """Return a checkpoint folder, or the newest one of a run folder; raise CheckpointError if missing."""
     path = Path(path)
     if path.is_dir() and (re.fullmatch(r"step_\d+", path.name) or (path / RECORD_FILE).exists()):
         return path
@@ -65,7 +64,7 @@ def find_config(path: str | Path) -> Path:
 
 @contextlib.contextmanager
 def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Iterator[Path]:
-    """Create and lock the folder `run`, by default `runs/<experiment>__<seed>__<time>`.
+    """Create and lock a run folder, by default `runs/<experiment>__<seed>__<time>`.
 
     Raises:
         ValueError: if the folder already holds a run.
@@ -80,7 +79,7 @@ def new_run(config: TrainingConfig | EvolutionConfig, run: Path | None) -> Itera
 
 
 def prepare_folder(run: Path, config: TrainingConfig | EvolutionConfig) -> None:
-    """Write configuration and library versions to a run folder."""
+    """Write configuration and versions of libraries to a run folder."""
     versions = {name: version(name) for name in LIBRARIES}
     versions |= {"python": platform.python_version(), "platform": platform.platform(), "commit": commit()}
     write_file(run / "config.yaml", dump_record(config))
@@ -99,13 +98,13 @@ def discard_after(checkpoint: Path) -> Path:
 
 
 def write_evaluations(run: Path, rows: Sequence[Row], title: str, axis: str = "environment steps") -> None:
-    """Write `evaluations.csv` and `learning_curve.png`."""
+    """Write the evaluation table `evaluations.csv` and its plot to a run folder."""
     write_table(run / "evaluations.csv", rows)
     draw_learning_curve({str(rows[-1]["policy"]): rows}, title, run / "learning_curve.png", axis)
 
 
 def write_table(path: Path, rows: Sequence[Mapping[str, Any]]) -> None:
-    """Write rows as CSV, with NaN for missing columns."""
+    """Write mappings from column to value as CSV, with NaN for missing columns."""
     table = io.StringIO()
     writer = csv.DictWriter(table, list(dict.fromkeys(key for row in rows for key in row)), "nan", lineterminator="\n")
     writer.writeheader()

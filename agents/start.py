@@ -10,9 +10,9 @@ from lidarnaut.agents.trust import check_names, named_code
 from lidarnaut.envs.files import read_mapping
 
 DEFAULTS = {"experiment": "plain", "total_steps": 300_000}
-"""Configuration of a training for which none is given."""
+"""Default configuration of a training."""
 RECORDS = (VERSIONS, RECORD_FILE, GENERATIONS, "checkpoints")
-"""Files next to the configuration of a run or policy folder, which users exchange."""
+"""Files that mark a folder as a run or policy, possibly received from another user."""
 
 
 def train(
@@ -64,7 +64,6 @@ def train(
 
 
 def _read(config: Any, resume: Any, changes: Mapping[str, Any], trust: tuple[str, ...]) -> tuple[dict[str, Any], str]:
-    """Return a configuration as nested mappings, and its source for messages; refuse untrusted code in records."""
     if resume is None and config is None:
         return dict(DEFAULTS), "the configuration"
     if resume is None and not isinstance(config, str | Path):

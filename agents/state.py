@@ -1,4 +1,4 @@
-"""Conversion between models and checkpoints."""
+"""Conversion between stable-baselines3 models and checkpoints."""
 
 from collections.abc import Mapping
 from operator import attrgetter
@@ -26,11 +26,11 @@ from lidarnaut.agents.curves import Row
 from lidarnaut.agents.run_folder import CheckpointError
 
 COUNTERS = ("_episode_num", "_n_calls", "exploration_rate")
-"""Saved attributes of algorithms, besides steps and updates."""
+"""Attributes of algorithms that checkpoints save besides the numbers of steps and updates."""
 
 
 def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row], control_hz: float) -> Checkpoint:
-    """Return the training state between two updates, without replay buffer."""
+    """Return the training state of a model between two updates, without the replay buffer."""
     state: Any = np.random.get_state()  # noqa: NPY002
     algorithm, key, position, has_gauss, gauss = state
     env: Any = model.env
@@ -56,7 +56,7 @@ def capture(model: BaseAlgorithm, config: TrainingConfig, evaluations: list[Row]
 
 
 def restore(model: BaseAlgorithm, checkpoint: Checkpoint, folder: Path) -> None:
-    """Restore a checkpoint into a new model and the global generators; raise CheckpointError on mismatch."""
+    """Load a checkpoint into a new model and the global random generators; CheckpointError on mismatch."""
     record, tensors = checkpoint.record, checkpoint.training
     check_tensors(folder, POLICY_FILE, checkpoint.policy, model.policy.state_dict())
     # Optimizer state of a weight begins at its first update.
@@ -118,7 +118,7 @@ def _weight_names(model: BaseAlgorithm) -> dict[Tensor, str]:
 
 
 def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
-    """Return state mapping and key of each optimizer moment, by `optimizer.<weight>.<moment>`."""
+    """Return the location of each optimizer moment (state mapping and key), by its checkpoint name."""
     names = _weight_names(model)
     return {
         f"optimizer.{names[weight]}.{moment}": (state, moment)
@@ -130,7 +130,6 @@ def _moments(model: BaseAlgorithm) -> dict[str, tuple[dict[str, Any], str]]:
 
 
 def _begin_moments(model: BaseAlgorithm, begun: set[str]) -> None:
-    """Create the optimizer state of weights in `begun` by a step with zero gradient."""
     names = _weight_names(model)
     for optimizer in _optimizers(model):
         for weight in (weight for group in optimizer.param_groups for weight in group["params"]):

@@ -1,4 +1,4 @@
-"""Sweeps: several training runs by one configuration with `sweep` and `seeds`."""
+"""Sweeps: training runs for all combinations of settings (`sweep`) and random seeds (`seeds`)."""
 
 import contextlib
 import itertools
@@ -41,15 +41,14 @@ class Member:
     """Training run of a sweep."""
 
     values: Mapping[str, Any]
-    """Values assigned by the sweep, without the seed."""
+    """Values that the sweep sets in this run, by configuration key, without the seed."""
     config: TrainingConfig | EvolutionConfig
     run: Path
     group: str = ""
-    """Name of the first named settings; runs of a group share a picture."""
+    """Name of the run's settings if the sweep names settings, otherwise empty. Runs with the same name share a plot."""
 
     @property
     def label(self) -> str:
-        """Label of the run in tables and pictures."""
         return ", ".join(f"{key.rpartition('.')[2]} {value}" for key, value in self.values.items()) or "all"
 
 
@@ -62,7 +61,7 @@ def run_sweep(
     jobs: int = 1,
     progress: bool = True,
 ) -> Path:
-    """Train the unfinished runs of a sweep; write `sweep.csv` and pictures; return the folder.
+    """Train the unfinished runs of a sweep; write `sweep.csv` and plots; return the folder.
 
     Args:
         data: configuration with `sweep` or `seeds`.
@@ -117,9 +116,9 @@ def run_sweep(
 
 
 def expand(data: Mapping[str, Any], source: str, folder: Path) -> list[Member]:
-    """Return the runs of a sweep, with run folders in `folder`; raise ValueError if invalid.
+    """Return the runs of a sweep: all combinations of settings and seeds; ValueError if invalid.
 
-    Only the first run of an environment measures references.
+    Reference policies are evaluated once per environment.
     """
     axes, seeds = data.get("sweep") or {}, data.get("seeds", [data.get("seed", 0)])
     if not isinstance(axes, dict) or not all(isinstance(values, list | dict) and values for values in axes.values()):
@@ -193,7 +192,7 @@ def is_finished(member: Member) -> bool:
 
 
 def try_member(member: Member, *, progress: bool = False) -> str:
-    """Train a run; return an empty text, or its failure in one line."""
+    """Train a run; return an empty text, or the error message in one line."""
     kept = member.run.with_name(f"{member.run.name}.traceback.txt")
     if not (member.run.parent / SWEEP).exists():
         return f"{platform.node()} cannot access {member.run.parent}, which all machines must share"
@@ -219,7 +218,6 @@ def _processes(jobs: int) -> Iterator[Executor]:
 
 
 def _try_apart(member: Member) -> str:
-    """Call `try_member` in a separate process, to isolate crashes."""
     with make_pool(1, None) as pool, interrupts_held():
         return pool.submit(try_member, member).result()
 
@@ -283,8 +281,8 @@ def _summarise(members: Sequence[Member], folder: Path, shows: bool) -> None:
 def interval(runs: Sequence[np.ndarray]) -> np.ndarray:
     """Return the mean learning curve over seeds, with a 95 % Student's t interval.
 
-    `runs` hold steps and measure, shape (n, 2). Returns steps, mean and bounds, shape (n, 4); bounds of one run are
-    NaN.
+    `runs`: one array per seed, shape (n, 2): steps and measure. Returns steps, mean, lower and upper bound, shape (n,
+    4); bounds of a single run are NaN.
     """
     length = min(len(run) for run in runs)
     values = np.array([run[:length, 1] for run in runs])

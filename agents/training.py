@@ -1,4 +1,4 @@
-"""Training of a policy."""
+"""Training of a policy by reinforcement learning."""
 
 import contextlib
 from collections.abc import Iterable
@@ -37,8 +37,8 @@ def train(
     Args:
         config: configuration.
         run: folder for results; None makes `runs/<experiment>__<seed>__<time>`.
-        resume: run or checkpoint folder to resume, instead of `run`; see `lidarnaut.agents.resume`.
-        trust: code names that the checkpoint may contain, besides those in `config`.
+        resume: run or checkpoint folder to resume, instead of `run`.
+        trust: names of code that the checkpoint may import, besides those in `config`.
         progress: show a progress bar.
 
     Raises:

@@ -1,4 +1,4 @@
-"""PPO policy that selects a twist of the observation `trajectories`."""
+"""Policy for PPO and A2C that selects one of 66 candidate twists."""
 
 from typing import Any
 
@@ -17,19 +17,20 @@ from lidarnaut.envs.observations.trajectories import END, NUMBERS, TURN, TWISTS
 from lidarnaut.envs.tasks.carrot import AHEAD
 
 NEEDED = "trajectories", "motion", "limits"
-"""Required observation parts, besides `goal` or `carrot`."""
+"""Names of required observations, in addition to `goal` or `carrot`."""
 GOAL_SCALE = 10.0
-"""Goal distance scaled to 1 in `goal`, and assumed for a distant `carrot` [m]."""
+"""Goal distance that the observation `goal` normalizes to 1 [m]. Also assumed for a `carrot` (lookahead point) out of
+range."""
 LAST_ACTION = slice(2, 4)
-"""Last action in the observation `motion`."""
+"""Indices of the last action in the observation `motion`."""
 OWN_NUMBERS = 6
-"""Number of twist features in addition to `trajectories`."""
+"""Number of twist features that the network computes in addition to `trajectories`."""
 INITIAL_GAIN = 0.05
-"""Initial gain of the last layer, for nearly uniform probabilities."""
+"""Initial gain of the last layer; small for nearly uniform probabilities."""
 
 
 class TwistChoice(Distribution):
-    """Categorical distribution over a table of twists; samples are twists."""
+    """Categorical distribution over candidate twists (forward speed, yaw rate); samples are twists."""
 
     def __init__(self, twists: Tensor) -> None:
         super().__init__()
@@ -67,19 +68,19 @@ class TwistChoice(Distribution):
 
 
 class TrajectoryNetwork(nn.Module):
-    """Logits of twists by a shared MLP, and the state value.
+    """Network with a logit per candidate twist, by a shared MLP, and a state value.
 
-    Twist features are the row of `trajectories`, progress to the goal over the distance driven in 1 s at maximum speed,
-    cosine of the final goal bearing, change from the last action, and the twist. The value uses their mean and maximum.
+    Twist features are the row of the observation `trajectories`, progress to the goal divided by the distance driven in
+    1 s at maximum speed, cosine of the angle between final heading and goal direction, change from the last action, and
+    the twist. The value uses their mean and maximum.
     """
 
     twists: Tensor
 
     def __init__(self, observation_space: spaces.Dict, *, width: int, hidden: int) -> None:
-        """Build layers: `width` features per twist, `hidden` for the value.
+        """Build the layers; raise ValueError if a required observation is missing.
 
-        Raises:
-            ValueError: if an observation part is missing.
+        `width`: number of learned features per twist. `hidden`: width of the value layers.
         """
         super().__init__()
         names = set(observation_space.spaces)
@@ -102,7 +103,7 @@ class TrajectoryNetwork(nn.Module):
         nn.init.zeros_(self.add.weight)
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
-        """Return logits, shape (batch, 66), and values, shape (batch, 1), float32."""
+        """Return logits of twists, shape (batch, 66), and state values, shape (batch, 1), float32."""
         shown, goal = observations["trajectories"], self._goal(observations)[:, None]
         rest = goal - shown[:, :, END]
         nearer = goal.norm(dim=2) - rest.norm(dim=2)
@@ -122,7 +123,7 @@ class TrajectoryNetwork(nn.Module):
         return logits, self.judge(torch.cat([seen.mean(dim=1), seen.amax(dim=1), others], dim=1))
 
     def _goal(self, observations: Tensors) -> Tensor:
-        """Return the goal position, shape (batch, 2), base frame, over the distance driven in 1 s at maximum speed."""
+        """Return the goal position, base frame, divided by the distance driven in 1 s at maximum speed."""
         if "carrot" in observations:
             carrot = observations["carrot"]
             goal = torch.where(carrot[:, 2:] < 1.0, AHEAD * carrot[:, 2:], GOAL_SCALE) * carrot[:, :2]
@@ -132,7 +133,7 @@ class TrajectoryNetwork(nn.Module):
 
 
 class TrajectoryPolicy(JointPolicy):
-    """Samples twists by the logits of a `TrajectoryNetwork`."""
+    """Policy that samples one of the candidate twists by the logits of a `TrajectoryNetwork`."""
 
     def __init__(
         self,
@@ -144,7 +145,6 @@ class TrajectoryPolicy(JointPolicy):
         hidden: int = 64,
         **arguments: Any,
     ) -> None:
-        """Build a `TrajectoryNetwork` of `width` and `hidden`."""
         self._sizes = {"width": width, "hidden": hidden}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor

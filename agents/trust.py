@@ -1,4 +1,4 @@
-"""Checks of code names in records from other users."""
+"""Checks that configurations from other users import only trusted code."""
 
 import inspect
 import re
@@ -19,12 +19,12 @@ REGISTERED = {
     *(f"torch.optim:{name}" for name in _OPTIMIZERS),
     *(f"stable_baselines3.common.torch_layers:{name}" for name in _EXTRACTORS),
 }
-"""Code names allowed in any record."""
+"""Names of code (`module:attribute`) that any configuration or checkpoint may import."""
 _PATH_OR_OWN_ID = re.compile(r"[A-Za-z]:[\\/][^:]*|lidarnaut:lidarnaut/[\w-]+")
 
 
 def named_code(record: Any) -> dict[str, str]:
-    """Return code names in a nested record, each with the key of its entry.
+    """Return the names of code in nested mappings and lists, with dotted keys such as `a.b.0`.
 
     Texts with a colon name code (`module:attribute`, `module:id`), except drive paths and ids of the package.
     """
@@ -32,16 +32,16 @@ def named_code(record: Any) -> dict[str, str]:
 
 
 def resuming(run: Path, record: Any) -> str:
-    """Return the options of `train.py` that resume a run, with `--trust` if needed."""
+    """Return the command-line options of `train.py` that resume a run, with `--trust` if needed."""
     trust = sorted(set(named_code(record)) - REGISTERED)
     return " ".join([f"--resume {run}", *(["--trust", *trust] if trust else [])])
 
 
 def check_names(record: Any, source: str, trust: Iterable[str] = ()) -> None:
-    """Raise ValueError if a record contains code names that are not registered or trusted.
+    """Raise ValueError if a configuration names code that is not registered or trusted.
 
     Args:
-        record: nested mappings and lists.
+        record: configuration as nested mappings and lists.
         source: file name for messages.
         trust: modules including submodules, or `module:attribute`. Objects imported by a module are not trusted.
     """
@@ -78,7 +78,6 @@ def _covers(root: str, module: str) -> bool:
 
 
 def _texts(value: Any, key: str) -> Iterator[tuple[str, str]]:
-    """Yield each text, including mapping keys, with its dotted key such as `a.b.0`."""
     if isinstance(value, str):
         yield key, value
     elif isinstance(value, Mapping):

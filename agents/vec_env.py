@@ -24,7 +24,7 @@ from lidarnaut.envs.ids import arguments_of, find_spec
 from lidarnaut.envs.vector import LidarVectorEnv
 
 Observations = dict[str, np.ndarray]
-"""Observation parts by name, stacked over environments along axis 0."""
+"""Batch of observations: arrays by name, with sub-environments along axis 0."""
 Split = Literal["train", "test"]
 
 
@@ -34,7 +34,7 @@ def _make(entry: Any, **arguments: Any) -> gymnasium.Env:
 
 
 def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
-    """Make an environment with worlds of a split; raise ValueError if id, argument or task is unsuitable."""
+    """Create an environment with worlds of the split `train` or `test`; ValueError if not possible."""
     env = gymnasium.make(find_spec(config.id), **_arguments(config, split))
     try:
         lidar_env_of(env)
@@ -47,7 +47,7 @@ def make_env(config: EnvironmentConfig, split: Split) -> gymnasium.Env:
 def make_vector(
     config: EnvironmentConfig, split: Split, num_envs: int
 ) -> VectorEnv[Observations, np.ndarray, np.ndarray]:
-    """Make a vector environment with same-step autoreset; raise ValueError if id or argument is invalid."""
+    """Create a vector environment with same-step autoreset; raise ValueError if id or argument is invalid."""
     spec, arguments = find_spec(config.id), _arguments(config, split)
     entry: Any = spec.entry_point
     entry, mode = load_env_creator(entry) if isinstance(entry, str) else entry, config.vectorization
@@ -71,10 +71,10 @@ def make_vector(
 
 
 def make_vec_env(config: TrainingConfig, *, is_flat: bool = False) -> "GymnasiumVecEnv | JoinedVecEnv":
-    """Make the training environments, divided among the robots; `is_flat` as in `GymnasiumVecEnv`.
+    """Create the training environments, in equal shares per training robot.
 
-    Raises:
-        ValueError: as `make_vector`, or if sub-environments are too few or spaces differ.
+    `is_flat`: flatten dictionary observations to vectors. Raises ValueError if the configuration is invalid,
+    sub-environments are too few, or spaces differ.
     """
     each = config.environment.each_robot
     bounds = np.linspace(0, config.num_envs, len(each) + 1).round().astype(int)
@@ -100,33 +100,30 @@ def _arguments(config: EnvironmentConfig, split: Split) -> dict[str, Any]:
 
 
 def columns_of(info: dict[str, Any]) -> dict[str, np.ndarray]:
-    """Return the entries of `info` with one value per sub-environment."""
+    """Return the entries of `info` that are arrays with one value per sub-environment."""
     return {name: value for name, value in info.items() if name[0] != "_" and isinstance(value, np.ndarray)}
 
 
 class GymnasiumVecEnv(VecEnv):
-    """Adapts a Gymnasium vector environment with same-step autoreset to stable-baselines3.
+    """Adapter from a Gymnasium vector environment with same-step autoreset to stable-baselines3.
 
-    Sub-environment i has seed + i. `infos` are filled only for finished episodes, as by `Monitor`. Masks of
-    `env_method("action_masks")` come from the latest observations. Actions are not clipped: algorithms of
+    Sub-environment i gets seed + i. `infos` are filled only for finished episodes, as by `Monitor`.
+    `env_method("action_masks")` returns the masks of the latest observations. Actions are not clipped: algorithms of
     stable-baselines3 clip Gaussian samples.
     """
 
     def __init__(self, env: VectorEnv, *, is_flat: bool = False) -> None:
-        """Wrap `env`, with vectors as observations if `is_flat`; raise ValueError for other autoreset modes."""
         mode = env.metadata.get("autoreset_mode")
         if mode != AutoresetMode.SAME_STEP:
             raise ValueError(f"stable-baselines3 needs autoreset_mode=AutoresetMode.SAME_STEP, got {mode}")
         self.env, self._is_flat = env, is_flat
         self._observations: Observations = {}
         self.parts: spaces.Dict = env.single_observation_space  # type: ignore[assignment]
-        """Observation space before flattening."""
         super().__init__(env.num_envs, flat_space(self.parts) if is_flat else self.parts, env.single_action_space)
         self._has_masks = isinstance(self.parts, spaces.Dict) and "action_mask" in self.parts.spaces
         self._returns, self._lengths = np.zeros(env.num_envs), np.zeros(env.num_envs, dtype=np.int64)
 
     def reset(self) -> Any:
-        """Start an episode in every sub-environment; raise ValueError if options differ."""
         if any(options != self._options[0] for options in self._options):
             raise ValueError("options must be the same for all sub-environments")
         seeds: Any = self._seeds
@@ -172,7 +169,6 @@ class GymnasiumVecEnv(VecEnv):
         inner.set_attr(attr_name, [value if i in chosen else values[i] for i in range(self.num_envs)])
 
     def env_method(self, method_name: str, *args: Any, indices: Any = None, **kwargs: Any) -> list[Any]:
-        """Call a method of all sub-environments; raise ValueError for a subset."""
         chosen = list(self._get_indices(indices))
         if method_name == "action_masks" and self._has_masks:
             return list(self._observations["action_mask"].astype(np.bool_)[chosen])
@@ -182,17 +178,12 @@ class GymnasiumVecEnv(VecEnv):
         return list(inner.call(method_name, *args, **kwargs))
 
     def env_is_wrapped(self, wrapper_class: type[gymnasium.Wrapper], indices: Any = None) -> list[bool]:
-        """Return True for `Monitor` alone, because `infos` hold its entries."""
         return [issubclass(wrapper_class, Monitor) for _ in self._get_indices(indices)]
 
     def _shown(self, observations: Observations) -> Any:
         return flatten(observations) if self._is_flat else observations
 
     def _end_of_episode(self, info: dict[str, Any], i: int) -> dict[str, Any]:
-        """Return the `info` of a finished episode for stable-baselines3.
-
-        `episode` holds return, length, and numbers of the last `info`, summed over robots.
-        """
         final = {name: np.asarray(value[i]) for name, value in columns_of(info["final_info"]).items()}
         episode = {name: float(value.sum()) for name, value in final.items() if value.dtype.kind in "biuf"}
         episode |= {"r": float(self._returns[i]), "l": int(self._lengths[i])}
@@ -204,7 +195,7 @@ class GymnasiumVecEnv(VecEnv):
 
 
 class JoinedVecEnv(VecEnv):
-    """Vector environments with equal spaces as one, stepped sequentially."""
+    """Combines vector environments with equal spaces into one, and steps them one after another."""
 
     def __init__(self, envs: Sequence[GymnasiumVecEnv]) -> None:
         self._envs, self.parts = envs, envs[0].parts

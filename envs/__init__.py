@@ -37,7 +37,7 @@ ENVIRONMENTS: dict[str, tuple[str, dict[str, Any]]] = {
         {"task": "lidarnaut.envs.tasks.track:Track", "robot": "mpo_500", "control_hz": 17.0},
     ),
 }
-"""Registered environments: id -> (class, arguments). `lidarnaut.envs.vector` contains their vector environments."""
+"""Entry point and default arguments of each registered environment, by id."""
 
 
 def register(id: str, task: Any, **defaults: Any) -> None:

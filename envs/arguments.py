@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import RobotParams, load_robot
 from lidarnaut.envs.worlds import World
 
 USUAL_ROBOT = "turtlebot3_burger"
-"""Default robot of worlds that `USUAL_ROBOTS` does not name."""
+"""Default robot of worlds without an entry in `USUAL_ROBOTS`."""
 USUAL_ROBOTS = {
     "turtlebot3_house": "turtlebot3_waffle_pi",
     "tugbot_warehouse": "tugbot",
@@ -25,7 +25,7 @@ USUAL_ROBOTS = {
 
 
 def choose_robot(robot: str | RobotParams | None, world: str | World) -> RobotParams:
-    """Return robot parameters by name, path or `RobotParams`; None selects the default robot of the world."""
+    """Return robot parameters for a name, a YAML path or `RobotParams`; None selects the world's default."""
     name = world if isinstance(world, str) else getattr(world, "name", "")
     return load_robot(USUAL_ROBOTS.get(name.partition(":")[0], USUAL_ROBOT) if robot is None else robot)
 
@@ -53,7 +53,7 @@ def is_whole(value: Any) -> TypeGuard[int]:
 
 
 def read_options(options: Any) -> dict[str, Any]:
-    """Return a copy of the options of a reset; ValueError if they are not a mapping."""
+    """Return a copy of the options of `reset`; raise ValueError if `options` is not a mapping."""
     if options is not None and not isinstance(options, Mapping):
         raise ValueError(f"options must map names to values, got {options!r}")
     return dict(options or {})
@@ -67,14 +67,14 @@ def check_positive(**values: float) -> None:
 
 
 def clip_hint(make_env: Callable[..., Any], actions: np.ndarray) -> str:
-    """Return a hint for errors on actions outside [-1, 1] if the environment has `clip_actions`."""
+    """Return a hint to use `clip_actions` for actions outside [-1, 1]; empty if not applicable."""
     if np.isnan(actions).any() or "clip_actions" not in inspect.signature(make_env).parameters:
         return ""
     return "; clip_actions=True clips actions to this range"
 
 
 def read_action(action: Any) -> np.ndarray:
-    """Return an action as an array; ValueError if it is masked or does not contain real numbers."""
+    """Return an action as an array; raise ValueError if masked or not of real numbers."""
     numbers = np.asarray(action)
     if numbers.dtype.kind not in "iuf" or isinstance(action, np.ma.MaskedArray):
         kind = "a masked array" if isinstance(action, np.ma.MaskedArray) else numbers.dtype

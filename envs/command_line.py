@@ -1,4 +1,4 @@
-"""Command-line interfaces of functions."""
+"""Command-line interfaces that are generated from functions."""
 
 import contextlib
 import functools
@@ -49,7 +49,7 @@ class _Output(io.FileIO):
 
 
 def begin_command(arguments: Sequence[str] | None = None) -> list[str]:
-    """Return the options of the command line, None for those of the process; print `--version`."""
+    """Return the command-line options, by default those of the process; handle `--version`."""
     if arguments is None:
         for name in ("stdout", "stderr"):
             stream = getattr(sys, name) or open(os.devnull, "w")  # noqa: SIM115
@@ -71,7 +71,7 @@ def fail(error: object) -> int:
 
 
 def parse_options(kind: Any, arguments: Sequence[str] | None = None, **how: Any) -> Any:
-    """Parse a command line into a class or function call by `tyro.cli(**how)`.
+    """Parse a command line into a class instance or function call by `tyro.cli(**how)`.
 
     Raises:
         ValueError: if an option, or a value of a pydantic model, is invalid.
@@ -105,7 +105,7 @@ def _in_a_line(box: str) -> str:
 def run_command(
     main: Callable[..., Any], arguments: list[str] | None = None, options: Any = None, status: int = 2
 ) -> Any:
-    """Call a function with options of the command line and return its result; exit on errors.
+    """Call a function with arguments from the command line; return its result, or exit on errors.
 
     Args:
         main: function; the docstring of its module is the help text.

@@ -1,4 +1,4 @@
-"""Numba kernels: cache on disk, lock between processes, and progress bar."""
+"""Compilation of Numba kernels: cache on disk, lock between processes, and progress bar."""
 
 import contextlib
 import errno
@@ -32,7 +32,7 @@ except ImportError:  # Windows
     fcntl = None  # type: ignore[assignment]
 
 NAME_HOLDER_AFTER, GIVE_UP_AFTER = 10.0, 60.0
-"""Waiting times for another process that compiles a kernel: until a warning, and until compiling it here too [s]."""
+"""Waiting times [s] for another process that compiles the same kernel: until a warning, and until compiling here."""
 _log = logging.getLogger("lidarnaut")
 _warned: set[tuple[str, str]] = set()
 _USER = os.geteuid() if hasattr(os, "geteuid") else None
@@ -42,15 +42,14 @@ _IMPORT = re.compile(r"^(?:from|import) +(\.*)([\w.]*)(?: +import +(\([^)]*\)|.*
 
 
 class KernelCache(caching.NullCache):
-    """Kernel cache with one file per signature: a hash, then key and code, pickled.
+    """Disk cache of compiled Numba kernels, with one file per signature: a hash, then pickled key and code.
 
-    Unlike Numba's cache, it depends on called kernels, too. The folder is `NUMBA_CACHE_DIR`, or `lidarnaut` in
-    `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file: other users must
-    not have write access.
+    Unlike in Numba's cache, changes of called kernels also invalidate an entry. The folder is `NUMBA_CACHE_DIR`, or
+    `lidarnaut` in `XDG_CACHE_HOME` or `~/.cache`, or the temporary folder `lidarnaut-UID`. Loading executes the file:
+    other users must not have write access.
     """
 
     def __init__(self, py_func: Any) -> None:
-        """Choose the cache folder; OSError if none is usable."""
         source, line = py_func.__code__.co_filename, py_func.__code__.co_firstlineno
         self._module = f"{_name(source)}-{_hash(source)[:16]}"
         self._kernel = f"{py_func.__qualname__}-{line}.{sys.implementation.cache_tag}"
@@ -69,7 +68,7 @@ class KernelCache(caching.NullCache):
                 _warn("compiled kernels are kept in %s: %s", self._base, error)
 
     def path(self, key: Any = None) -> str:
-        """Return the path of a key's file, or of the lock; OSError if the folder is unsafe."""
+        """Return the path of the cache file for a key, or of the lock file; raise OSError if unsafe."""
         for folder in (self._base, os.path.join(self._base, self._module)):
             os.makedirs(folder, 0o755 & ~self._closed, exist_ok=True)
             state = os.lstat(folder)
@@ -81,7 +80,6 @@ class KernelCache(caching.NullCache):
         return os.path.join(folder, f"{self._kernel}.{end}")
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """Return the cached code for a signature, or None."""
         target_context.refresh()
         key, path = (sig, target_context.codegen().magic_tuple()), self._base
         try:
@@ -99,7 +97,6 @@ class KernelCache(caching.NullCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        """Write the code for a signature, unless it contains addresses of this process."""
         if data.library.has_dynamic_globals:
             return
         key, path = (sig, data.codegen.magic_tuple()), self._base
@@ -196,9 +193,9 @@ def _compile(dispatcher: Any, sig: Any, compile: Any = Dispatcher.compile) -> An
 
 @contextlib.contextmanager
 def _lock(dispatcher: Any, sig: Any) -> Iterator[None]:
-    """Hold the lock of a kernel until it is cached, if locks are available.
+    """Hold a kernel's file lock until the kernel is cached, if locks are available.
 
-    Edits of `lidarnaut.envs.files.Lock` would recompile all kernels.
+    Does not use `lidarnaut.envs.files.Lock`: its edits would recompile all kernels.
     """
     cache, begin = dispatcher._cache, time.monotonic()
     hangs = "the lock %s stays with %s: this process compiles the kernel, too"

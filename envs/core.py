@@ -1,4 +1,4 @@
-"""Environments of lidar robots for all tasks."""
+"""Gymnasium environment of lidar robots, shared by all tasks."""
 
 import copy
 import inspect
@@ -34,15 +34,16 @@ from lidarnaut.envs.transition import people_metrics, pose_errors, update_robots
 from lidarnaut.envs.worlds import World
 
 NO_TRACKS = np.empty((0, 5))
-"""Empty array of people tracks, shape (0, 5): x, y, vx, vy, radius."""
+"""Empty array of tracked people, shape (0, 5): x, y [m], vx, vy [m/s], radius [m]."""
 FUSED_METHODS = ("apply", "twists", "advance", "finish", "locate", "observe", "outcome", "info", "is_over")
-"""Methods that the batched path replaces. An environment that overrides one is stepped alone."""
+"""Methods that vector environments replace by kernels for many environments. Environments that override one are stepped
+alone."""
 WORLD_SPAWN_KEY = 2**32 - 1
-"""Spawn key of the generator of worlds; `Generator.spawn` does not reach this key."""
+"""Spawn key of the random generator for worlds. `Generator.spawn` does not reach this key."""
 
 
 class WholeStep:
-    """Context manager that requires a reset after an exception in a part of a step."""
+    """Context manager that makes an environment require a reset if an exception interrupts a step."""
 
     def __init__(self, env: "LidarEnv") -> None:
         self._env = env
@@ -109,9 +110,10 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         fixed_info: bool = False,
         **settings: Any,
     ) -> None:
-        """Create an environment from a subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one.
+        """Create an environment.
 
-        `settings` are arguments of the task; the class docstring describes the other arguments.
+        `task`: subclass of `lidarnaut.envs.task.Task`, or `module:attribute` of one. `settings`: arguments of the task.
+        The class docstring describes the other arguments.
 
         Raises:
             ValueError: if the value of an argument is not allowed.
@@ -150,7 +152,8 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         """People tracked by the first robot, for rendering, shape (n, 5): x, y, vx, vy, radius, map frame [m, m/s]; set
         by the user, cleared by `reset`."""
         self.on_period: Callable[[Sequence[Twist] | None], None] | None = None
-        """Recorder callback, called with None after a reset and with the twists after each control period."""
+        """Callback of recorders. Called with None after a reset, and with the commanded twists after each control
+        period."""
         self._time_limit = time_limit
         self.clip_actions = clip_actions
         self._is_team = self.task.is_team
@@ -177,7 +180,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self._prepared: tuple[Any, ...] = (None,) * 4
         self.whole_step, self._fixed_info = WholeStep(self), fixed_info
         self.has_begun = False
-        """Whether `step` may be called."""
+        """Whether an episode has begun, so that `step` may be called."""
         self._blank: dict[str, Any] = {}
         self._renderer: Any = None
         for k, one in enumerate(self.robots):
@@ -298,7 +301,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         self.finish()
 
     def finish(self) -> None:
-        """Complete a control period after the kernels."""
+        """Update estimates, task and recorder after the motion of a control period."""
         if self.sensors:
             readings = self._measure([robot.reading for robot in self.robots])
             for robot, reading in zip(self.robots, readings, strict=True):
@@ -310,7 +313,6 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
             self.on_period([Twist(v, w) for v, w in numbers.tolist()])
 
     def locate(self) -> None:
-        """Update pose estimates, maps and recorded paths."""
         flags = self.rows.numbers[:, at.FLAGS].tolist()
         for robot, truth, flag in zip(self.robots, self.truths, flags, strict=True):
             robot.locate(int(flag))  # scan matching -> map
@@ -324,7 +326,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         ]
 
     def outcome(self, is_last: bool = False) -> tuple[float, bool, bool, dict[str, Any]]:
-        """Return reward, terminated, truncated and info; `is_last` truncates."""
+        """Return reward, terminated, truncated and info of a step; `is_last` truncates the episode."""
         rewards = self.task.rewards.terms(self.task.quantities())
         return self.judge(rewards, self.info(rewards), is_last)
 
@@ -342,18 +344,18 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return total(rewards), terminated, truncated, info
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return the entries of the last `info` only."""
+        """Return the additional entries of an episode's last `info`."""
         has_people = self.simulator.crowd.crowd is not None or len(self.simulator.crowd.rows) > 0
         return self.task.final_metrics() | (people_metrics(self.rows.numbers) if has_people else {})
 
     @property
     def is_fused(self) -> bool:
-        """Whether vector environments can step many such environments in one kernel call."""
+        """Whether vector environments can step several environments of this kind in one kernel call."""
         return not self.why_not_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why the batched kernel cannot step the environment; empty if it can."""
+        """Reason why kernels cannot step several environments of this kind together; empty if possible."""
         kind, physics = type(self), type(self.simulator)
         if own := [name for name in FUSED_METHODS if getattr(kind, name) is not getattr(LidarEnv, name)]:
             return f"{kind.__name__} overrides {own[0]}"
@@ -399,9 +401,9 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
         return info
 
     def prepare(self) -> None:
-        """Draw the next world in advance if the task has a `sampler_ahead`.
+        """Draw the next world in advance if the task permits this (`sampler_ahead`).
 
-        May run in another thread between two resets. Unused if `reset` gets a seed or a world.
+        May run in another thread between two resets. The world is unused if `reset` gets a seed or a world.
         """
         sampler = self.task.sampler_ahead
         if sampler is not None and self._root is self.np_random:
@@ -410,7 +412,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def rows(self) -> Rows:
-        """Arrays with readings, estimated poses and true states."""
+        """Arrays of all robots: measurements, pose estimates and true states."""
         return self.simulator.rows
 
     @property
@@ -420,7 +422,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
     @property
     def map_pose(self) -> Pose2D:
-        """Pose of the map frame in the world frame."""
+        """Pose (x, y, theta) of the map frame in the world frame [m, rad]."""
         return self.task.map_pose
 
     @property
@@ -502,7 +504,7 @@ class LidarEnv(gymnasium.Env[dict[str, np.ndarray], np.ndarray]):
 
 
 def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
-    """Return the `LidarEnv` inside wrappers or a frontier environment; TypeError if missing."""
+    """Return the `LidarEnv` inside wrappers or a frontier environment; raise TypeError without one."""
     inner = getattr(env.unwrapped, "explore", env.unwrapped)
     if not isinstance(inner, LidarEnv):
         raise TypeError(f"{type(inner).__name__} is not a LidarEnv")
@@ -510,7 +512,12 @@ def lidar_env_of(env: gymnasium.Env[Any, Any]) -> LidarEnv:
 
 
 def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
-    """Create a task from a class or `module:attribute`; errors as for `LidarEnv`."""
+    """Create a task from a class or `module:attribute`, with `settings` as its arguments.
+
+    Raises:
+        ValueError: if `task` is not a task class.
+        TypeError: if an argument is unknown.
+    """
     kind: Any = resolve(task, {}, "task")
     if not (isinstance(kind, type) and issubclass(kind, Task)):
         raise ValueError(
@@ -525,4 +532,4 @@ def make_task(task: Any, settings: Mapping[str, Any]) -> Task:
 
 
 SHARED = tuple(list(inspect.signature(LidarEnv.__init__).parameters)[2:-1])
-"""Names of the constructor arguments of all tasks."""
+"""Names of the `LidarEnv` arguments, which are common to all tasks."""

@@ -1,4 +1,4 @@
-"""Drives of one robot in a kernel."""
+"""Numba kernel that drives one robot for several control periods."""
 
 from numba import njit
 
@@ -14,15 +14,15 @@ from lidarnaut.envs.simulation.kinematic import step_robots
 from lidarnaut.envs.transition import record_positions, update_robots
 
 UNCHECKED = -1
-"""Progress of a drive that was not checked after the last control period."""
+"""Progress value of a drive if progress was not checked after the last control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def drive(rows, draws, ranges, world_arrays, navigator, noted, max_steps, check_from):
     """Drive a robot until a scan is due, the noise is used up, or Python must handle the progress.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, of one robot. `world_arrays`: segments and circles of the world,
-    and `People.arrays`. `navigator`: arrays of the navigator, written. `noted`: `positions` and `counts` of
+    `rows`, `draws`, `ranges`: state, noise and scan; see `step_robots`. `world_arrays`: segments and circles of the
+    world, and `People.arrays`. `navigator`: arrays of the navigator, updated. `noted`: `positions` and `counts` of
     `record_positions`. `max_steps`: maximum number of control periods. `check_from`: first control period with a check
     in Python.
 

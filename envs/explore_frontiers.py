@@ -1,4 +1,4 @@
-"""Frontier exploration by decisions."""
+"""Exploration environment with actions that choose frontiers."""
 
 import math
 from collections.abc import Mapping
@@ -29,9 +29,9 @@ from lidarnaut.envs.simulation.rows import BLOCK
 from lidarnaut.envs.tasks.explore import Explore
 
 MAX_CANDIDATES = 1000
-"""Upper limit of `max_candidates`, because the observation contains all pairs of candidates."""
+"""Upper limit of the argument `max_candidates`: observations contain all pairs of candidates."""
 RESET, EPISODE_END = "reset", "episode_end"
-"""Outcomes in addition to those of `FrontierNavigator`: no drive yet, and episode end during a drive."""
+"""Outcomes of a decision in `info`: no decision yet, and end of the episode during a drive."""
 
 
 class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
@@ -136,7 +136,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
             raise ValueError("observations is not an argument of frontier environments: see Observation Space")
         check_positive(max_decision_time=max_decision_time)
         self.explore = env = LidarEnv(self.task_kind, control_hz=control_hz, **arguments)
-        """Underlying environment with velocity commands; no observations within a decision."""
+        """Underlying environment with velocity commands. Its observations are not used."""
         self._task: Explore = env.task
         self.navigator = FrontierNavigator(
             env.robot, env.control_period, max_candidates=max_candidates, max_time=max_decision_time
@@ -174,7 +174,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return self.observe(), self._info()
 
     def step(self, action: np.int64) -> tuple[dict[str, np.ndarray], float, bool, bool, dict[str, Any]]:
-        """Drive until the next decision is due.
+        """Drive to the chosen frontier until the next decision is due.
 
         Raises:
             ValueError: if the action is not an integer from 0 to `max_candidates` - 1.
@@ -225,7 +225,7 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def deciding(self) -> Robot:
-        """Robot that decides next."""
+        """Robot whose next frontier the policy chooses."""
         return self.explore.robots[0]
 
     @property
@@ -252,12 +252,12 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
 
     @property
     def is_fused(self) -> bool:
-        """Whether a kernel drives several control periods at once."""
+        """Whether one kernel call simulates several control periods."""
         return self._is_fused
 
     @property
     def why_not_fused(self) -> str:
-        """Reason why control periods require Python; empty if a kernel can drive."""
+        """Reason why every control period requires Python; empty if a kernel can simulate several."""
         env = self.explore
         if env.why_not_fused or not env.robots[0].follows_odometry:
             return env.why_not_fused or f"{type(env.robots[0].estimator).__name__} processes every scan"
@@ -349,7 +349,6 @@ class ExploreFrontiersEnv(gymnasium.Env[dict[str, np.ndarray], np.int64]):
         return navigator.conclude(progress, reading, belief)
 
     def _note(self, count: int, contacts: int) -> None:
-        """Add the rewarded quantities of the last `count` control periods, `contacts` of them in contact."""
         self._steps += count
         period, quantities = self.explore.control_period, self._quantities
         for name, quantity in self.explore.task.quantities().items():

@@ -1,4 +1,4 @@
-"""Frontier exploration without driving."""
+"""Environment for frontier exploration without simulated driving."""
 
 import math
 from collections.abc import Iterator
@@ -17,11 +17,11 @@ from lidarnaut.envs.simulation.records import THETA, X
 from lidarnaut.envs.slam import KnownPoses
 
 SPEED_SHARE = 0.97
-"""Mean speed along a path, as a fraction of the maximum speed."""
+"""Mean speed along a path, divided by the maximum speed."""
 TURN_SHARE = 1.0
-"""Mean yaw rate of a turn in place, as a fraction of the maximum yaw rate."""
+"""Mean yaw rate of a turn in place, divided by the maximum yaw rate."""
 MAX_ARC = 1.6
-"""Maximum heading change made while driving, without a turn in place [rad]."""
+"""Maximum heading change at the start of a path without a turn in place [rad]."""
 HEADING_DISTANCE = 0.4
 """Distance along the path to the point that defines the initial heading [m]."""
 DRIFT_LENGTH = 8.0
@@ -32,10 +32,10 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     """Explore by choosing frontiers, with a robot that moves along planned paths.
 
     ## Description
-    The decisions, candidates, map, lidar, worlds and reward of `ExploreFrontiersEnv`, about twice as fast. The robot is
-    moved along the planned path; scans are integrated at intervals, at an estimated pose with a drifting error. Wheels,
-    contacts, scan matching and recoveries are not simulated. Evaluate results in `ExploreFrontiersEnv`;
-    docs/explore_frontiers.md compares both.
+    Decisions, candidates, map, lidar, worlds and reward are those of `ExploreFrontiersEnv`. The simulation is about
+    twice as fast: the robot is moved along the planned path, and scans are integrated at intervals, at an estimated
+    pose with a drifting error. Wheels, contacts, scan matching and recoveries are not simulated. Evaluate results in
+    `ExploreFrontiersEnv`; docs/explore_frontiers.md compares both.
 
     ## Action Space
     As in `ExploreFrontiersEnv`.
@@ -166,7 +166,7 @@ class ExploreFrontiersAbstractEnv(ExploreFrontiersEnv):
     def _scan(self, pose: Pose2D, count: int) -> bool:
         """Move the robot to an estimated pose, `count` control periods later, and integrate its scan.
 
-        Returns False if the pose is not collision-free.
+        Returns False, without motion, if the pose is not collision-free.
         """
         explore = self.explore
         simulator, robot, truth = self._simulator, explore.robots[0], explore.truths[0]

@@ -1,4 +1,4 @@
-"""Frontier exploration by decisions for a team."""
+"""Team exploration environment with actions that choose frontiers."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -122,7 +122,6 @@ class ExploreTeamFrontiersEnv(ExploreFrontiersEnv):
         return [robot for robot in due if len(robot.candidates)]
 
     def _turn(self, robot: TeamRobot) -> None:
-        """Let a robot decide next, with gains discounted near the targets of other robots."""
         self.navigator = robot
         for peer, target in zip(self._team.team, self._team.targets, strict=True):
             if peer is not robot and peer not in self._due and target is not None:

@@ -1,4 +1,4 @@
-"""Registered environments and their arguments."""
+"""Lookup of registered environments and of their arguments."""
 
 import importlib
 import inspect
@@ -13,11 +13,11 @@ from gymnasium.envs.registration import EnvSpec, load_env_creator
 from lidarnaut.envs.files import explain_unknown, resolve
 
 EXPLORE, CHOOSE = "lidarnaut/Explore-v0", "lidarnaut/ExploreFrontiers-v0"
-"""Ids of exploration by velocity commands, and by frontier decisions."""
+"""Ids of the environments for exploration by velocity commands, and by choosing frontiers."""
 
 
 def find_spec(id: str) -> EnvSpec:
-    """Return the spec of an id, or of `module:id` after importing the module.
+    """Return the Gymnasium `EnvSpec` of an environment id; `module:id` imports the module first.
 
     Raises:
         ValueError: if the module or the id is unknown.
@@ -38,9 +38,9 @@ def find_spec(id: str) -> EnvSpec:
 
 @cache
 def arguments_of(id: str) -> dict[str, Any]:
-    """Return all arguments of an environment by name, with their defaults or the values of its id.
+    """Return the arguments of an environment by name, with default values or values of its registration.
 
-    Includes arguments of base classes and of the task; unresolved `**kwargs` are those of `EXPLORE`.
+    Includes arguments of base classes and of the task; if `**kwargs` remain, also those of `Explore-v0`.
     """
     spec = find_spec(id)
     assert spec.entry_point is not None

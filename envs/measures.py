@@ -1,4 +1,4 @@
-"""Measures of an episode."""
+"""Measures of an episode, such as success and times."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -49,7 +49,7 @@ class HistoryRecorder:
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number that describes an episode: computation, name and format."""
+    """Definition of a measure of episodes: name, computation, unit and table format."""
 
     name: str
     """Column of `episodes.csv`, and key in `summary.json`."""
@@ -58,20 +58,19 @@ class Measure:
     higher_is_better: bool | None
     """Whether higher values are better; None for a neutral measure."""
     compute: Callable[[EpisodeHistory], float] = None  # type: ignore[assignment]
-    """Function that computes the measure of an episode, infinite if a threshold was never reached. Default: the entry
+    """Function that returns the value of an episode, infinite if a threshold was never reached. Default: the entry
     `name` of the last `info`."""
     digits: int = 1
-    """Number of decimals in tables."""
     scale: float = 1.0
     """Factor from the SI unit of the data to `unit`."""
     is_share: bool = False
-    """Whether values are 0 or 1, with a share of episodes as the mean."""
+    """Whether values are 0 or 1, so that their mean is a share of episodes."""
     limit: str = ""
     """Column with the substitute value if the threshold is never reached; empty without a threshold."""
     is_headline: bool = False
-    """Whether policies are ranked by this measure, which must have a value in every episode."""
+    """Whether this (headline) measure ranks policies. Requires a value in every episode."""
     is_relative: bool = False
-    """Whether values are compared relative to the reference policy from the same start; requires `limit`."""
+    """Whether values are compared with those of the reference policy from the same start. Requires `limit`."""
     note: str = ""
     """Explanation printed with rankings, without a final period."""
 
@@ -84,7 +83,7 @@ class Measure:
         return f"{self.label} {self.unit}".strip()
 
     def text(self, value: float, sign: str = "") -> str:
-        """Return the value in `unit`, rounded for a table, or "never"; `sign="+"` also signs positive values."""
+        """Return a value in `unit`, rounded for a table; "never" if infinite. `sign="+"` adds plus signs."""
         if math.isinf(value):
             return "never"
         rounded = float(f"{value * self.scale:.{self.digits}f}") + 0.0  # no negative zero
@@ -97,13 +96,13 @@ def final(history: EpisodeHistory, name: str) -> float:
 
 
 def first_at(quantity: np.ndarray, fraction: np.ndarray, mark: float) -> float:
-    """Return `quantity`, shape (n,), at the first sample with `fraction >= mark`; infinite without one."""
+    """Return `quantity` at the first sample with `fraction >= mark`, or infinity; arrays have shape (n,)."""
     reached = fraction >= mark
     return float(quantity[reached.argmax()]) if reached.any() else math.inf
 
 
 def when(history: EpisodeHistory, name: str, mark: float, quantity: str = "time") -> float:
-    """Return the time [s], or another quantity, at the first sample with an entry of at least `mark`."""
+    """Return the time [s], or another quantity, when an `info` entry first reaches `mark`, or infinity."""
     return first_at(history.of(quantity), history.of(name), mark)
 
 
@@ -113,21 +112,21 @@ def when_successful(history: EpisodeHistory, quantity: str = "time") -> float:
 
 
 def mean_over_limit(history: EpisodeHistory, name: str) -> float:
-    """Return the time average of an entry over the time limit; the last value extends to the limit."""
+    """Return the mean of an `info` entry over the time limit; after the end, the last value is kept."""
     values, time, limit = history.of(name), history.of("time"), history.time_limit
     known = np.trapezoid(values, time) + values[-1] * max(0.0, limit - time[-1])
     return float(known / max(limit, time[-1]))
 
 
 def root_mean_square(history: EpisodeHistory, name: str, column: int | None = None) -> float:
-    """Return the root mean square of an entry, or of a column, over samples and robots."""
+    """Return the root mean square of an `info` entry, or of a column, over samples and robots."""
     means = np.mean(np.square(history.samples[name]), axis=0)
     return float(np.sqrt(np.mean(means if column is None else means[..., column])))
 
 
 _pose_rmse = partial(root_mean_square, name="pose_error")
 SUCCESS = Measure("success", "success", "%", True, partial(final, name="is_success"), 0, 100.0, is_share=True)
-"""Measure of every task: `is_success` of the last `info`."""
+"""Success, a measure of every task: `is_success` of the last `info`."""
 TIME_TO_SUCCESS = Measure("time_to_success", "time to success", "s", False, when_successful, limit="time_limit")
 """Default measure of tasks: time to success [s]."""
 COMMON = (
@@ -140,12 +139,12 @@ COMMON = (
 
 
 def measures_of(measures: Sequence[Measure]) -> tuple[Measure, ...]:
-    """Return all measures of a task: its own, `COMMON` and `SUCCESS`."""
+    """Return all measures of a task: its own, then the measures that all tasks have."""
     return (*measures, *COMMON, SUCCESS)
 
 
 def headline_of(measures: Sequence[Measure]) -> Measure:
-    """Return the measure that ranks policies; `SUCCESS` by default."""
+    """Return the headline measure, which ranks policies; success by default."""
     return next((measure for measure in measures if measure.is_headline), SUCCESS)
 
 
@@ -180,7 +179,7 @@ RETURN = (
 
 
 def path_efficiency(history: EpisodeHistory) -> float:
-    """Return success weighted by path length (SPL): 0 on failure, else shortest over driven length.
+    """Return success weighted by path length (SPL): 0 on failure, else shortest / driven length.
 
     Anderson et al., "On Evaluation of Embodied Navigation Agents" (2018), section 3.2.
     """
@@ -197,7 +196,10 @@ GOAL = (
 
 
 def sct(history: EpisodeHistory) -> float:
-    """Return success weighted by time: 0 on failure, else ideal time (shortest path, full speed) / time."""
+    """Return success weighted by completion time (SCT): 0 on failure, else ideal / actual time.
+
+    The ideal time is that of the shortest path at maximum speed.
+    """
     ideal = float(history.samples["geodesic_distance"][0]) / history.max_speed
     return float(history.final["is_success"]) * ideal / max(final(history, "time"), ideal, 1e-9)
 

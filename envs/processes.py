@@ -13,7 +13,7 @@ from concurrent.futures import ProcessPoolExecutor
 
 
 def start_worker() -> None:
-    """Start a worker, as the `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
+    """Initialize a worker process; `initializer` of a `concurrent.futures.ProcessPoolExecutor`.
 
     The worker ends with its parent and silently on Ctrl-C. It computes with one thread.
     """
@@ -40,7 +40,7 @@ def follow_parent() -> None:
 
 @contextlib.contextmanager
 def interrupts_held() -> Iterator[None]:
-    """Block Ctrl-C while processes start, and in these processes until `start_worker`."""
+    """Context manager that blocks Ctrl-C while processes start, and in these processes until `start_worker`."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
@@ -55,7 +55,7 @@ def interrupts_held() -> Iterator[None]:
 
 @contextlib.contextmanager
 def interrupts_delayed() -> Iterator[None]:
-    """Delay the first Ctrl-C to the end of a short block: Numba may crash when interrupted."""
+    """Context manager that delays the first Ctrl-C to the end of its block: interrupts may crash Numba."""
     # `signal.getsignal` takes 10 us to convert each handler to an enumeration.
     before = _signal.getsignal(signal.SIGINT)
     if before is None or threading.current_thread() is not threading.main_thread():
@@ -77,6 +77,6 @@ def interrupts_delayed() -> Iterator[None]:
 
 
 def stop_workers(pool: ProcessPoolExecutor) -> None:
-    """Terminate the processes of a pool."""
+    """Terminate the worker processes of a pool."""
     for process in list((pool._processes or {}).values()):
         process.terminate()

@@ -35,7 +35,7 @@ class Progress(tqdm):
 
 
 def _make_lock() -> None:
-    """Use a lock of this process: a killed process would never release tqdm's lock."""
+    """Replace tqdm's lock between processes, which a killed process never releases, by a thread lock."""
     Progress.set_lock(threading.RLock())
 
 

@@ -21,13 +21,13 @@ RANDOMIZABLE = (
     *(f"{record}.{name}" for record, names in _RECORDS.items() for name in names),
     *("max_acc_v", "max_acc_w", "max_v", "max_w"),
 )
-"""Attributes of `RobotParams` that may be randomized. Spaces, maps and plans depend on other attributes, such as
+"""Names of the robot parameters that may be randomized. Parameters that affect spaces, maps or plans may not, such as
 footprint and lidar range."""
 AT_MOST_NOMINAL = ("max_v", "max_w")
-"""Parameters that must not exceed the nominal value, which limits the commands."""
+"""Names of robot parameters whose samples must not exceed the nominal value, which limits the commands."""
 
 Ranges = Mapping[str, Sequence[float]]
-"""Ranges (low, high) by name of a parameter, in its unit."""
+"""Ranges (low, high) by parameter name, in the unit of the parameter."""
 
 
 class Randomization:

@@ -25,17 +25,16 @@ from lidarnaut.envs.slam import KnownPoses, TinySlam
 from lidarnaut.envs.slam.key_scans import KeyScanSlam
 
 SCAN, REMEMBER, REMEMBER_TRUE = 1, 2, 4
-"""Bits of `FLAGS`, pending work of a robot: process the scan, append the estimated position to the recorded path,
-append the true position to the true path."""
+"""Bits of a robot's pending work: process the scan, record the estimated position, record the true position."""
 
 ONE_ACTIVE = np.ones(1, dtype=np.bool_)
-"""Mask of active robots for a single robot."""
+"""Mask for arrays of a single robot, shape (1,), bool."""
 MAX_PERSON_GAP, MAX_TIME_TO_COLLISION = 10.0, 10.0
-"""Upper limits of recorded gaps to people [m] and times to collision [s]."""
+"""Upper limits of the recorded gap to people [m] and time to collision [s]."""
 
 
 class MotionSettings(NamedTuple):
-    """Settings of odometry and estimator in the row of a robot, all float."""
+    """Settings of odometry and estimator for kernels, all float."""
 
     metres_per_tick: float
     track: float
@@ -45,7 +44,8 @@ class MotionSettings(NamedTuple):
     uses_truth: float
     """1 if the estimator receives the true motion instead of odometry, otherwise 0."""
     min_travel_distance: float
-    """Minimum distance between two key scans [m]; negative if every scan is processed."""
+    """Minimum distance between key scans (scans that the estimator processes) [m]. Negative if every scan is processed,
+    infinite if none."""
     min_travel_angle: float
 
 
@@ -73,9 +73,9 @@ def _follows_odometry(slam: Any) -> bool:
 
 
 class Robot:
-    """A robot with sensors, odometry and an estimator.
+    """Robot with sensors, odometry, and an estimator of pose and map.
 
-    A view of one row of `Rows`, with a map. Public attributes contain no ground truth.
+    A view of one row of `Rows` (arrays of all robots). Public attributes contain no ground truth.
     """
 
     def __init__(
@@ -93,7 +93,7 @@ class Robot:
         self.tracker: PeopleTracker | None = None
         """Tracker that excludes people from the map; None without tracking."""
         self.follows_odometry = _follows_odometry(estimator)
-        """Whether the estimator processes only key scans (or none) and follows odometry in between."""
+        """Whether the pose follows odometry between processed scans, as the estimator processes only some or none."""
         slam: Any = getattr(estimator, "params", None)  # None for dead reckoning
         self._reading: Reading
         self._batch: SimpleNamespace | None = None
@@ -118,7 +118,7 @@ class Robot:
 
     @property
     def row(self) -> np.ndarray:
-        """Copy of the robot's row, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for any contact."""
+        """Copy of the robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth."""
         row = at.SENSED * self._row
         row[at.TOUCHED] = row[at.TOUCHED] > 0.0
         return row
@@ -147,7 +147,7 @@ class Robot:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Last scan, as in `Reading.ranges`; overwritten by the next scan."""
+        """Ranges of the last scan, shape (num_beams,), float32 [m]; overwritten by the next scan."""
         return self._rows.ranges[self.index]
 
     @property
@@ -157,7 +157,7 @@ class Robot:
 
     @property
     def twist(self) -> Twist:
-        """Velocity estimate from the estimator if available, otherwise from odometry."""
+        """Velocity [m/s, rad/s] from the estimator if available, otherwise from odometry."""
         return Twist(*self._row[at.TWIST_V : at.TWIST_W + 1].tolist())
 
     @property
@@ -172,35 +172,34 @@ class Robot:
 
     @property
     def collisions(self) -> int:
-        """Number of contacts since the reset."""
         return int(self._row[at.COLLISIONS])
 
     @property
     def motion(self) -> Pose2D:
-        """Motion of the base during the last control period, as the estimator receives it."""
+        """Motion (x, y, theta) of the base in the last control period [m, rad], given to the estimator."""
         return Pose2D(*self._row[at.MOTION : at.MOTION + 3].tolist())
 
     @property
     def predicted_pose(self) -> Pose2D:
-        """Pose estimate, map frame: predicted by odometry until the scan is processed."""
+        """Pose estimate, map frame [m, rad]; predicted by odometry until the last scan is processed."""
         return Pose2D(*self._rows.numbers[self.index, at.POSE : at.POSE + 3].tolist())
 
     def reset(
         self, rows: Rows, index: int, reading: Reading, prior: Prior, rng: np.random.Generator, shared_map: Any = None
     ) -> None:
-        """Start an episode at rest; `integrate` processes the first scan.
+        """Start an episode at rest; the first scan is processed later, by `integrate`.
 
-        `rows` contains the robot's row, at `index`. `rng` is the generator of the estimator. `shared_map` is a map
-        shared with another robot of the team, or None.
+        `rows`: arrays of all robots, with this robot at `index`. `rng`: generator of the estimator. `shared_map`: map
+        that the robots of a team share, or None.
         """
         told = {} if prior.covariance is None else {"covariance": prior.covariance}
         self.estimator.reset(rng, prior.pose, prior.map if shared_map is None else shared_map, **told)
         self._rows, self.index = rows, index
         self.reading, row = reading, self._row
         self.trail = Trail()
-        """Path of estimated positions, map frame."""
+        """Path of estimated positions, map frame [m]."""
         self.pyramid = MapPyramid(self.belief.grid, [self.trail])
-        """Map at the resolutions of the observations."""
+        """Map at several resolutions, for observations."""
         self._data = self.belief.grid.data, self.belief.grid.data.shape
         row[at.MOTION_SETTINGS : at.ROBOT], row[at.POSE : at.POSE + 3], row[at.KEY_POSE] = (
             self._setup,
@@ -229,9 +228,9 @@ class Robot:
         self.belief.on_people = tracker.is_on_person(ranges, doubt=NOT_STANDING)
 
     def locate(self, flags: int) -> None:
-        """Complete a control period after the kernels: process the scan or follow odometry.
+        """Update pose, map and path after a control period, by the scan or by odometry.
 
-        `flags`: bits of `FLAGS`. Raises ValueError for an invalid belief.
+        `flags`: pending work, such as `SCAN`. Raises ValueError if the estimator returns invalid results.
         """
         if self.tracker is not None:
             self._track(self.tracker, self.ranges, Pose2D(*self._row[at.ODOMETRY : at.ODOMETRY + 3].tolist()))
@@ -265,7 +264,7 @@ class Robot:
         return self._peer_filter(ranges, self.predicted_pose, [peer.predicted_pose for peer in self.peers])
 
     def follow(self, belief: Belief) -> None:
-        """Update row, path and map pyramid from the belief after a scan."""
+        """Store pose, velocity, path and changes of the map after a scan."""
         if self._own_estimator:
             check_belief(belief, self._own_estimator, self.pyramid.grid, self._data)
             self._data = belief.grid.data, belief.grid.data.shape
@@ -291,27 +290,26 @@ class GroundTruth:
     def __init__(self, rows: Rows, index: int) -> None:
         self._rows, self._index = rows, index
         self.trail = Trail()
-        """Path of true positions, world frame."""
+        """Path of true positions, world frame [m]."""
         self.remember()
 
     @property
     def state(self) -> RobotState:
-        """True pose and velocity."""
+        """True pose and velocity, world frame."""
         return self._rows.state(self._index)
 
     @property
     def path_length(self) -> float:
-        """Distance driven since the reset [m]."""
         return float(self._rows.numbers[self._index, at.PATH_LENGTH])
 
     def remember(self) -> None:
-        """Append the position to the path if far enough from the last one."""
+        """Append the true position to the path if far enough from the last path point."""
         x, y, theta = self._rows.numbers[self._index, at.X : at.THETA + 1].tolist()
         if self.trail.append(Pose2D(x, y, theta)):
             self._rows.numbers[self._index, at.TRUE_TRAIL : at.TRUE_TRAIL + 2] = self.trail.last
 
     def update(self) -> None:
-        """Update path and distance after a motion outside of the step kernels."""
+        """Update path and distance after a motion that was not simulated by kernels."""
         row = self._rows.numbers[self._index]
         row[at.PATH_LENGTH] += distance(row[at.X] - row[at.LAST_X], row[at.Y] - row[at.LAST_Y])
         row[at.LAST_X : at.LAST_THETA + 1] = row[at.X : at.THETA + 1]

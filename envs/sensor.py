@@ -1,4 +1,4 @@
-"""Custom sensors."""
+"""Interface of user-defined sensors."""
 
 import copy
 from collections.abc import Sequence
@@ -14,14 +14,13 @@ from lidarnaut.envs.simulation import Simulator
 from lidarnaut.envs.worlds import World
 
 SENSOR_MEMBERS = ("name", "shape", "reset", "measure")
-"""Required attributes and methods of a sensor."""
 
 
 class Sensor(Protocol):
-    """Custom sensor that measures ground truth with noise; readings contain `reading.extra[name]`."""
+    """Interface of user-defined sensors, which measure ground truth with noise."""
 
     name: str
-    """Key in `reading.extra`, and name of the observation part with the measurement."""
+    """Key of measurements in `reading.extra`, and name of the observation with the measurement."""
     shape: tuple[int, ...]
     """Shape of a measurement."""
 
@@ -35,7 +34,7 @@ class Sensor(Protocol):
 
 
 class Measured:
-    """Observation part with the measurement of a custom sensor."""
+    """Observation with the last measurement of a user-defined sensor."""
 
     def __init__(self, sensor: Sensor) -> None:
         self._name, self._shape = sensor.name, tuple(sensor.shape)

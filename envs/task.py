@@ -1,4 +1,4 @@
-"""Interfaces of tasks, reward terms and observation parts."""
+"""Interfaces of tasks, reward functions and observation parts (entries of the observation)."""
 
 import functools
 import operator
@@ -22,24 +22,27 @@ from lidarnaut.envs.worlds import World
 
 
 class ObservationPart(Protocol):
-    """One entry of the observation, written per robot.
+    """Entry of the observation dictionary of a robot.
 
     A part with state has `reset(robot)`, called after the robot has processed its first reading. A part with
-    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks policies that observe it;
-    see `lidarnaut.baselines.policy.marked`.
+    `uses_ground_truth = True` has `write(robot, out, truth)`, with a `GroundTruth`, and marks the names of policies
+    that observe it; see `lidarnaut.baselines.policy.marked`.
     """
 
     def space(self, robot: RobotParams) -> spaces.Space:
-        """Return the space of the part."""
+        """Return the Gymnasium space of the entry for a robot."""
         ...
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
-        """Write readings or estimates of the robot into `out`, an array of the space."""
+        """Write the entry to `out`, an array of the space, from readings or estimates of the robot."""
         ...
 
 
 class RowPart:
-    """Base of built-in parts: `write_rows(batch, out)` writes the active rows of a `Batch`."""
+    """Base of built-in observation parts, which write the entries of many robots together.
+
+    Subclasses define `write_rows(batch, out)` for the active rows of a `Batch`.
+    """
 
     _memory: Sequence[Any] = ()  # keys of `batch.memory` that `write_rows` reads
     write_rows: Callable[..., None]
@@ -49,25 +52,23 @@ class RowPart:
 
 
 class Rewards:
-    """Weighted sum of reward terms: each weight times the task quantity of the same name.
+    """Reward function: sum of task quantities, each times the weight of the same name.
 
     Subclasses may override `changes` and `terms`.
     """
 
     changes: Mapping[str, float] = MappingProxyType({})
-    """Weights that replace weights of the task or add terms."""
+    """Weights by term name that replace weights of the task or add terms."""
 
     def __init__(self, weights: Mapping[str, float]) -> None:
-        """Set the weights by term name; ValueError if one is not finite."""
         for name, weight in (chosen := {**weights, **self.changes}).items():
             if not is_number(weight):
                 raise ValueError(f"reward weight {name!r} must be finite, got {weight!r}")
         self.weights = {name: float(weight) for name, weight in chosen.items()}
-        """Weights by term name, in the order of summation."""
 
     @staticmethod
     def of(weights: Mapping[str, float], reward: Any) -> "Rewards":
-        """Return the reward terms of a task.
+        """Create the reward function of a task from default weights and the argument `reward`.
 
         `reward` is None, a mapping of weights to replace, a subclass of `Rewards`, or `module:attribute` of either.
 
@@ -85,7 +86,7 @@ class Rewards:
         return Rewards({**weights, **changes})
 
     def terms(self, quantities: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the weighted terms of a step by name, from the task's quantities."""
+        """Return the reward terms of a step by name: weights times quantities of the task."""
         return {name: weight * quantities[name] for name, weight in self.weights.items()}
 
 
@@ -95,7 +96,7 @@ def total(terms: Mapping[str, Any]) -> Any:
 
 
 class Task(ABC):
-    """Defines worlds, start poses, estimators, reward and end of episodes.
+    """Base of tasks, which define worlds, start poses, estimators, reward and end of episodes.
 
     Constructor parameters become arguments of the environments. A task has access to ground truth. Policies only see
     its observation parts and `prior`.
@@ -110,27 +111,27 @@ class Task(ABC):
     progress: ClassVar[str] = "is_success"
     """Key in `info` of the completed fraction of the task, in [0, 1]."""
     reset_options: ClassVar[tuple[str, ...]] = ()
-    """Keys of `reset(options=...)` that the task reads, besides "world" and "start"."""
+    """Keys of `reset(options=...)` that the task accepts, besides "world" and "start"."""
     num_robots: int = 1
-    """Number of robots."""
     is_team: ClassVar[bool] = False
     """Whether actions and observations have a leading axis for robots."""
     rests_between_scans: bool = False
-    """Whether control periods without scan integration change only time and contacts. Kernels may then skip `update`:
-    the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other quantities are 0."""
+    """Whether only time and contacts change in control periods without scan integration. Kernels may then skip
+    `update`: the quantities "time" and "collision" sum the skipped seconds and the seconds in contact, other
+    quantities are 0."""
     arrays: tuple[np.ndarray, ...] = ()
-    """Arrays that `update_rows` reads as `batch.task_arrays`."""
+    """Arrays of the task for kernels, available to `update_rows` as `batch.task_arrays`."""
     uses_true_motion: bool = False
     """Whether estimators receive the true motion instead of odometry."""
     sampler_ahead: Any = None
-    """World sampler if `draw_world` depends only on this sampler and the generator, and calls no user code; otherwise
-    None. A thread may then call `draw_world` in advance."""
+    """World sampler that lets a thread call `draw_world` in advance, or None. Requires that `draw_world` depends only
+    on this sampler and the generator, and calls no user code."""
     weights: Mapping[str, float]
     """Weights of the reward terms, by the name of a quantity."""
     reward: Any = None
-    """Reward argument of the user; see `Rewards.of`."""
+    """Reward weights or subclass of `Rewards` chosen by the user; see `Rewards.of`."""
     rewards: Rewards
-    """Reward terms that result from `weights` and `reward`."""
+    """Reward function that results from `weights` and `reward`."""
     robot: RobotParams
     """Nominal robot parameters."""
     control_period: float
@@ -140,7 +141,7 @@ class Task(ABC):
     starts: Sequence[Pose2D]
     """Start poses of the robots, world frame."""
     map_pose: Pose2D
-    """Pose of the map frame in the world frame."""
+    """Pose of the map frame in the world frame [m, rad]."""
     end_reason: str | None = None
     """Reason why the task has ended the episode, or None."""
 
@@ -156,11 +157,11 @@ class Task(ABC):
         self.rewards = Rewards.of(self.weights, self.reward)
 
     def default_observations(self) -> Sequence[str]:
-        """Return the names of the default observation parts."""
+        """Return the names of the default observation parts (entries of the observation)."""
         return ("scan", "map_near", "map_far", "motion", *self.observation_parts())
 
     def observation_parts(self) -> Mapping[str, Callable[..., ObservationPart]]:
-        """Return observation parts to add to `lidarnaut.envs.observations.PARTS`, by name."""
+        """Return the observation parts that the task adds, by name."""
         return {}
 
     @abstractmethod
@@ -175,7 +176,7 @@ class Task(ABC):
         """
 
     def place(self, world: World, start: Any) -> World:
-        """Return the part of the world for the episode; `start` as for `choose_starts`."""
+        """Return the section of a world for an episode with a given start; by default the whole world."""
         return world
 
     @abstractmethod
@@ -210,7 +211,7 @@ class Task(ABC):
 
     @abstractmethod
     def update(self, simulator: Simulator, robots: Sequence[Robot], period: float) -> None:
-        """Process a control period [s]; `simulator` and `robots` as for `reset`."""
+        """Update the task after a control period [s]; arguments as for `reset`."""
 
     @abstractmethod
     def quantities(self) -> dict[str, float]:
@@ -221,5 +222,5 @@ class Task(ABC):
         """Return the task's entries of `info`, including `is_success`."""
 
     def final_metrics(self) -> dict[str, Any]:
-        """Return additional entries of the last `info`."""
+        """Return further entries of the last `info` of an episode."""
         return {}

@@ -21,8 +21,7 @@ PERSONAL_SPACE = 0.45
 """Gap between footprint and person that bounds personal space [m]: intimate distance of Hall, "The Hidden Dimension"
 (1966)."""
 BY_NOBODY, BY_ROBOT_ALONE, BY_ROBOT, BY_PERSON = range(4)
-"""Values of `TOUCHED_BY`: no contact; contact with an obstacle or robot; contact with a person caused by the robot;
-contact caused by the person."""
+"""Causes of a contact: none; obstacle or other robot; person, caused by the robot; person, caused by the person."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -80,9 +79,10 @@ def _watch_people(row, people):
 
 @njit(cache=True, error_model="numpy")
 def update_robots(rows, people):
-    """Update rows after motion and sensing: contacts, odometry, predicted pose and `FLAGS`.
+    """Update robot states after motion and sensing: contacts, odometry, predicted pose, pending work.
 
-    `people`: rows of all people. Between key scans the pose follows odometry.
+    `rows`: shape (n, ROW_SIZE), float64. `people`: states of all people. Between key scans (scans that the estimator
+    processes), the pose follows odometry.
     """
     for k in range(rows.shape[0]):
         row = rows[k]
@@ -115,10 +115,10 @@ def update_robots(rows, people):
 
 @njit(cache=True, error_model="numpy")
 def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
-    """Simulate one control period of active environments with `num_robots` rows each.
+    """Simulate one control period of active environments with `num_robots` robots each.
 
-    `rows`, `draws`, `ranges`: as for `step_robots`, environment by environment. `active`: environments to step, shape
-    (num_envs,), bool. `world_arrays`: other arguments of `step_robots`, by environment.
+    `rows`, `draws`, `ranges`: states, noise and scans of all robots; see `step_robots`. `active`: environments to step,
+    shape (num_envs,), bool. `world_arrays`: wall segments, circles and people by environment.
     """
     for i in range(active.shape[0]):
         if active[i]:
@@ -130,10 +130,11 @@ def step_rows(rows, draws, ranges, active, num_robots, world_arrays):
 
 @njit(cache=True, error_model="numpy")
 def record_positions(rows, active, positions, counts):
-    """Append the positions requested by `FLAGS` to arrays, and clear the flags; True if an array is full.
+    """Append positions that robot states request to record; return True if an array is full.
 
-    `active`: rows to process, shape (n,), bool. `positions`: estimated and true positions, shape (n, k, 4), float64
-    [m], written. `counts`: numbers of estimated and true positions, shape (n, 2), int64, written.
+    `rows`: robot states. `active`: robots to process, shape (n,), bool. `positions`: estimated and true positions,
+    shape (n, k, 4), float64 [m], updated. `counts`: numbers of estimated and true positions, shape (n, 2), int64,
+    updated.
     """
     is_full = False
     for k in range(rows.shape[0]):
@@ -154,7 +155,7 @@ def record_positions(rows, active, positions, counts):
 
 
 def people_metrics(rows: np.ndarray) -> dict[str, float]:
-    """Return the metrics about people at the end of an episode, over all robots."""
+    """Return the episode's metrics about people, over all robots: contacts, gaps and times."""
     least = {"least_gap": at.LEAST_GAP, "least_time_to_collision": at.LEAST_TIME}
     total = {"intrusion_time": at.INTRUSION}
     total |= {"hit_wall": at.HIT_WALL, "hit_person": at.HIT_PERSON, "hit_by_person": at.HIT_BY_PERSON}
@@ -164,7 +165,7 @@ def people_metrics(rows: np.ndarray) -> dict[str, float]:
 
 @njit(cache=True, error_model="numpy")
 def pose_errors(rows):
-    """Return the errors of pose estimates, shape (num_rows, 2), float64: distance [m] and angle [rad]."""
+    """Return the errors of pose estimates, shape (num_robots, 2), float64: distance [m], angle [rad]."""
     errors = np.empty((rows.shape[0], 2))
     for k in range(rows.shape[0]):
         start, pose, true = _read(rows[k], at.MAP_POSE), _read(rows[k], at.POSE), _read(rows[k], at.X)

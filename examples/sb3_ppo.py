@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import gymnasium
+import numpy as np
 import tyro
 from gymnasium.vector import AutoresetMode
 
@@ -25,9 +26,11 @@ def main(
     num_envs: int = 16,
     num_steps: int = 128,
     seconds: float = 90.0,
+    num_tests: int = 20,
+    seed: int = 0,
     out: Path = Path("runs/sb3_ppo"),
 ) -> float:
-    """Train and return the explored fraction in a test world.
+    """Train and return the mean explored fraction of test worlds.
 
     Args:
         algorithm: Name of the algorithm.
@@ -35,6 +38,8 @@ def main(
         num_envs: Number of sub-environments.
         num_steps: Steps per sub-environment and update.
         seconds: Duration of an episode [s].
+        num_tests: Number of test worlds.
+        seed: Seed of the training.
         out: File of the policy.
     """
     arguments: dict[str, Any] = {"world": "rooms", "world_size": (8.0, 8.0), "time_limit": seconds}
@@ -47,20 +52,21 @@ def main(
     # stable-baselines3 expects the first observation of the next episode in the step that ends an episode.
     vector = gymnasium.make_vec(train_id, num_envs, autoreset_mode=AutoresetMode.SAME_STEP, **arguments)
     env = GymnasiumVecEnv(vector)  # also provides `action_masks`
-    env.seed(0)
+    env.seed(seed)
     library = importlib.import_module("stable_baselines3" if algorithm == "PPO" else "sb3_contrib")
     policy = "MultiInputLstmPolicy" if algorithm == "RecurrentPPO" else "MultiInputPolicy"
     batch_size = num_envs * num_steps // 4
-    model = getattr(library, algorithm)(policy, env, n_steps=num_steps, batch_size=batch_size, gamma=0.995, seed=0)
+    model = getattr(library, algorithm)(policy, env, n_steps=num_steps, batch_size=batch_size, gamma=0.995, seed=seed)
     model.learn(total_timesteps)
     model.save(out)
     env.close()
 
     test = gymnasium.make(test_id, split="test", physics="kinematic", **arguments)
-    episode = run_episode(test, make_policy(model, test.action_space), seed=0)
+    policy = make_policy(model, test.action_space)
+    explored = [run_episode(test, policy, seed=k).explored_fraction for k in range(num_tests)]
     test.close()
-    print(f"explored {100 * episode.explored_fraction:.0f} % of a test world in {episode.duration:.0f} s")
-    return episode.explored_fraction
+    print(f"explored {100 * np.mean(explored):.0f} % of {num_tests} test worlds in {seconds:.0f} s each")
+    return float(np.mean(explored))
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""Learned frontier selection: evolved scores and an attention network."""
+"""Learned frontier selection: linear scores optimized by CMA-ES, and an attention network."""

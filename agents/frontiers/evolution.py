@@ -1,9 +1,9 @@
-"""Evolution of a frontier score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
+"""Optimization of a linear frontier score by CMA-ES (Hansen, "The CMA evolution strategy: a tutorial", 2016).
 
-The objective is the mean log exploration time relative to the rule `gain_over_cost`. All individuals of a generation
-explore the same tasks, to reduce variance. Weights are scaled by the spread of their features, so that equal steps
-change about as many decisions. The policy averages the distribution means over the second half of the generations
-(Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", 1992).
+The objective is the mean over episodes of log(exploration time / time of the rule `gain_over_cost`). All individuals of
+a generation explore the same tasks, to reduce variance. Weights are scaled by the spread of their features, so that
+equal steps change about as many decisions. The policy averages the distribution means over the second half of the
+generations (Polyak and Juditsky, "Acceleration of stochastic approximation by averaging", 1992).
 """
 
 import contextlib
@@ -31,9 +31,9 @@ from .score import FrontierScore
 from .tasks import TARGET, ExplorationTask, draw_task
 
 GENERATION_SEED, VALIDATION_SEED, SCALING_SEED = 0, 1, 2
-"""Random streams for generations, validations and feature scaling."""
+"""Seeds of the random streams for generations, validations and feature scaling."""
 LEAST_SPREAD = 0.02
-"""Lower bound of a feature's standard deviation."""
+"""Lower bound of the feature standard deviations that scale the weights."""
 
 
 def evolve(
@@ -44,7 +44,9 @@ def evolve(
     progress: bool = True,
     ray: str | None = None,
 ) -> Path:
-    """Evolve a frontier score; return the run folder. A resumed run replays its stored results.
+    """Optimize a frontier score by CMA-ES; return the run folder.
+
+    Resumed runs repeat the updates from stored results.
 
     Args:
         config: configuration.
@@ -94,7 +96,8 @@ class _Evolution:
     def __init__(self, config: EvolutionConfig, run: Path, pool: Executor) -> None:
         self._config, self._run, self._pool = config, run, pool
         self.values = _read(run / GENERATIONS, config.population)
-        """Results by generation: mean log time ratio of each individual, shape (population,)."""
+        """Results by generation: each individual's mean log(time / time of the rule `gain_over_cost`), shape
+        (population,), float64."""
         self._means: list[np.ndarray] = []
         self._validated: list[Row] = read_evaluations(run) if (run / "evaluations.csv").exists() else []
         seed, population = config.seed, config.population
@@ -108,7 +111,6 @@ class _Evolution:
         self._spread = np.sqrt(np.mean(variances, axis=0)).clip(LEAST_SPREAD)
 
     def validate(self, generation: int) -> float:
-        """Return the validated time of a generation's policy, relative to the rule."""
         self._measure("nearest", NEAREST, 0)
         row = self._measure(LEARNED, self.policy(generation), generation)
         rows = sorted(self._validated, key=lambda one: (one["policy"] == LEARNED, one["steps"]))
@@ -117,7 +119,6 @@ class _Evolution:
         return float(row["time_over_rule"])
 
     def advance(self, generation: int) -> int:
-        """Update CMA-ES by a generation's results; return 1 if newly explored, else 0."""
         individuals = [self._strategy.ask() for _ in range(self._config.population)]
         is_new = generation == len(self.values)
         if is_new:
@@ -133,7 +134,7 @@ class _Evolution:
         return int(is_new)
 
     def policy(self, generation: int) -> np.ndarray:
-        """Return the weights averaged up to a generation, shape (NUM_FEATURES,)."""
+        """Return the score weights averaged over the second half of generations."""
         means = self._means[generation // 2 : generation]
         return PRIOR + np.mean(means, axis=0) / self._spread if means else PRIOR
 

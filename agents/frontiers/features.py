@@ -1,4 +1,4 @@
-"""Features of frontier candidates for `FrontierScore`, from observations of `ExploreFrontiersEnv`."""
+"""Features of frontier candidates for a linear score, from observations of `ExploreFrontiers-v0`."""
 
 import math
 
@@ -17,25 +17,26 @@ number_x_log_visible range_x_log_visible range_x_log_cost small_and_near very_ne
 left_x_log_visible left_x_log_cost log_mean_gap detour ahead
 """
 NAMES = tuple(_NAMES.split())
-"""Names of candidate features."""
 NUM_FEATURES = len(NAMES)
 LEAST_GAIN, LEAST_COST = GainOverCost().least_gain, GainOverCost().least_cost
-"""Offsets of gain [m2] and cost [m] in the rule `gain_over_cost`."""
+"""Offsets added to visible unknown area [m2] and path cost [m], as in the rule `gain_over_cost`."""
 PRIOR = np.array([float(name in ("log_visible", "minus_log_cost")) for name in NAMES])
-"""Weights of a score equal to the rule `gain_over_cost`."""
+"""Score weights equal to the rule `gain_over_cost` (unknown area / path cost), shape (NUM_FEATURES,), float64."""
 NEAREST = np.array([float(name == "minus_log_cost") for name in NAMES])
-"""Weights of a score equal to the rule `nearest`."""
+"""Score weights that select the nearest frontier, shape (NUM_FEATURES,), float64."""
 
 
 @njit(cache=True, error_model="numpy")
 def _length(share, half):
-    """Return x for share = x / (x + half)."""
     return half * share / max(1.0 - share, 1e-6)
 
 
 @njit(cache=True, error_model="numpy")
 def score_features(candidates, sectors, gaps, robot, count):
-    """Return features of the first `count` candidates, shape (count, NUM_FEATURES), float64."""
+    """Return features of the first `count` frontier candidates, shape (count, NUM_FEATURES), float64.
+
+    `candidates`, `sectors`, `gaps`, `robot`: observation of `ExploreFrontiers-v0`.
+    """
     out = np.empty((count, NUM_FEATURES))
     visible, cost = np.empty(count), np.empty(count)
     for i in range(count):

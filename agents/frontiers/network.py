@@ -1,4 +1,4 @@
-"""Attention network over frontier candidates, and its policy."""
+"""Attention network that rates frontier candidates, and a policy for PPO and A2C."""
 
 from typing import Any
 
@@ -19,39 +19,39 @@ from .features import NUM_FEATURES
 from .score import FAILURE_PENALTY, FrontierScore
 
 MASKED = -1e9
-"""Logit of masked actions, with probability 0."""
+"""Logit of invalid actions, which have probability 0."""
 MAP_CHANNELS = 8
 MAX_INITIAL_SLOPE = 6.0
-"""Largest initial slope of attention over distance; slopes of the heads are evenly spaced from 0."""
+"""Largest initial decrease of attention logits per normalized distance. Initial decreases of the heads are evenly
+spaced from 0."""
 RULE = "rule"
-"""Value of `prior_policy` that selects the rule `gain_over_cost`."""
+"""Value of `prior_policy` for the rule `gain_over_cost` (unknown area / path cost)."""
 NEEDED = ("candidates", "sectors", "gaps", "action_mask", "map", "robot")
 
 
 def _length(share: Tensor, half: float) -> Tensor:
-    """Return x for share = x / (x + half)."""
     return half * share.clamp_min(0.0) / (1.0 - share).clamp_min(1e-6)
 
 
 class FrontierNetwork(nn.Module):
-    """Logits of frontier candidates, equivariant to permutations, and the state value.
+    """Network with a logit per frontier candidate, equivariant to permutations, and a state value.
 
     Candidates are embedded, attend to each other, and are rated by a shared MLP. Attention decreases with distance, by
-    a
-    learned slope per head. The MLP corrects a prior: logit = prior * utility + correction, with initial correction 0.
-    The
-    utility is that of the rule `gain_over_cost`, log(visible + 0.3) - log(cost + 3), or a frontier score.
+    a learned slope per head. The MLP corrects a prior: logit = prior * utility + correction, with initial correction 0.
+    The utility is a frontier score, or that of the rule `gain_over_cost`: log(visible + 0.3) - log(cost + 3).
     """
 
     score: Tensor | None
-    """Weights of the prior frontier score, shape (NUM_FEATURES,), float64; None for the rule."""
+    """Weights of the linear frontier score used as prior, shape (NUM_FEATURES,), float64; None for the rule
+    `gain_over_cost`."""
 
     def __init__(
         self, observation_space: spaces.Dict, *, width: int, heads: int, prior: float, has_score: bool = False
     ) -> None:
-        """Build the layers; raise ValueError if an observation part is missing.
+        """Build the layers; raise ValueError if a required observation is missing.
 
-        `prior` is the factor of the utility. With `has_score`, a frontier score is copied into `score` later.
+        `prior`: factor of the prior policy's utility in the logits. `has_score`: reserve weights of a frontier score as
+        prior, which are set later.
         """
         super().__init__()
         if missing := [key for key in NEEDED if key not in observation_space.spaces]:
@@ -77,7 +77,7 @@ class FrontierNetwork(nn.Module):
         nn.init.zeros_(self.correct[-1].weight)  # type: ignore[arg-type]
 
     def forward(self, observations: Tensors) -> tuple[Tensor, Tensor]:
-        """Return logits, shape (batch, max_candidates), and values, shape (batch, 1), float32."""
+        """Return logits, shape (batch, max_candidates), and state values, shape (batch, 1), float32."""
         slots = _Slots(observations["action_mask"] > 0)
         candidates = slots.take(observations["candidates"])
         utility, known = self._rate(observations, candidates, slots)
@@ -97,7 +97,6 @@ class FrontierNetwork(nn.Module):
         )
 
     def _rate(self, observations: Tensors, candidates: Tensor, slots: "_Slots") -> tuple[Tensor, Tensor]:
-        """Return prior logits, shape (rows,), and log gain, log cost, difference from the best utility, (rows, 3)."""
         gain = torch.log(_length(candidates[:, VISIBLE], HALF_AREA) + self._rule.least_gain)
         cost = torch.log(_length(candidates[:, COST], HALF_COST) + self._rule.least_cost)
         utility = gain - cost if self.score is None else self._weigh(observations, self.score)
@@ -129,26 +128,22 @@ class FrontierNetwork(nn.Module):
 
 
 class _Slots:
-    """Indices of filled candidate slots, which layers process as rows."""
+    """Conversion between padded tables of candidates and rows of valid candidates only."""
 
     def __init__(self, mask: Tensor) -> None:
         self.sample, self.slot = mask.nonzero(as_tuple=True)
-        """Sample and slot index of each row, shape (rows,), int64."""
         self.count = int(self.slot.max()) + 1 if len(self.slot) else 1
-        """Number of slots up to the last filled slot."""
         self.mask = mask[:, : self.count]
 
     def take(self, table: Tensor) -> Tensor:
-        """Return the filled slots of a table, shape (batch, max_candidates, ...)."""
         return table[self.sample, self.slot]
 
     def table(self, rows: Tensor, fill: float) -> Tensor:
-        """Return rows as a table, shape (batch, count, ...), padded with `fill`."""
         return rows.new_full((*self.mask.shape, *rows.shape[1:]), fill).index_put((self.sample, self.slot), rows)
 
 
 class FrontierPolicy(JointPolicy):
-    """Samples frontier candidates by the logits of a `FrontierNetwork`."""
+    """Policy that samples a frontier candidate by the logits of a `FrontierNetwork`."""
 
     def __init__(
         self,
@@ -162,14 +157,14 @@ class FrontierPolicy(JointPolicy):
         prior_policy: str = RULE,
         **arguments: Any,
     ) -> None:
-        """Build a `FrontierNetwork`; call `load_prior` for a `prior_policy` other than `rule`."""
+        """Build the network. With a `prior_policy` other than `rule`, `load_prior` must be called."""
         self._sizes = {"width": width, "heads": heads, "prior": prior, "has_score": prior_policy != RULE}
         # required by the base class; has no weights
         arguments["features_extractor_class"] = FlattenExtractor
         super().__init__(observation_space, action_space, lr_schedule, **arguments)
 
     def load_prior(self, score: FrontierScore) -> None:
-        """Set the frontier score that is the prior."""
+        """Copy the weights of a linear frontier score into the network, as prior."""
         assert self.network.score is not None
         self.network.score.copy_(torch.from_numpy(score.weights))
 

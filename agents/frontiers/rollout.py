@@ -1,4 +1,4 @@
-"""Exploration episodes in the abstract simulator."""
+"""Exploration episodes in the environment without driving, `ExploreFrontiersAbstract-v0`."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -10,19 +10,19 @@ from .score import FrontierScore
 from .tasks import TARGET, ExplorationTask, make_environment, make_world
 
 MAX_RATIO = 3.0
-"""Time limit of an episode, relative to the rule `gain_over_cost`."""
+"""Time limit of an episode, divided by the time that the rule `gain_over_cost` takes."""
 MISSING_COST = 2.0
-"""Penalty on log time per explored fraction missing from the target."""
+"""Penalty on the logarithm of exploration time, per explored fraction missing from the target."""
 NUM_BEST = 5
-"""Number of best candidates per decision, for feature variances."""
+"""Number of best candidates per decision used for feature variances."""
 
 
 def explore(
     task: ExplorationTask, policy: Callable[[dict[str, np.ndarray]], np.int64], max_time: float = math.inf
 ) -> tuple[float, float]:
-    """Explore a world by a policy that selects candidates, until the target or `max_time` [s].
+    """Run an episode with a policy that selects frontiers, until target coverage or `max_time` [s].
 
-    Returns log time [log s], with the penalty `MISSING_COST`, and explored fraction.
+    Returns the log of exploration time [s], with a penalty for missing coverage, and explored fraction.
     """
     env = make_environment(task.robot, task.resolution, task.drift)
     observation, _ = env.reset(seed=task.seed, options={"world": make_world(task)})
@@ -38,9 +38,9 @@ def explore(
 
 
 def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
-    """Evaluate score weights, shape (NUM_FEATURES,) each, in a task.
+    """Run a task with each of n weight vectors of a frontier score, shape (NUM_FEATURES,).
 
-    Returns log time relative to the rule `gain_over_cost`, and explored fraction: shape (n, 2), float64.
+    Returns log(time / time of the rule `gain_over_cost`) and explored fraction, shape (n, 2), float64.
     """
     base, _ = explore(task, FrontierScore())
     limit = MAX_RATIO * math.exp(base)
@@ -48,9 +48,9 @@ def compare(task: ExplorationTask, weights: Sequence[np.ndarray]) -> np.ndarray:
 
 
 def feature_variances(task: ExplorationTask) -> np.ndarray:
-    """Return the variance of features among the best candidates, shape (NUM_FEATURES,), float64.
+    """Return the variance of each feature among the best candidates, shape (NUM_FEATURES,), float64.
 
-    Variances of decisions are averaged over an episode of the rule `gain_over_cost`.
+    The variances are averaged over the decisions of an episode with the rule `gain_over_cost`.
     """
     rule, variances = FrontierScore(), [np.zeros(NUM_FEATURES)]
 

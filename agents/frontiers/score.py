@@ -1,4 +1,4 @@
-"""Linear frontier score as a policy and as an explorer."""
+"""Linear score of frontiers, as a policy and as an explorer."""
 
 import json
 from collections.abc import Mapping
@@ -23,34 +23,33 @@ from .tasks import SPLIT
 
 WEIGHTS_FILE, RECORD_FILE = "weights.safetensors", "policy.json"
 FAILURE_PENALTY = 1e3
-"""Score penalty of candidates after a failed drive."""
+"""Penalty on the score of a frontier after a failed drive to it."""
 MAX_CANDIDATES = 48
-"""Maximum number of scored candidates."""
+"""Maximum number of scored frontier candidates."""
 
 
 class FrontierScore:
-    """Selects the candidate with the largest weighted sum of features."""
+    """Policy that selects the frontier candidate with the largest weighted sum of features."""
 
     level = "decision"
     end_reason = plan = None
 
     def __init__(self, weights: np.ndarray = PRIOR) -> None:
-        """Set weights, shape (NUM_FEATURES,), float64; raise ValueError if invalid."""
+        """Set the feature weights, shape (NUM_FEATURES,), float64; raise ValueError if invalid."""
         weights = np.asarray(weights, dtype=np.float64)
         if weights.shape != (NUM_FEATURES,) or not np.isfinite(weights).all():
             raise ValueError(f"weights must be {NUM_FEATURES} finite numbers, got shape {weights.shape}")
         self.weights = weights
 
     def reset(self, robot: RobotParams, control_period: float, rng: np.random.Generator) -> None:
-        """Do nothing: a score has no state."""
+        """Do nothing, because the policy has no state."""
 
     def __call__(self, observation: dict[str, np.ndarray]) -> np.int64:
-        """Return the index of the best candidate."""
         scores = self.rate(observation)[1]
         return np.int64(scores.argmax() if len(scores) else 0)
 
     def rate(self, observation: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-        """Return features, shape (k, NUM_FEATURES), and scores, shape (k,), of the candidates, float64."""
+        """Return features of k frontier candidates, shape (k, NUM_FEATURES), and scores, shape (k,), float64."""
         count = int(observation["action_mask"].sum())
         features = score_features(
             observation["candidates"], observation["sectors"], observation["gaps"], observation["robot"], count
@@ -58,14 +57,14 @@ class FrontierScore:
         return features, features @ self.weights - FAILURE_PENALTY * (features[:, NAMES.index("failures")] > 0)
 
     def save(self, folder: Path, record: Mapping[str, Any]) -> None:
-        """Save the weights with a record of training and held-out worlds."""
+        """Write the weights to a folder, with `record` and the names of training and held-out worlds."""
         about = {"format": 1, "features": list(NAMES), **SPLIT, **record}
         weights = save({"weights": self.weights})
         write_folder(folder, {WEIGHTS_FILE: weights, RECORD_FILE: json.dumps(about, indent=2) + "\n"})
 
     @classmethod
     def load(cls, folder: str | Path) -> "FrontierScore":
-        """Load a saved score; raise CheckpointError if unreadable."""
+        """Load a score from a folder; raise CheckpointError if unreadable."""
         folder = Path(folder)
         try:
             record = read_json(folder / RECORD_FILE)
@@ -77,9 +76,9 @@ class FrontierScore:
 
 
 class ScoreExplorer(RuleExplorer):
-    """Explorer that drives to the best candidate, updated every four seconds.
+    """Explorer that drives to the frontier with the highest score, reselected every four seconds.
 
-    During a drive, abandoned goals are not selected again.
+    During a drive, abandoned frontiers are not selected again.
     """
 
     def __init__(self, score: FrontierScore) -> None:
@@ -105,4 +104,4 @@ class ScoreExplorer(RuleExplorer):
 
 
 class PursuitScoreExplorer(PursuitDriving, ScoreExplorer):
-    """`ScoreExplorer` that follows paths by pursuit."""
+    """Explorer like `ScoreExplorer` that steers to a point ahead on the path (pursuit)."""

@@ -1,4 +1,4 @@
-"""Random exploration tasks, without held-out worlds and robots."""
+"""Random exploration tasks for training, without held-out (test) worlds and robots."""
 
 import math
 from dataclasses import dataclass, replace
@@ -15,7 +15,7 @@ from lidarnaut.envs.worlds import FAMILIES, WORLD_NAMES, World, explorable_area,
 TARGET = 0.95
 """Explored fraction that ends an episode."""
 LIBRARY_SHARE = 0.3
-"""Share of tasks in library worlds."""
+"""Fraction of tasks in worlds of the library; the remaining worlds are generated."""
 SIDES = {
     "rooms": (7.0, 26.0),
     "maze": (6.0, 16.0),
@@ -24,13 +24,13 @@ SIDES = {
     "wings": (10.0, 36.0),
     "halls": (5.0, 28.0),
 }
-"""Range of side lengths of procedural worlds by family [m], sampled log-uniformly."""
+"""Range of side lengths of generated worlds [m], by family; sampled log-uniformly."""
 RANGES = (3.5, 5.0, 8.0, 12.0, 20.0)
-"""Lidar ranges of randomized robots [m]."""
+"""Maximum ranges of the lidar on randomized robots [m]."""
 LEAST_AREA = 8.0
-"""Minimum explorable area per metre of lidar range, for ranges up to 8 m [m2/m]."""
+"""Minimum explorable area of a world, divided by lidar range [m2/m]. Ranges above 8 m count as 8 m."""
 RESOLUTIONS = (0.1, 0.15, 0.2)
-"""Map resolutions [m]; the finest is for worlds below 200 m2."""
+"""Sides of a map cell [m]; the smallest is only for worlds below 200 m2."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ TRAINING_ROBOTS = tuple(name for name in ROBOT_NAMES if name not in HELD_OUT.rob
 
 
 def is_held_out(world: str, robot: str) -> bool:
-    """Return True if training excludes the robot or the library world, or the world is procedural."""
+    """Return True if the robot or library world is excluded from training, or the world is generated."""
     return world not in TRAINING_WORLDS or robot in HELD_OUT.robots
 
 
@@ -56,30 +56,31 @@ SPLIT = {
     "held_out_worlds": list(HELD_OUT.worlds),
     "held_out_robots": list(HELD_OUT.robots),
 }
-"""Training and held-out names, recorded with saved policies."""
+"""Names of training worlds, held-out worlds and held-out robots, recorded with saved policies."""
 
 
 @dataclass(frozen=True, slots=True)
 class ExplorationTask:
-    """Exploration episode without the policy."""
+    """Settings of an exploration episode: world, robot, map and seeds."""
 
     world: str
-    """Name of a library world or procedural family."""
+    """Name of a library world, or family of generated worlds."""
     world_seed: int
-    """Seed of a procedural world; training uses even seeds."""
+    """Seed of a generated world; training uses even seeds."""
     size: tuple[float, float]
-    """Outer size of a procedural world [m]."""
+    """Outer width and height of a generated world [m]."""
     robot: RobotParams
     resolution: float
-    """Map resolution [m]."""
+    """Side of a map cell [m]."""
     drift: float
-    """Standard deviation of the position error [m]; a sixth of this value is the heading error [rad]."""
+    """Standard deviation of the position error [m]. The standard deviation of the heading error [rad] is a sixth of
+    this value."""
     seed: int
     """Seed of start pose and noise."""
 
 
 def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)) -> ExplorationTask:
-    """Draw a task with a robot that fits and sufficient explorable area."""
+    """Draw a random task whose robot fits into the world, with sufficient explorable area."""
     while True:
         task = _draw(rng, families)
         try:
@@ -91,19 +92,19 @@ def draw_task(rng: np.random.Generator, families: tuple[str, ...] = tuple(SIDES)
 
 
 def training_world(rng: np.random.Generator) -> World:
-    """Draw a library or procedural training world, for `environment.world`."""
+    """Return a random training world, from the library or generated, for the key `environment.world`."""
     if rng.random() < LIBRARY_SHARE:
         return load_world(str(rng.choice(TRAINING_WORLDS)))
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)))
 
 
 def validation_world(rng: np.random.Generator) -> World:
-    """Draw a procedural test world of default size, for `evaluation.environment.world`."""
+    """Return a random generated test world of default size, for `evaluation.environment.world`."""
     return FAMILIES[str(rng.choice(tuple(SIDES)))](2 * int(rng.integers(2**30)) + 1)
 
 
 def sized_training_world(rng: np.random.Generator) -> World:
-    """Draw a procedural training world of random size, for `environment.world`."""
+    """Return a generated training world of random size, for the key `environment.world`."""
     family = str(rng.choice(tuple(SIDES)))
     return FAMILIES[family](2 * int(rng.integers(2**30)), _draw_size(rng, family))
 
@@ -129,7 +130,7 @@ def _draw(rng: np.random.Generator, families: tuple[str, ...]) -> ExplorationTas
 
 
 def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
-    """Draw a library robot or a random variant, with a radius up to `max_radius` [m]."""
+    """Return a random library robot or variant, with a footprint radius up to `max_radius` [m]."""
     fitting = [robot for robot in map(load_robot, TRAINING_ROBOTS) if robot.radius <= max_radius]
     robot = fitting[int(rng.integers(len(fitting)))]
     if rng.random() < 0.5:
@@ -140,7 +141,7 @@ def draw_robot(rng: np.random.Generator, max_radius: float) -> RobotParams:
 
 
 def make_world(task: ExplorationTask) -> World:
-    """Return the world of a task."""
+    """Load or generate the world of a task."""
     if task.world in FAMILIES:
         # Wider passages compensate for coarse cells.
         return FAMILIES[task.world](task.world_seed, task.size, task.robot.radius + 0.5 * task.resolution)
@@ -149,7 +150,7 @@ def make_world(task: ExplorationTask) -> World:
 
 @lru_cache(maxsize=4)
 def make_environment(robot: RobotParams, resolution: float, drift: float) -> ExploreFrontiersAbstractEnv:
-    """Return the cached environment for tasks with these parameters."""
+    """Return an environment for tasks with these parameters; the last four are cached."""
     return ExploreFrontiersAbstractEnv(
         robot=robot, map_resolution=resolution, drift=(drift, drift / 6.0), target_coverage=TARGET, world="rooms"
     )

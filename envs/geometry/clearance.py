@@ -8,7 +8,7 @@ from numba import njit
 
 @njit(cache=True, error_model="numpy", inline="always")
 def segment_offset(x, y, segments, i):
-    """Return the vector from the nearest point of segment `i` to (x, y) [m]."""
+    """Return the vector from the nearest point of line segment `i` to the point (x, y) [m]."""
     x0, y0 = segments[i, 0], segments[i, 1]
     ex, ey = segments[i, 2] - x0, segments[i, 3] - y0
     px, py = x - x0, y - y0
@@ -18,9 +18,9 @@ def segment_offset(x, y, segments, i):
 
 @njit(cache=True, error_model="numpy")
 def clearance(x, y, segments, circles):
-    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without any.
+    """Return the distance from (x, y) to the nearest obstacle [m]: negative inside a circle, inf without obstacles.
 
-    `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m]. `circles`: shape (m, 3), float64, (x, y, radius) [m].
+    `segments`: walls (x0, y0, x1, y1), shape (n, 4), float64 [m]. `circles`: (x, y, radius), shape (m, 3), float64 [m].
     """
     nearest2 = np.inf
     for i in range(segments.shape[0]):

@@ -4,19 +4,19 @@ import numpy as np
 from numba import njit
 
 MAX_REACH = 180
-"""Largest `reach` whose squared distances fit in uint16 [cells]."""
+"""Maximum search distance whose squared distances fit in uint16 [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def squared_distances(occupied, reach):
-    """Return the squared distance from each cell to the nearest occupied cell [cells2].
+    """Return the squared distance from each cell to the nearest occupied cell, uint16 [squared cells].
 
-    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). The result, uint16, is exact
-    up to `reach**2` and greater elsewhere.
+    After Felzenszwalb and Huttenlocher, "Distance Transforms of Sampled Functions" (2012). Values are exact up to
+    `reach**2`, and greater in farther cells.
 
     Args:
         occupied: shape (height, width), bool.
-        reach: 1 to `MAX_REACH` [cells].
+        reach: search distance, 1 to 180 [cells].
     """
     height, width = occupied.shape
     far = np.uint16((reach + 1) * (reach + 1))
@@ -50,9 +50,10 @@ def squared_distances(occupied, reach):
 
 @njit(cache=True, error_model="numpy")
 def deepest_cell(area):
-    """Return the cell (row, column) of `area`, shape (height, width), bool, that is farthest from cells outside.
+    """Return the cell (row, column) of an area that is farthest from all cells outside the area.
 
-    Distance transform of Meijster, Roerdink and Hesselink (2000). Cells beyond the array do not count.
+    `area`: shape (height, width), bool. Space beyond the array does not count as outside. Distance transform of
+    Meijster, Roerdink and Hesselink (2000).
     """
     height, width = area.shape
     # Distance to the nearest cell outside in the same column, or `nowhere`.

@@ -1,4 +1,4 @@
-"""Array reads in kernels, compiled or under `NUMBA_DISABLE_JIT=1`.
+"""Array access in Numba functions, with and without compilation.
 
 On Intel servers with the Downfall mitigation, compiled gather instructions are slower than the scalar loads of `load`.
 """
@@ -15,7 +15,6 @@ from numba.np.unsafe import ndarray
 
 @intrinsic
 def _load(typing_context: Any, array: Any, index: Any) -> Any:
-    """Read `array[index]` without bounds check; `array`: shape (n,), C-contiguous; `index`: uint32 or uint64."""
     if not (isinstance(array, types.Array) and array.ndim == 1 and array.layout == "C"):
         return None
     if index not in (types.uint32, types.uint64):
@@ -30,14 +29,14 @@ def _load(typing_context: Any, array: Any, index: Any) -> Any:
 
 
 load: Any = _load
-"""`load(array, index)`: return an array element by a scalar load; see `_load`."""
+"""`load(array, index)` reads an array element by a scalar load, without bounds check."""
 as_tuple: Any = ndarray.to_fixed_tuple
-"""`as_tuple(array, size)`: return the first `size` elements as a tuple; `size` is a compile-time constant."""
+"""`as_tuple(array, size)` returns the first `size` elements as a tuple. `size` is a compile-time constant."""
 if config.DISABLE_JIT:  # type: ignore[attr-defined]
     load, as_tuple = operator.getitem, lambda array, size: tuple(array[:size])
     np.seterr(all="ignore")  # NaN, infinity and overflow are expected in kernels
 
 
 def record_type(fields: Any) -> np.dtype:
-    """Return a structured dtype whose fields are attributes in kernels, compiled or not."""
+    """Return a structured dtype whose fields are attributes in Numba functions, with and without compilation."""
     return np.dtype((np.record, fields) if config.DISABLE_JIT else fields)  # type: ignore[attr-defined]

@@ -11,12 +11,12 @@ FREE = 0
 OCCUPIED = 100
 """Cell value of certainly occupied space."""
 OCCUPIED_FROM = 50
-"""Lowest occupancy of an obstacle cell [percent]."""
+"""Minimum occupancy probability of an obstacle cell [percent]."""
 
 
 @dataclass(slots=True)
 class OccupancyGrid:
-    """Occupancy grid; row 0 has the lowest y, column 0 the lowest x (images are flipped on reading and writing)."""
+    """Occupancy grid. Row 0 has the lowest y, column 0 the lowest x. Images are flipped on reading and writing."""
 
     data: np.ndarray
     """Occupancy probability, shape (height, width), int8: 0 to 100 [percent], -1 for unknown."""
@@ -39,17 +39,17 @@ class OccupancyGrid:
         return x, y, x + width * self.resolution, y + height * self.resolution
 
     def cells(self, points: np.ndarray) -> np.ndarray:
-        """Return the cells (row, column) of points, shape (..., 2), (x, y) [m]: shape (..., 2), int64.
+        """Convert points (x, y), shape (..., 2) [m], to cells (row, column), shape (..., 2), int64.
 
         Points outside the grid give indices outside the array.
         """
         return np.floor((np.asarray(points)[..., ::-1] - self.origin[::-1]) / self.resolution).astype(np.int64)
 
     def centers(self, cells: np.ndarray) -> np.ndarray:
-        """Return the centres (x, y) of cells, shape (..., 2), (row, column): shape (..., 2), float64 [m]."""
+        """Convert cells (row, column), shape (..., 2), to centres (x, y), shape (..., 2), float64 [m]."""
         return (np.asarray(cells)[..., ::-1] + 0.5) * self.resolution + self.origin
 
     def contains(self, cells: np.ndarray) -> np.ndarray:
-        """Return whether cells, shape (..., 2), (row, column), lie inside the array: shape (...), bool."""
+        """Return whether cells (row, column), shape (..., 2), lie inside the grid: shape (...), bool."""
         cells = np.asarray(cells)
         return np.all((cells >= 0) & (cells < self.data.shape), axis=-1)

@@ -15,27 +15,27 @@ def wrap_angle(theta: float) -> float:
 
 @njit(cache=True)
 def distance(dx: float, dy: float) -> float:
-    """Return the length of (dx, dy), rounded alike with and without compilation."""
+    """Return the length of the vector (dx, dy), with equal rounding in compiled and uncompiled functions."""
     return math.sqrt(dx * dx + dy * dy)
 
 
 @njit(cache=True)
 def compose(x, y, theta, other_x, other_y, other_theta):
-    """Transform a pose from the frame of pose (x, y, theta) to the parent frame."""
+    """Transform the pose `other` from the frame of the pose (x, y, theta) to the parent frame."""
     c, s = math.cos(theta), math.sin(theta)
     return x + c * other_x - s * other_y, y + s * other_x + c * other_y, wrap_angle(theta + other_theta)
 
 
 @njit(cache=True)
 def between(x, y, theta, other_x, other_y, other_theta):
-    """Transform a pose from the parent frame to the frame of pose (x, y, theta)."""
+    """Transform the pose `other` from the parent frame to the frame of the pose (x, y, theta)."""
     c, s = math.cos(theta), math.sin(theta)
     dx, dy = other_x - x, other_y - y
     return c * dx + s * dy, c * dy - s * dx, wrap_angle(other_theta - theta)
 
 
 class Pose2D(NamedTuple):
-    """Pose in the plane, or transform from its own frame to the parent frame."""
+    """2D pose, or rigid transform from the pose's frame to the parent frame."""
 
     x: float
     """x position in the parent frame [m]."""
@@ -45,15 +45,15 @@ class Pose2D(NamedTuple):
     """Heading in the parent frame, counter-clockwise from x [rad]."""
 
     def compose(self, other: "Pose2D") -> "Pose2D":
-        """Transform `other` from this pose's frame to the parent frame."""
+        """Transform the pose `other` from this pose's frame to the parent frame."""
         return Pose2D(*compose(*self, *other))
 
     def inverse(self) -> "Pose2D":
-        """Return the parent frame's pose in this pose's frame."""
+        """Return the inverse transform, the pose of the parent frame in this pose's frame."""
         return self.between(Pose2D(0.0, 0.0, 0.0))
 
     def between(self, other: "Pose2D") -> "Pose2D":
-        """Transform `other` from the parent frame to this pose's frame."""
+        """Transform the pose `other` from the parent frame to this pose's frame."""
         return Pose2D(*between(*self, *other))
 
     def transform(self, points: np.ndarray) -> np.ndarray:

@@ -7,9 +7,9 @@ import numpy as np
 from numba import njit
 
 _ANGLE_PADDING = 1e-3
-"""Padding of angular intervals for errors of `_polar` [rad]."""
+"""Angle added at both ends of the interval that an obstacle covers, against approximation errors [rad]."""
 _TOUCH_TOLERANCE = 1e-9
-"""Distance below which a sensor lies on a segment and measures 0 in every direction [m]."""
+"""Distance below which a sensor counts as lying on a wall, and all ranges are zero [m]."""
 
 
 class Beams(NamedTuple):
@@ -25,7 +25,7 @@ class Beams(NamedTuple):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _polar(x: float, y: float) -> float:
-    """Return the polar angle of (x, y) in [0, 2 pi), to within 2e-5 rad, without branches.
+    """Return the polar angle of the vector (x, y) in [0, 2 pi), with an error below 2e-5 rad.
 
     Polynomial of Hastings (Abramowitz and Stegun 4.4.49).
     """
@@ -42,10 +42,9 @@ def _polar(x: float, y: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def _segment_intervals(x, y, cos0, sin0, beams, segments, intervals):
-    """Compute the interval of beams that may hit each segment, from a sensor at (x, y).
+    """Find the interval of beams that may hit each wall segment, for a sensor at (x, y).
 
-    The first beam has direction (`cos0`, `sin0`). `intervals`: output, shape (6, n): start and extent of each segment
-    in the frame of the first beam [m], first beam and length of the interval [beams], -1 if out of range.
+    `intervals`: output, shape (6, n): start and extent [m], first beam, and number of beams (-1: out of range).
     """
     start_x, start_y, along_x, along_y = intervals[0], intervals[1], intervals[2], intervals[3]
     first, span = intervals[4], intervals[5]
@@ -107,10 +106,10 @@ def _hit_circle(low, high, circle, cosines, sines, out):
 
 @njit(cache=True, error_model="numpy")
 def cast_rays(x, y, heading, beams, segments, circles, out):
-    """Cast evenly spaced beams from a sensor at (x, y, heading) [m, m, rad] and write their ranges to `out`.
+    """Compute the ranges of evenly spaced lidar beams from a sensor at (x, y, heading) [m, m, rad].
 
-    `beams`: `Beams` or a record with the same fields. `segments`: shape (n, 4), float64, (x0, y0, x1, y1) [m].
-    `circles`: shape (m, 3), float64, (x, y, radius) [m]; a sensor inside a circle sees its far side. `out`: ranges,
+    `beams`: `Beams` or a record with equal fields. `segments`: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
+    `circles`: (x, y, radius), shape (m, 3), float64 [m]; a sensor inside a circle sees its far side. `out`: ranges,
     shape (num_beams,), float32 or float64 [m]; inf without a hit within `beams.range_max`.
     """
     num_beams = out.shape[0]

@@ -1,10 +1,10 @@
-"""Assignment to array rows in kernels."""
+"""Assignment to array rows in Numba functions."""
 
 from numba import njit
 
 
 @njit(cache=True, error_model="numpy")
 def write_row(row, values):
-    """Copy an array or a tuple of numbers to the start of a row; compiles faster than slice assignment."""
+    """Copy numbers to the start of an array row. Compiles faster than slice assignment."""
     for k in range(len(values)):
         row[k] = values[k]

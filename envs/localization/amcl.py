@@ -27,11 +27,11 @@ from .resampling import resample
 from .rivals import NO_RIVALS, NUM_SEARCHES, TOLERANCE, Rivals
 
 _MIN_HITS = 5
-"""Minimum number of hits in a scan to compute the scan-to-map fit."""
+"""Minimum number of beams with a return in a scan that is compared with the map."""
 _WIDE_FACTOR = 4.0
-"""Ratio of position spread to `lost_spread` at which convergence to a wrong pose is possible."""
+"""Particle spread, as a multiple of `lost_spread`, that starts a search for alternative poses."""
 _RIVAL_COVARIANCE = np.diag(np.square([0.05, 0.05, 0.02]))
-"""Covariance of particles around an alternative pose [m, m, rad]."""
+"""Covariance of x, y, heading [m2, m2, rad2] of particles that restart at an alternative pose."""
 
 
 class _MapTables:
@@ -53,8 +53,8 @@ class _MapTables:
 class Amcl:
     """Adaptive Monte Carlo localization with KLD-sampling.
 
-    Between updates the pose follows odometry. Fox, "Adapting the sample size in particle filters through KLD-sampling"
-    (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
+    Between filter updates, the estimated pose follows odometry. Fox, "Adapting the sample size in particle filters
+    through KLD-sampling" (2003); Thrun, Burgard, Fox, "Probabilistic Robotics" (2005), table 8.3.
     """
 
     uses_first_scan = False
@@ -66,18 +66,18 @@ class Amcl:
         self._bins = np.empty(params.most_particles, dtype=np.int32)
         self._spare = np.empty((3, params.max_particles), dtype=np.float32)
         self.belief: Belief
-        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, if other
-        poses explain the scans equally well (`Belief.rivals`), or if no pose explains them."""
+        """Map, and mean and covariance of the heaviest particle cluster. `is_lost` is True before convergence, while
+        other poses may explain the scans, or if the scans do not fit the map."""
         self.cluster_weight: float
         """Weight of the heaviest particle cluster, from 0 to 1."""
         self.fit: float
-        """Share of hits in recent scans near mapped obstacles; NaN before convergence."""
+        """Share of beam end points of recent scans near mapped obstacles; NaN before convergence."""
         self.is_corrected = False
         """Whether the last scan updated the particles."""
 
     @property
     def particles(self) -> np.ndarray:
-        """Particles x, y, heading: shape (n, 3), float64, map frame [m, m, rad]; a copy."""
+        """Copy of the particles x, y, heading: shape (n, 3), float64, map frame [m, m, rad]."""
         return self._particles.T + self._origin
 
     @property
@@ -86,7 +86,7 @@ class Amcl:
 
     @property
     def weights(self) -> np.ndarray:
-        """Normalized particle weights: shape (n,), float64; a copy."""
+        """Copy of the normalized particle weights: shape (n,), float64."""
         return self._weights.copy()
 
     def reset(
@@ -96,13 +96,9 @@ class Amcl:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start on a map; see `Estimator`.
+        """Start on a known map at a `pose` (map frame), or by global localization (None).
 
-        Args:
-            rng: random generator.
-            pose: initial pose (map frame); None for global localization.
-            map: occupancy grid.
-            covariance: of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
+        `covariance`: covariance of `pose`, shape (3, 3) [m, m, rad]; None for `AmclParams.initial_std`.
 
         Raises:
             ValueError: no map, no free cell, `pose` outside of the map, or invalid covariance.
@@ -120,7 +116,7 @@ class Amcl:
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Update by a scan; see `Estimator`.
+        """Process a scan; `motion` is the base pose by odometry relative to the last scan.
 
         Raises:
             ValueError: wrong number of beams, or motion not finite.

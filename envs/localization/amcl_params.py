@@ -21,71 +21,73 @@ class AmclParams:
     min_particles: Count = 500
     """Minimum number of particles."""
     max_particles: int = 2000
-    """Maximum number of particles; also the initial number around a known pose."""
+    """Maximum number of particles. Also the initial number if the start pose is known."""
     global_particles: int | None = None
     """Initial number of particles for global localization; None for `max_particles`."""
     kld_err: Positive = 0.05
-    """Maximum Kullback-Leibler divergence in KLD-sampling; Nav2's `pf_err`."""
+    """Maximum Kullback-Leibler divergence in KLD-sampling (Nav2: `pf_err`)."""
     kld_z: Positive = 0.99
-    """Quantile of the standard normal in KLD-sampling; Nav2's `pf_z`."""
+    """Standard normal quantile in KLD-sampling (Nav2: `pf_z`)."""
     bin_size: Positive = 0.5
     """Side length of histogram bins in KLD-sampling and clustering [m]."""
     bin_angle: Annotated[float, Field(gt=0.0, le=math.pi)] = math.radians(10.0)
-    """Heading size of histogram bins [rad], rounded to divide one turn."""
+    """Heading width of histogram bins [rad], rounded to divide a full turn evenly."""
     alpha1: NotNegative = 0.2
-    """Rotation variance per squared rotation (odometry noise)."""
+    """Odometry noise: rotation variance per squared rotation [rad2/rad2]."""
     alpha2: NotNegative = 0.2
-    """Rotation variance per squared translation (odometry noise) [rad2/m2]."""
+    """Odometry noise: rotation variance per squared translation [rad2/m2]."""
     alpha3: NotNegative = 0.2
-    """Translation variance per squared translation (odometry noise)."""
+    """Odometry noise: translation variance per squared translation [m2/m2]."""
     alpha4: NotNegative = 0.2
-    """Translation variance per squared rotation (odometry noise) [m2/rad2]."""
+    """Odometry noise: translation variance per squared rotation [m2/rad2]."""
     sensor: SensorModel = "likelihood_field"
-    """Sensor model; see `docs/localization.md`."""
+    """Sensor model that weights particles: `likelihood_field`, `likelihood_field_prob` or `beam`."""
     max_beams: Count = 60
     """Maximum number of beams used per scan, evenly spaced."""
     max_range: Positive | None = None
-    """Ranges from this value on count as no return [m]; None for the lidar's range."""
+    """Readings of at least this range count as no return [m]; None for the lidar's maximum range."""
     z_hit: NotNegative = 0.5
     """Mixture weight of hits on mapped obstacles."""
     z_short: NotNegative = 0.05
-    """Mixture weight of short readings (`beam`)."""
+    """Mixture weight of short readings (sensor model `beam`)."""
     z_max: NotNegative = 0.05
-    """Mixture weight of maximum-range readings (`beam`)."""
+    """Mixture weight of maximum-range readings (sensor model `beam`)."""
     z_rand: Positive = 0.5
     """Mixture weight of random readings."""
     sigma_hit: Positive = 0.2
     """Standard deviation of hits around mapped obstacles [m]."""
     lambda_short: NotNegative = 0.1
-    """Exponential decay rate of short readings [1/m] (`beam`)."""
+    """Exponential decay rate of short readings [1/m] (sensor model `beam`)."""
     max_distance: Positive = 2.0
     """Maximum obstacle distance in the likelihood field [m]; Nav2's `laser_likelihood_max_dist`."""
     squash: Positive = 1.0
-    """Divisor of a scan's log-likelihood (`likelihood_field_prob`): beams are not independent; 1 in Nav2."""
+    """Divisor of a scan's log-likelihood, as beams are not independent (sensor model `likelihood_field_prob`); 1 in
+    Nav2."""
     update_min_d: NotNegative = 0.25
-    """Minimum travel between updates by scans [m]; alternatively `update_min_a`."""
+    """Travel that triggers a particle update by a scan [m]."""
     update_min_a: NotNegative = 0.2
-    """Minimum rotation between updates by scans [rad]; alternatively `update_min_d`."""
+    """Rotation that triggers a particle update by a scan [rad]."""
     resample_interval: Count = 1
-    """Number of updates per resampling."""
+    """Number of particle updates per resampling."""
     alpha_slow: Share = 0.0
-    """Decay rate of the long-term average likelihood; 0 disables random particle injection."""
+    """Decay rate per update of the long-term average likelihood; 0 disables random particle injection."""
     alpha_fast: Share = 0.0
-    """Decay rate of the short-term average likelihood."""
+    """Decay rate per update of the short-term average likelihood."""
     initial_std: NotNegative = 0.5
     """Standard deviation of the initial position per axis [m]."""
     initial_std_theta: NotNegative = math.radians(15.0)
     """Standard deviation of the initial heading [rad]."""
     lost_distance: NotNegative = 0.2
-    """Maximum distance from mapped obstacles for a hit that fits the map [m]."""
+    """Maximum distance from a mapped obstacle of a beam end point that fits the map [m]."""
     lost_fit: Share = 0.5
-    """Minimum share of hits of recent scans that fit the map; below it, the filter is lost."""
+    """Minimum share of beam end points of recent scans that fit the map. Below this share, the robot is lost."""
     lost_updates: Count = 5
-    """Number of recent updates in the fit; also required to confirm a pose after global localization."""
+    """Number of recent scans that `lost_fit` refers to, and minimum number to complete global localization."""
     lost_spread: Positive = 0.5
-    """Maximum position spread (RMS) of the heaviest cluster [m]; above it, the filter is lost."""
+    """Maximum position spread (RMS) of the heaviest particle cluster [m]. Above this spread, the robot is lost."""
     relocalize: bool = False
-    """Whether to restart global localization after `lost_updates` bad fits; always done outside of free space."""
+    """Whether to restart global localization if recent scans do not fit the map; automatic if no particle is in free
+    space."""
 
     def __post_init__(self) -> None:
         for name in ("max_particles", "global_particles"):
@@ -97,7 +99,6 @@ class AmclParams:
 
     @property
     def most_particles(self) -> int:
-        """Maximum number of particles, including global localization."""
         return max(self.max_particles, self.global_particles or 0)
 
 
@@ -131,10 +132,10 @@ PRESETS: dict[str, AmclParams] = {
         update_min_d=0.2,
     ),
 }
-"""AMCL presets: `nav2` (Nav2's defaults), `turtlebot3` (launch file, as in Nguyen et al., "SLAM for mobile robots",
-2022), `default` (of the environments)."""
+"""AMCL parameters by preset name: `nav2` (Nav2's defaults), `turtlebot3` (launch file, as in Nguyen et al., "SLAM for
+mobile robots", 2022), `default` (of the environments)."""
 
 
 def load_preset(preset: str | AmclParams) -> AmclParams:
-    """Return parameters by preset name or `module:attribute`; ValueError for unknown names."""
+    """Return AMCL parameters by preset name or `module:attribute`; ValueError for unknown names."""
     return resolve(preset, PRESETS, "AMCL preset")

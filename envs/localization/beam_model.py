@@ -19,15 +19,15 @@ from .motion_model import cosine, sine
 _MIN_STEP = np.float32(0.5)
 """Minimum step of ray casting [cells]."""
 _CELL_DIAGONAL = np.float32(1.42)
-"""Maximum error of a distance between points measured between their cell centers [cells]."""
+"""Diagonal of a cell, rounded up [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
 def march(distances, x, y, dx, dy, longest):
-    """Return the range from (x, y) to the first obstacle along a unit direction (dx, dy), by sphere tracing.
+    """Return the range from grid position (x, y) to the first obstacle in direction (dx, dy), by sphere tracing.
 
     Lengths are float32 [cells]. `distances`: distance of cells to the nearest obstacle, shape (height, width).
-    `longest`: maximum range, returned without a hit.
+    `longest`: maximum range.
     """
     height, width = np.float32(distances.shape[0]), np.float32(distances.shape[1])
     travelled = np.float32(0.0)
@@ -43,7 +43,7 @@ def march(distances, x, y, dx, dy, longest):
 
 
 class BeamMixture(NamedTuple):
-    """Weights and shape parameters of the beam model, as in `AmclParams`."""
+    """Mixture weights and shape parameters of the beam sensor model, see `AmclParams`."""
 
     z_hit: float
     z_short: float
@@ -55,7 +55,7 @@ class BeamMixture(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def beam_likelihood(measured, expected, range_max, mixture):
-    """Return the likelihood of a range reading [m] (Thrun et al. 2005, table 6.1)."""
+    """Return the likelihood of a `measured` range given the `expected` range [m] (Thrun et al. 2005, table 6.1)."""
     error = measured - expected
     p = mixture.z_hit * math.exp(-error * error / (2.0 * mixture.sigma_hit * mixture.sigma_hit))
     if error < 0.0:
@@ -69,10 +69,10 @@ def beam_likelihood(measured, expected, range_max, mixture):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
-    """Multiply particle weights by `1 + sum p^3` over a scan's beams; return the weighted mean factor.
+    """Multiply particle weights by `1 + sum p^3`, with the likelihood p of each beam; return the mean factor.
 
-    `field`: `Field` of obstacle distances [cells]. `ranges`: shape (k,), float32 [m], NaN for ignored beams.
-    `particles`: shape (3, n), float32 [m, m, rad].
+    `field`: grid of distances to the nearest obstacle [cells]. `ranges`: shape (k,), float32 [m], NaN for ignored
+    beams. `particles`: x, y, heading, shape (3, n), float32 [m, m, rad].
     """
     resolution, (corner_x, corner_y) = field.resolution, field.origin
     mount_x, mount_y, range_max = geometry.mount_x, geometry.mount_y, geometry.range_max
@@ -97,7 +97,7 @@ def multiply_by_beams(field, ranges, geometry, mixture, particles, weights):
 
 
 class BeamModel:
-    """The `beam` sensor model. Rays also end at unknown cells, as in ROS."""
+    """Beam sensor model of AMCL. Ray casting stops at occupied and unknown cells, as in ROS."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
         resolution = occupancy.resolution
@@ -108,7 +108,7 @@ class BeamModel:
         self._field = Field(distances.astype(np.float32), 0, occupancy.origin, resolution)
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan, or None without valid beams; see `LikelihoodField`."""
+        """Return a function that multiplies particle weights by the likelihood of a scan; None without valid beams."""
         picked = self._beams.pick(ranges)
         if np.isnan(picked).all():
             return None

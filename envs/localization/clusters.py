@@ -14,22 +14,21 @@ from scipy import ndimage
 from .motion_model import cosine, sine
 
 _TOUCHING = np.ones((3, 3, 3))
-"""Connectivity of bins: by faces, edges and corners."""
 
 
 class BinRaster(NamedTuple):
-    """Histogram bins over x, y and heading."""
+    """Regular histogram bins over x, y and heading."""
 
     origin: tuple[float, float]
-    """Origin (x, y) of the raster, map frame [m]."""
+    """Minimum x and y of the bins, frame of the particles [m]."""
     size: float
-    """Side length of a bin [m]."""
+    """Side length of a bin along x and y [m]."""
     shape: tuple[int, int, int]
     """Number of bins along y, x and heading."""
 
     @classmethod
     def over(cls, bounds: tuple[float, float, float, float], size: float, angle: float) -> "BinRaster":
-        """Return bins of `size` [m] and `angle` [rad] over `bounds` (x_min, y_min, x_max, y_max) [m]."""
+        """Cover `bounds` (x_min, y_min, x_max, y_max) [m] by bins of `size` [m] and heading width `angle` [rad]."""
         x_min, y_min, x_max, y_max = bounds
         num_x, num_y = math.ceil((x_max - x_min) / size), math.ceil((y_max - y_min) / size)
         return cls((x_min, y_min), size, (num_y, num_x, max(1, round(2.0 * math.pi / angle))))
@@ -37,7 +36,7 @@ class BinRaster(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def find_bins(particles, raster, bins):
-    """Write the bin index of each particle to `bins`; return the largest extent along any axis [bins]."""
+    """Write each particle's bin index to `bins`. Return the particles' largest extent in x, y or heading [bins]."""
     xs, ys, thetas = particles[0], particles[1], particles[2]
     per_metre = np.float32(1.0 / raster.size)
     per_radian = np.float32(raster.shape[2] / (2.0 * math.pi))
@@ -60,7 +59,7 @@ def find_bins(particles, raster, bins):
 
 
 def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -> tuple[float, np.ndarray]:
-    """Return the weight of the heaviest cluster of connected bins, and its particles' weights, else 0, shape (n,)."""
+    """Return the heaviest cluster of connected bins: total weight, and particle weights (0 outside the cluster)."""
     rows, cols, angles = np.unravel_index(bins, raster.shape)
     rows, cols = rows - rows.min(), cols - cols.min()
     occupied = np.zeros((rows.max() + 1, cols.max() + 1, raster.shape[2] + 1), dtype=bool)
@@ -85,7 +84,7 @@ def heaviest_cluster(bins: np.ndarray, weights: np.ndarray, raster: BinRaster) -
 def mean_and_covariance(particles, weights, total, covariance):
     """Return the weighted mean x [m], y [m] and (circular) heading [rad] of particles with weight sum `total`.
 
-    `covariance`: shape (3, 3), float64 [m, m, rad], is written.
+    The covariance of x, y and heading [m, m, rad] is written to `covariance`, shape (3, 3).
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     # Relative to the first particle, for precision.

@@ -1,8 +1,7 @@
-"""Extended Kalman filter over pose and velocity with late, missing and outlier measurements.
+"""Extended Kalman filter of pose and velocity for late, missing and outlier measurements.
 
-Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to 10, with
-covariance updates in Joseph form, short prediction steps (equation 3 drives straight), and measurements ordered by time
-stamp.
+After Nguyen et al., "A study and design of localization system for mobile robot based on ROS" (2021), equations 1 to
+10, with Joseph-form covariance updates, short prediction steps, and measurements ordered by time stamp.
 """
 
 import bisect
@@ -21,16 +20,15 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 X, Y, THETA, V, W = range(5)
 """State indices: x, y, heading in the map frame [m, m, rad], forward speed [m/s], yaw rate [rad/s]."""
 STATE_SIZE = 5
-"""Length of the state vector."""
 DRIFT = (0.001, 0.001, 0.0005)
-"""Random-walk standard deviation of x, y, heading after 1 s, besides velocity noise [m, m, rad]."""
+"""Process noise: standard deviation of the random walk of x, y, heading after 1 s [m, m, rad]."""
 MAX_STEP = 0.002
 """Maximum integration step of the prediction [s]."""
 MAX_STEPS = 5000
 """Maximum number of integration steps per prediction."""
 
 MIN_REFUSED, LONE_FACTOR = 5, 5.0
-"""Clock reset: minimum number of consecutive refused time stamps, and factor on `patience` if only one of several
+"""Clock reset: minimum number of consecutive refused time stamps, and factor on the waiting time if only one of several
 sensors is refused."""
 
 Kind = Literal["map", "encoder", "compass"]
@@ -40,21 +38,22 @@ MEASURED: dict[str, np.ndarray] = {
     "encoder": np.array([V, W]),
     "compass": np.array([THETA, W]),
 }
-"""State indices measured by each sensor kind: rows of H in equations (5), (7) and (9)."""
+"""State indices measured by each sensor: rows of the measurement matrix H in equations (5), (7) and (9)."""
 Verdict = Literal["accepted", "recovered", "gated", "too_old", "too_new", "unusable"]
-"""Outcome of a measurement; see `Ekf`."""
+"""Outcome of a measurement: applied (`accepted`, or `recovered` after divergence), outlier (`gated`), wrong time stamp
+(`too_old`, `too_new`) or not finite (`unusable`)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """Measurement by one sensor."""
+    """Time-stamped measurement by one sensor."""
 
     time: float
     """Time stamp, on a clock shared by all sensors [s]."""
     kind: Kind
-    """Sensor: `map` (x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
+    """Sensor: `map` (localization: x, y, heading), `encoder` (speed, yaw rate) or `compass` (heading, yaw rate)."""
     values: np.ndarray
-    """Measured values, shape (k,), float64 [m, rad, m/s, rad/s]; `unusable` if not finite."""
+    """Measured values in the order given at `kind`, shape (k,), float64 [m, rad, m/s, rad/s]."""
     covariance: np.ndarray
     """Noise covariance, shape (k, k), float64; symmetric and positive definite."""
 
@@ -73,7 +72,7 @@ class Measurement:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """State estimate."""
+    """Estimated pose and velocity of the robot at one time."""
 
     time: float
     """Time of the estimate [s]."""
@@ -95,7 +94,6 @@ class _Moment:
     state: np.ndarray = field(default_factory=lambda: np.zeros(STATE_SIZE))
     covariance: np.ndarray = field(default_factory=lambda: np.eye(STATE_SIZE))
     gated_since: dict[str, float] = field(default_factory=dict)
-    """Start time of the current run of gated measurements, by sensor [s]."""
 
     @property
     def order(self) -> tuple[float, int]:
@@ -105,8 +103,8 @@ class _Moment:
 class Ekf:
     """Extended Kalman filter for measurements in any order of arrival.
 
-    Late measurements are inserted at their time stamps, and later ones applied again. Results are bit-identical to
-    ordered arrival.
+    Late measurements are inserted at their time stamps; newer measurements are applied again. Results are bit-identical
+    to ordered arrival.
     """
 
     def __init__(
@@ -119,19 +117,18 @@ class Ekf:
         patience: float = 2.0,
         max_ahead: float = 1.0,
     ) -> None:
-        """Initialize at the origin and time 0 with unit variances; see `reset`.
+        """Initialize at the origin and time 0 with unit variances.
 
         Args:
             acceleration: root spectral density of forward acceleration noise [m/s2/sqrt(Hz)].
             angular_acceleration: root spectral density of angular acceleration noise [rad/s2/sqrt(Hz)].
-            horizon: maximum delay of a measurement [s]; later ones are `too_old`.
-            gate: probability that a valid measurement passes the chi-square gate; others are `gated`.
-            patience: divergence timeout [s]. After only gated measurements of a sensor for this time, its next
-                measurement is `recovered` with an inflated covariance.
+            horizon: maximum delay of a measurement [s]; older ones are `too_old`.
+            gate: probability that a valid measurement passes the chi-square test; outliers are `gated`.
+            patience: divergence timeout [s]. If a sensor is only `gated` for this time, the next measurement is
+                `recovered` with inflated covariance.
             max_ahead: maximum lead of a measurement over the filter's clock [s], or inf; further ones are `too_new`.
                 The clock is the latest of the reset, applied measurements and times passed to `estimate`. Two sensors
-                that are only `too_new` or only `too_old` for `patience` seconds reset the clock. Raise the limit, or
-                call `estimate` first, if measurements are farther apart.
+                that are only `too_new` or only `too_old` for `patience` seconds reset the clock.
 
         Raises:
             ValueError: an argument is out of range.
@@ -156,7 +153,8 @@ class Ekf:
     ) -> None:
         """Restart at a pose (map frame), speed [m/s], yaw rate [rad/s] and time [s].
 
-        `covariance`: shape (5, 5), see `Estimate`. Without a time, the first measurement sets the clock.
+        `covariance`: of x, y, heading, speed and yaw rate, shape (5, 5). Without a time, the first measurement sets the
+        clock.
 
         Raises:
             ValueError: a value is not finite, or the covariance is invalid.
@@ -180,12 +178,12 @@ class Ekf:
 
     @property
     def counts(self) -> dict[str, dict[Verdict, int]]:
-        """Number of measurements since the reset, by sensor and verdict."""
+        """Number of measurements since the reset, by sensor and outcome."""
         counts = self._counts + _tally(self._moments)
         return {kind: {verdict: n for (of, verdict), n in counts.items() if of == kind} for kind in KINDS}
 
     def add(self, measurement: Measurement) -> Verdict:
-        """Apply a measurement and return its verdict.
+        """Apply a measurement and return the outcome, such as `accepted` or `gated`.
 
         Raises:
             ValueError: invalid covariance.
@@ -214,10 +212,6 @@ class Ekf:
         return added.verdict
 
     def _judge_stamp(self, measurement: Measurement) -> Verdict | None:
-        """Return `too_old` or `too_new`, or None if the time stamp is acceptable; see `max_ahead`.
-
-        One of several sensors resets the clock only if too new for `LONE_FACTOR * patience`.
-        """
         time, verdict = measurement.time, cast(Verdict, "too_old")
         if time >= max(self._moments[0].time, self.time - self._horizon):
             if time <= max(self.time, self._clock) + self._max_ahead:
@@ -243,9 +237,9 @@ class Ekf:
         return None
 
     def estimate(self, time: float | None = None) -> Estimate:
-        """Return the state estimate at a time [s], by default the newest measurement's.
+        """Return the state estimate at a time [s], by default the time of the newest measurement.
 
-        Later times are predicted and advance the clock of `max_ahead`. Earlier times ignore newer measurements.
+        Later times are predicted and advance the filter's clock. Earlier times ignore newer measurements.
 
         Raises:
             ValueError: the time is not finite, or before the history.
@@ -303,9 +297,9 @@ def _require_covariance(covariance: np.ndarray, size: int) -> None:
 
 @njit(cache=True, error_model="numpy")
 def predict(state, covariance, duration, noise, max_step):
-    """Predict state and covariance in place by a `duration` [s]: equations (2) and (3), P = F P F^T + Q.
+    """Predict state and covariance in place, `duration` [s] ahead: equations (2) and (3), P = F P F^T + Q.
 
-    `noise`: spectral densities of process noise, shape (5,), float64 [unit^2/s].
+    `noise`: spectral density of each state's process noise, shape (5,) [squared unit / s].
     """
     num_steps = min(max(math.ceil(duration / max_step - 1e-6), 1), MAX_STEPS)
     dt = duration / num_steps

@@ -19,31 +19,31 @@ FUSIONS: dict[str, tuple[Kind, ...]] = {
     "amcl": (),
     "full": ("map", "encoder", "compass"),
 }
-"""Sensors used by the EKF, by name of the fusion. `amcl` is AMCL alone."""
+"""Sensors used by the Kalman filter, by name of the fusion. `amcl` is AMCL without Kalman filter."""
 MIN_START_STD = (0.01, 0.005, 0.01, 0.01)
-"""Minimum initial standard deviation of position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
+"""Minimum standard deviation of the initial position, heading, speed, yaw rate [m, rad, m/s, rad/s]."""
 MAP_STD = (0.025, 0.025, 0.003)
-"""Standard deviation of x, y, heading [m, m, rad] added to AMCL's for its correlated errors; tuned by NEES."""
+"""Additional standard deviation of AMCL poses [m, m, rad], for correlated errors; tuned by NEES."""
 MIN_HEADING_STD = 1e-4
-"""Minimum standard deviation of a compass [rad]."""
+"""Minimum standard deviation of compass headings [rad]."""
 
 
 def make_filter(robot: RobotParams) -> Ekf:
-    """Return an EKF with process noise from the robot's acceleration limits."""
+    """Return an extended Kalman filter with process noise from the robot's acceleration limits."""
     return Ekf(acceleration=robot.max_acc_v, angular_acceleration=robot.max_acc_w, max_ahead=math.inf)
 
 
 def start_covariance(spread: float = 0.0, turn: float = 0.0) -> np.ndarray:
-    """Return the initial EKF covariance of a robot at rest, shape (5, 5).
+    """Return the initial covariance of x, y, heading, speed and yaw rate at rest, shape (5, 5).
 
-    `spread`, `turn`: standard deviation of position per axis [m] and heading [rad].
+    `spread`: standard deviation of position per axis [m]. `turn`: of heading [rad].
     """
     position, heading, v, w = MIN_START_STD
     return np.diag(np.square([max(spread, position)] * 2 + [max(turn, heading), v, w]))
 
 
 def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple[int, int]) -> Measurement:
-    """Return mean speed and yaw rate from encoder counts (left, right) over a period [s] that ends at `time` [s]."""
+    """Return mean speed and yaw rate from encoder `counts` (left, right) in the `period` [s] before `time` [s]."""
     per_tick, track, slip = robot.odometry.metres_per_tick, robot.odometry.track, robot.drive.slip_std
     left, right = counts[0] * per_tick, counts[1] * per_tick
     left_variance, right_variance = (per_tick**2 / 6.0 + slip**2 * abs(rolled) for rolled in (left, right))
@@ -57,9 +57,9 @@ def measure_wheels(robot: RobotParams, time: float, period: float, counts: tuple
 
 
 def measure_heading(robot: RobotParams, time: float, period: float, before: float, heading: float) -> Measurement:
-    """Return heading and yaw rate from compass headings at `time` and one `period` [s] earlier, map frame [rad].
+    """Return heading and yaw rate from compass headings at `time` [s] and a `period` [s] before, map frame [rad].
 
-    Without the earlier heading (NaN), the yaw rate gets a large variance.
+    Without earlier heading (NaN), the yaw rate gets a large variance.
     """
     imu = robot.imu
     # Standard deviation of uniform rounding errors: step / sqrt(12).
@@ -74,16 +74,10 @@ def measure_heading(robot: RobotParams, time: float, period: float, before: floa
 
 
 class FusedPose:
-    """EKF fusion of AMCL, wheel encoders and compass."""
+    """Estimator that fuses AMCL, wheel encoders and compass by a Kalman filter."""
 
     def __init__(self, robot: RobotParams, localizer: Amcl, fusion: str = "full", latency: float = 0.1) -> None:
-        """Create the estimator.
-
-        Args:
-            robot: robot parameters.
-            localizer: AMCL.
-            fusion: one of `FUSIONS`.
-            latency: delay of AMCL estimates [s].
+        """Create the estimator; `fusion`: sensors (key of `FUSIONS`); `latency`: delay of AMCL estimates [s].
 
         Raises:
             ValueError: unknown fusion, or no compass.
@@ -95,14 +89,14 @@ class FusedPose:
         self.localizer = localizer
         self.ekf = make_filter(robot)
         self.measurements: list[Measurement] = []
-        """Measurements received with the last reading, used or not."""
+        """Measurements received with the last reading, including unused sensors."""
         self.localized: Estimate
-        """AMCL pose at the last reading, with encoder velocities."""
+        """AMCL pose at the last reading, with speed and yaw rate by encoders."""
         self.estimate: Estimate
         """Fused pose and velocity."""
         self.belief: Belief
         self.north = math.nan
-        """Compass reading along the map's x axis [rad]; set before `reset`."""
+        """Compass reading in the direction of the map's x axis [rad]; set before `reset`."""
         self._robot, self._kinds, self._latency = robot, FUSIONS[fusion], latency
         self._delayed: deque[tuple[float, Measurement]] = deque()
 
@@ -113,7 +107,7 @@ class FusedPose:
         map: OccupancyGrid | None = None,
         covariance: np.ndarray | None = None,
     ) -> Belief:
-        """Start at rest on a map; see `Amcl`. The next reading is the start reading."""
+        """Start at rest on a known map. The first call of `update` passes the reading at the start."""
         self._start = np.diag(start_covariance()).copy()
         if covariance is not None:
             self._start[:3] = np.diag(covariance)
@@ -128,7 +122,7 @@ class FusedPose:
         return self.localizer.particles
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Update by a reading; see `Estimator`.
+        """Process a reading; `motion` is the base pose by odometry relative to the last reading.
 
         Raises:
             ValueError: time stamps do not increase.

@@ -1,4 +1,4 @@
-"""Likelihood field sensor models: weight particles by distances of hits to mapped obstacles."""
+"""Likelihood field sensor models: weight particles by distances from beam end points to mapped obstacles."""
 
 import math
 from collections.abc import Callable
@@ -19,11 +19,11 @@ from .amcl_params import AmclParams
 from .motion_model import cosine, sine
 
 MAX_ENTRY = 65535
-"""Maximum entry of a likelihood field (uint16, for caching and exact sums)."""
+"""Maximum cell value of a likelihood field (uint16, for caching and exact sums)."""
 
 
 class Beams:
-    """Beams of a lidar that the sensor model uses."""
+    """Evenly spaced lidar beams that a sensor model uses."""
 
     def __init__(self, params: AmclParams, lidar: LidarParams, resolution: float) -> None:
         step = max(1, (lidar.num_beams - 1) // max(params.max_beams - 1, 1))
@@ -34,19 +34,18 @@ class Beams:
         )
 
     def pick(self, ranges: np.ndarray) -> np.ndarray:
-        """Return ranges of the selected beams, shape (k,), float32 [m]."""
         return np.ascontiguousarray(ranges[self._picked])
 
     def hits(self, ranges: np.ndarray) -> tuple[np.ndarray, int]:
-        """Return hits, shape (2, >= count), float32, base frame [cells], and their number `count`."""
+        """Return beam end points, shape (2, >= count), float32, base frame [cells], and their number `count`."""
         points = np.empty((2, self.geometry.directions.shape[1]), dtype=np.float32)
         return points, project_hits(self.pick(ranges), self.geometry, points)
 
 
 def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: float) -> np.ndarray:
-    """Return distances of cells to the nearest obstacle, shape (height, width), float64 [m].
+    """Return each cell's distance to the nearest obstacle, at most `max_distance`, shape (height, width), float64 [m].
 
-    `obstacles`: shape (height, width), bool. Distances are at most `max_distance` [m].
+    `obstacles`: True for occupied cells, shape (height, width).
     """
     if not obstacles.any():
         return np.full(obstacles.shape, max_distance)
@@ -58,23 +57,24 @@ def obstacle_distances(obstacles: np.ndarray, resolution: float, max_distance: f
 
 
 class Field(NamedTuple):
-    """Likelihood or distance grid over a map and a border."""
+    """Grid of likelihoods or obstacle distances over a map and a border."""
 
     data: np.ndarray
-    """Cell values, shape (height, width): uint16 likelihoods, or float32 obstacle distances [cells]."""
+    """Scaled likelihoods, uint16, or distances to the nearest obstacle, float32 [cells]: shape (height, width)."""
     border: int
-    """Width of the constant border [cells], at least the maximum range."""
+    """Width of the border around the map, which has a constant value [cells]; 0 for distances."""
     origin: tuple[float, float]
-    """Origin (x, y) of the field, map frame [m]."""
+    """Corner (x, y) of the grid, map frame [m]."""
     resolution: float
     """Cell size [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def sum_fields(field, points, num_points, particles, sums):
-    """Sum field values over hits, shape (2, >= num_points), base frame [cells], for each particle.
+    """Sum the likelihood field values at a scan's beam end points, for each particle.
 
-    `particles`: shape (3, n), float32 [m, m, rad]. `sums`: shape (n,), int32, written.
+    `points`: end points, shape (2, >= num_points), base frame [cells]. `particles`: x, y, heading, shape (3, n),
+    float32 [m, m, rad]. `sums`: output, shape (n,), int32.
     """
     xs, ys, thetas = particles[0], particles[1], particles[2]
     count = xs.shape[0]
@@ -108,7 +108,10 @@ def sum_fields(field, points, num_points, particles, sums):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_sum(weights, sums, unit):
-    """Multiply weights, shape (n,), float64, by `1 + unit * sums`, as in ROS; return the weighted mean factor."""
+    """Multiply particle weights, shape (n,), by `1 + unit * sums`, as in ROS; return the weighted mean factor.
+
+    `sums`: likelihood field values summed over a scan. `unit`: likelihood per field value.
+    """
     mean = 0.0
     for i in range(weights.shape[0]):
         factor = 1.0 + unit * sums[i]
@@ -119,9 +122,10 @@ def multiply_by_sum(weights, sums, unit):
 
 @njit(cache=True, error_model="numpy")
 def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_mean):
-    """Multiply weights, shape (n,), float64, by likelihoods from log-likelihood `sums`, up to a constant.
+    """Multiply particle weights, shape (n,), by scan likelihoods, up to a constant factor.
 
-    Returns the weighted mean of per-beam geometric mean likelihoods.
+    `sums`: log-likelihood field values summed over a scan. Returns the mean over particles of the geometric mean over
+    beams.
     """
     best = sums.max()
     mean = 0.0
@@ -134,7 +138,7 @@ def multiply_by_product(weights, sums, unit, least, num_points, squash, needs_me
 
 @njit(cache=True, error_model="numpy")
 def count_near(field, near, points, num_points, pose):
-    """Count hits with a field value of at least `near`, for a pose (x, y, heading); see `sum_fields`."""
+    """Count beam end points in cells with a likelihood field value of at least `near`, for a pose (x, y, heading)."""
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -148,10 +152,10 @@ def count_near(field, near, points, num_points, pose):
 
 
 class LikelihoodField:
-    """Likelihood field models: `likelihood_field` sums over beams, `likelihood_field_prob` multiplies.
+    """Likelihood field sensor models: `likelihood_field` sums beam likelihoods, `likelihood_field_prob` multiplies.
 
-    Likelihood of a hit at distance d from the nearest obstacle: `pz = z_hit exp(-d^2 / (2 sigma_hit^2)) + z_rand /
-    range_max` (Thrun et al. 2005, table 6.3). Cells store `pz^3` or `log pz`.
+    The likelihood of a beam that ends at distance d from the nearest obstacle is `pz = z_hit exp(-d^2 / (2
+    sigma_hit^2)) + z_rand / range_max` (Thrun et al. 2005, table 6.3). Cells store `pz^3` or `log pz`.
     """
 
     def __init__(self, params: AmclParams, lidar: LidarParams, occupancy: OccupancyGrid) -> None:
@@ -186,10 +190,9 @@ class LikelihoodField:
         self._near = int(entry(min(params.lost_distance, params.max_distance)))
 
     def __call__(self, ranges: np.ndarray) -> Callable[[np.ndarray, np.ndarray], float] | None:
-        """Return the weighting function of a scan, shape (num_beams,), float32 [m]; None without hits.
+        """Return a function that weights particles by a scan, shape (num_beams,), float32 [m]; None if no beam returns.
 
-        The function scales weights, shape (n,), float64, of particles, shape (3, n), float32, and returns the mean
-        likelihood.
+        The function multiplies weights, shape (n,), of particles, shape (3, n), and returns the mean likelihood.
         """
         points, count = self.beams.hits(ranges)
         if count == 0:
@@ -207,7 +210,7 @@ class LikelihoodField:
         return weigh
 
     def fit(self, ranges: np.ndarray, pose: Pose2D) -> tuple[float, int]:
-        """Return the share of hits near mapped obstacles for a pose, and the number of hits."""
+        """Return the share of beam end points near mapped obstacles at a pose, and the number of end points."""
         points, count = self.beams.hits(ranges)
         if count == 0:
             return 0.0, 0

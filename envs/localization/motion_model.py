@@ -10,7 +10,7 @@ from lidarnaut.envs.geometry import Pose2D, wrap_angle
 from .amcl_params import AmclParams
 
 MIN_TRANSLATION = 0.01
-"""Minimum translation with a defined direction of motion [m]."""
+"""Minimum translation that has a defined direction of motion [m]."""
 _MEAN = np.int32(2 * 65535)
 _SCALE = np.float32(1.0 / math.sqrt((2.0**32 - 1.0) / 3.0))
 _PI = np.float32(math.pi)
@@ -20,9 +20,9 @@ _HALF = np.float32(0.5)
 
 @njit(cache=True, error_model="numpy", inline="always")
 def normal(seed, index):
-    """Return sample `index` of an approximately normal random sequence with a uint64 seed.
+    """Return element `index` of the approximately standard normal random sequence of a uint64 seed.
 
-    Sum of four uniforms (Irwin-Hall) from SplitMix64 (Steele et al. 2014); vectorizes, unlike NumPy's generator.
+    Sum of four uniforms from SplitMix64 (Steele et al. 2014).
     """
     word = seed + (index + np.uint64(1)) * np.uint64(0x9E3779B97F4A7C15)
     word = (word ^ (word >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -35,7 +35,7 @@ def normal(seed, index):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def sine(theta):
-    """Return the sine of an angle in [-pi, pi], float32, to within 1e-6; vectorizes."""
+    """Return the sine of a float32 angle in [-pi, pi] with an error below 1e-6, by a vectorizable polynomial."""
     t = _PI - theta if theta > _HALF * _PI else theta
     t = -_PI - theta if theta < -_HALF * _PI else t
     t2 = t * t
@@ -49,13 +49,13 @@ def sine(theta):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wrap(theta):
-    """Wrap an angle, float32, at most a few turns, to [-pi, pi]."""
+    """Wrap a float32 angle of at most a few turns to [-pi, pi] [rad]."""
     return theta - _TURN * np.floor(theta / _TURN + _HALF)
 
 
 @njit(cache=True, error_model="numpy", inline="always")
 def cosine(theta):
-    """Return the cosine of an angle in [-pi, pi], float32; see `sine`."""
+    """Return the cosine of a float32 angle in [-pi, pi]; error as in `sine`."""
     t = theta + _HALF * _PI
     return sine(t - _TURN if t > _PI else t)
 
@@ -78,7 +78,8 @@ def _move(particles, motion, stds, seed):
 def move_particles(particles: np.ndarray, motion: Pose2D, params: AmclParams, rng: np.random.Generator) -> None:
     """Move particles by the odometry motion model of a differential drive (Thrun et al. 2005, table 5.6), as in Nav2.
 
-    `particles`: shape (3, n), float32 [m, m, rad], changed in place. `motion`: new pose in the previous base frame.
+    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `motion`: odometry pose of the base in the last base
+    frame.
     """
     trans = math.hypot(motion.x, motion.y)
     rot1 = math.atan2(motion.y, motion.x) if trans >= MIN_TRANSLATION else 0.0

@@ -6,14 +6,14 @@ import numpy as np
 from numba import njit
 
 GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden-ratio step between draws in the cumulative weights, modulo 1."""
+"""Golden-ratio step between successive draws along the cumulative weights, modulo 1."""
 
 
 @njit(cache=True, error_model="numpy")
 def particles_needed(num_bins, error, quantile):
-    """Return the number of particles for `num_bins` occupied bins (Fox 2003, equation 7); 0 for one bin.
+    """Return the number of particles that KLD-sampling needs for `num_bins` occupied bins (Fox 2003, equation 7).
 
-    `error` and `quantile` are `AmclParams.kld_err` and `kld_z`.
+    `error`: maximum Kullback-Leibler divergence. `quantile`: of the standard normal distribution.
     """
     if num_bins < 2:
         return 0.0
@@ -45,18 +45,10 @@ def cumulate(weights, cumulated, guide):
 def resample(particles, weights, bins, start, kld, injected, share, seen, drawn):
     """Draw particles by weight until KLD-sampling needs no more; return the number drawn.
 
-    Golden-ratio steps work without a number known in advance, unlike systematic resampling.
-
-    Args:
-        particles: shape (3, n), float32 [m, m, rad].
-        weights: normalized, shape (n,), float64.
-        bins: histogram bins, shape (n,), int32.
-        start: first draw, from 0 to 1.
-        kld: `min_particles`, `kld_err`, `kld_z` of `AmclParams`.
-        injected: random particles, shape (3, f), float32, f > `share` * m.
-        share: share of injected particles.
-        seen: scratch, shape (num_bins,), bool, all False.
-        drawn: output, shape (3, m), float32.
+    `particles`: x, y, heading, shape (3, n), float32 [m, m, rad]. `weights`: normalized, shape (n,). `bins`: histogram
+    bin of each particle, shape (n,), int32. `start`: first draw, from 0 to 1. `kld`: `min_particles`, `kld_err`,
+    `kld_z` of `AmclParams`. `injected`: random particles, shape (3, f), injected with `share`. `seen`: scratch, shape
+    (num_bins,), all False. `drawn`: output.
     """
     n = particles.shape[1]
     cumulated, guide = np.empty(n), np.empty(n, dtype=np.int32)

@@ -1,4 +1,4 @@
-"""Alternative poses that explain recent scans as well as the estimate."""
+"""Search for alternative poses that explain recent scans as well as the estimated pose."""
 
 import math
 from collections import deque
@@ -12,38 +12,39 @@ from lidarnaut.envs.geometry import Pose2D
 from .likelihood_field import MAX_ENTRY, LikelihoodField, sum_fields
 
 TOLERANCE = 0.03
-"""Maximum score deficit of an alternative pose; walls off by one cell cost 0.02."""
+"""Maximum score deficit of an alternative pose relative to the estimate; walls off by one cell cost 0.02."""
 MIN_SEPARATION, MIN_SEPARATION_ANGLE = 0.5, math.radians(20.0)
 """Minimum distance [m] or heading difference [rad] between distinct poses."""
 MAX_RIVALS = 20
-"""Maximum number of alternative poses."""
+"""Maximum number of alternative poses that explain recent scans."""
 MAX_HITS = 1000
-"""Maximum number of hits used for scoring."""
+"""Maximum number of beam end points used to score poses."""
 MAX_PENETRATION = 0.2
-"""Maximum distance behind a mapped obstacle for a valid beam end point [m]."""
+"""Maximum distance of a valid beam end point behind a mapped obstacle [m]."""
 DENSITY, MAX_DRAWN = 4000.0, 1_000_000
-"""Initial random poses of a search: density in free space [1/m2], and maximum number."""
+"""Initial random poses of a search for alternatives: density in free space [1/m2], and maximum number."""
 NUM_SEARCHES = 3
-"""Number of consecutive searches without alternative pose that confirms the estimate."""
+"""Number of consecutive searches without alternative pose that confirm the estimated pose."""
 MAX_PER_BIN = 4
-"""Maximum number of poses per bin kept by a search stage."""
+"""Maximum number of poses that a search keeps per bin of x, y and heading."""
 SEARCH = ((64, 10_000, (0.2, 0.2, 0.1)), (200, 2000, (0.1, 0.1, 0.05, 0.05)), (1000, 500, (0.05, 0.03, 0.02, 0.01)))
-"""Search stages: number of hits, number of poses kept, standard deviations of random steps [m]."""
+"""Search stages for alternative poses: numbers of beam end points and kept poses, standard deviations of random
+steps [m]."""
 NUM_COPIES, TRACKING_STEPS = 16, (0.03, 0.02, 0.01)
-"""Tracking between scans: number of perturbed copies per pose, standard deviations of random steps [m]."""
+"""Tracking of alternative poses: number of random copies per pose, standard deviations of random steps [m]."""
 STEP_SHAPE = np.array([[1.0], [1.0], [0.3]])
-"""Ratio of x, y and heading steps to the step size [1, 1, rad/m]."""
+"""Ratio of random steps in x, y and heading to the step size [1, 1, rad/m]."""
 
 NO_RIVALS = np.empty((0, 4))
-"""`Belief.rivals` of an unambiguous estimate."""
+"""Empty table of alternative poses: x, y, heading [m, m, rad] and weight."""
 
 
 @njit(cache=True, error_model="numpy")
 def count_crossed(field, hits, lidars, margin, pose):
     """Count beams that pass through mapped obstacles more than `margin` cells before their end points.
 
-    Grazing beams do not count. `field`: `Field` of likelihoods. `hits`, `lidars`: end and start points, shape (2, n),
-    float32, base frame [cells].
+    Grazing beams do not count. `hits`, `lidars`: end and start points of beams, shape (2, n), float32, base frame
+    [cells]. `field`: likelihood field.
     """
     height, width = field.data.shape
     x, y = (pose[0] - field.origin[0]) / field.resolution, (pose[1] - field.origin[1]) / field.resolution
@@ -66,7 +67,7 @@ def count_crossed(field, hits, lidars, margin, pose):
 
 
 def are_apart(poses: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Return whether poses, shape (3, n), are distinct from `pose`, shape (3, 1): shape (n,), bool."""
+    """Return a mask, shape (n,), of `poses` (x, y, heading), shape (3, n), that are distinct from `pose`."""
     x, y, turn = poses - pose
     return (np.hypot(x, y) > MIN_SEPARATION) | (np.cos(turn) < math.cos(MIN_SEPARATION_ANGLE))
 
@@ -86,27 +87,24 @@ def _move(poses: np.ndarray, motion: Pose2D) -> np.ndarray:
 
 
 class Rivals:
-    """Search and tracking of alternative poses.
+    """Search and tracking of alternative poses, which explain recent scans as well as the estimate.
 
-    Score of a pose: mean likelihood field value at hits of recent scans, at most 1, minus the share of beams through
-    obstacles.
+    Score of a pose: mean likelihood field value at beam end points of recent scans, at most 1, minus the share of beams
+    through obstacles.
     """
 
     def __init__(self, field: LikelihoodField, num_scans: int) -> None:
-        """Initialize with a map's likelihood field and the number of recent scans."""
         self._beams, self._table = field.beams, field.table
         self._scans: deque[np.ndarray] = deque(maxlen=num_scans)
         self._num_scans, self._num_updates = num_scans, 0
         self.poses = np.empty((0, 3))
-        """Estimate and alternative poses by descending score, shape (k, 3), float64, x, y, heading in the field's frame
-        [m, m, rad]."""
+        """Estimated pose, then alternatives by descending score: x, y, heading, shape (k, 3), frame of the likelihood
+        field [m, m, rad]."""
         self.num_empty = 0
-        """Number of consecutive searches without alternative pose."""
         self.leads = np.empty(0)
-        """Scores of `poses` relative to the estimate, shape (k,), float64, at least -`TOLERANCE`."""
+        """Scores of `poses` minus the estimated pose's score, shape (k,), at least -`TOLERANCE`."""
 
     def add(self, ranges: np.ndarray, motion: Pose2D) -> None:
-        """Add a scan, shape (num_beams,), float32 [m], and the base motion since the previous one."""
         back, geometry = motion.inverse(), self._beams.geometry
         self._scans.extend([back.transform(scan) for scan in self._scans])
         points, count = self._beams.hits(ranges)
@@ -115,15 +113,15 @@ class Rivals:
         self.poses = _move(self.poses, motion)
 
     def table(self, origin: np.ndarray, motion: Pose2D) -> np.ndarray:
-        """Return `Belief.rivals` after a base motion; `origin` is the field's (x, y, 0)."""
+        """Return alternative poses after a base motion: x, y, heading, map frame [m, m, rad], and relative weight."""
         if len(self.poses) <= 1:
             return NO_RIVALS
         return np.column_stack([_move(self.poses + origin, motion), np.exp(self.leads / TOLERANCE)])[1:]
 
     def update(self, pose: Pose2D, rng: np.random.Generator, area: float, draw: Callable[[int], np.ndarray]) -> None:
-        """Track alternative poses; search the map if there are none, and every `num_scans` updates.
+        """Track alternative poses. Search the map if none is known, and every `num_scans` updates.
 
-        `draw(n)` returns random poses in free space of `area` [m2], shape (3, n), float32.
+        `area`: free space of the map [m2]. `draw(n)` returns n random poses in free space, shape (3, n), float32.
         """
         if not self._scans:
             return
@@ -166,7 +164,6 @@ class Rivals:
         return poses, scores
 
     def _choose(self, own: np.ndarray, poses: np.ndarray) -> None:
-        """Select distinct poses with scores similar to `own`, shape (3, 1), from `poses`, shape (3, n)."""
         poses = np.hstack([own, poses])
         scores = self._score(poses, self._hits)
         poses = poses[:, scores >= scores[0] - 2.0 * TOLERANCE]

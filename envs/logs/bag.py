@@ -15,13 +15,13 @@ SCAN = "sensor_msgs/msg/LaserScan"
 ODOMETRY = "nav_msgs/msg/Odometry"
 TRANSFORMS = ("tf2_msgs/msg/TFMessage", "tf/msg/tfMessage")
 ODOM_FRAME = "odom"
-"""Odometry frame of REP 105."""
+"""Default name of the odometry frame (REP 105)."""
 BASE_FRAMES = ("base_footprint", "base_link")
-"""Default base frames, for odometry without a child frame."""
+"""Names tried as base frame if odometry messages have no child frame."""
 
 
 def is_bag(path: Path) -> bool:
-    """Return True if the path is a bag."""
+    """Return True if a path is a ROS bag: `.bag` or `.mcap` file, or folder with `metadata.yaml`."""
     return path.suffix in (".bag", ".mcap") or (path / "metadata.yaml").is_file()
 
 
@@ -33,11 +33,11 @@ def read_bag(
     odom_frame: str | None = None,
     laser_frame: str | None = None,
 ) -> LogContent:
-    """Read the scans and odometry of a bag. Times are header stamps.
+    """Read the scans and odometry of a ROS bag. Times are header stamps.
 
-    Default odometry: the only Odometry topic, or else transforms from `odom_frame` to the base. Transforms are read
-    from `tf` and `tf_static` in the innermost namespace of the scans; see `FrameTree`. As in REP 117, ranges above
-    `range_max` are no return; ranges below `range_min` and NaN are ignored.
+    Default odometry: the only Odometry topic, or transforms from `odom_frame` to the base. Transforms are read from
+    `tf` and `tf_static` in the innermost namespace of the scans. As in REP 117, ranges above `range_max` are no return;
+    ranges below `range_min` and NaN are ignored.
 
     Raises:
         BagError: damaged bag, missing or ambiguous topic or frame, or invalid messages.
@@ -117,7 +117,6 @@ def _transform_topics(bag: BagReader, topic: str, *, static: bool) -> list[str]:
 def _read_odometry(
     bag: BagReader, tree: FrameTree, start: str, odom_frame: str | None, is_tf: bool
 ) -> tuple[np.ndarray, np.ndarray, str]:
-    """Return odometry times, shape (n,) [s], poses, shape (n, 3) [m, m, rad], and the base frame's name."""
 
     def is_odom(name: str) -> bool:
         if odom_frame:
@@ -149,7 +148,6 @@ def _find_mounts(tree: FrameTree, base: str, frame: str, times: np.ndarray) -> n
 
 
 def _place(bag: BagReader, topic: str, scans: list[Scan], mounts: np.ndarray, notes: list[str]) -> list[Scan]:
-    """Return scans in the base frame; drop scans with unknown or tilted mount."""
     upright = mounts[:, 2, 2]
     unknown, tilted = ~np.isfinite(upright), np.abs(upright) < MIN_UPRIGHT
     tilt = f"the lidar is tilted by {np.degrees(np.arccos(np.abs(upright[tilted]).min(initial=1.0))):.0f} degrees"

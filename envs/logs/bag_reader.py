@@ -42,7 +42,7 @@ rosbag2.reader.zstd = SimpleNamespace(open=rosbag2.reader.zstd.open, decompress=
 
 
 class _Folder(type(Path())):  # type: ignore[misc]
-    """Path of a ROS 2 bag folder, even if named `.bag` (ROS 1 for the library)."""
+    """Folder path without suffix `.bag`, as `rosbags` takes that suffix for ROS 1."""
 
     @property
     def suffix(self) -> str:
@@ -51,11 +51,11 @@ class _Folder(type(Path())):  # type: ignore[misc]
 
 
 class BagError(ValueError):
-    """A bag cannot be read as a log."""
+    """Error: a ROS bag cannot be read as a log."""
 
 
 class BagReader:
-    """An open bag."""
+    """Open ROS bag with access to messages by topic."""
 
     def __init__(self, path: Path, reader: AnyReader) -> None:
         self.path = path
@@ -66,11 +66,10 @@ class BagReader:
             self._counts[connection.topic] = self._counts.get(connection.topic, 0) + connection.msgcount
 
     def topics(self, kinds: Sequence[str]) -> list[str]:
-        """Return non-empty topics with a message type in `kinds`."""
         return sorted(topic for topic, kind in self.types.items() if kind in kinds and self._counts[topic])
 
     def choose(self, kinds: Sequence[str], wanted: str | None, option: str) -> str:
-        """Return the wanted topic, or the only one with a message type in `kinds`."""
+        """Return the `wanted` topic, or the only topic with a message type in `kinds`."""
         found = self.topics(kinds)
         allowed = found if wanted is None else [topic for topic in (wanted, f"/{wanted}") if topic in found]
         if not allowed:
@@ -83,7 +82,7 @@ class BagReader:
         return allowed[0]
 
     def messages(self, topic: str) -> Iterator[Any]:
-        """Yield the messages of a topic; BagError if some are missing."""
+        """Yield the messages of a topic; BagError if messages are missing."""
         count = 0
         for connection, _, raw in self._reader.messages([c for c in self._reader.connections if c.topic == topic]):
             yield self._reader.deserialize(raw, connection.msgtype)
@@ -95,7 +94,6 @@ class BagReader:
         return BagError(f"{self.path}: {text if len(text) <= MAX_TEXT else text[:MAX_TEXT] + '...'}")
 
     def checked(self, where: str, function: Any, *arguments: Any) -> Any:
-        """Call a function; convert its ValueError to a BagError."""
         try:
             return function(*arguments)
         except ValueError as error:
@@ -104,10 +102,10 @@ class BagReader:
 
 @contextlib.contextmanager
 def open_bag(path: Path) -> Iterator[BagReader]:
-    """Open a bag for reading.
+    """Open a ROS bag for reading.
 
     Raises:
-        BagError: damaged, now or while reading, or not a bag.
+        BagError: not a bag, or damaged (also raised while reading).
         ValueError: a file is not regular, or the metadata are too large or nested.
         PermissionError: the file is not readable.
     """

@@ -22,17 +22,17 @@ TOPICS = {
     "/plan": "nav_msgs/msg/Path",
     "/cmd_vel": "geometry_msgs/msg/TwistStamped",
 }
-"""Message types by topic."""
+"""ROS message types of a written bag, by topic."""
 _FOREVER = QosTime(9223372036, 854775807)
 _RELIABILITY, _DURABILITY = QosReliability.RELIABLE, QosDurability.TRANSIENT_LOCAL
 _TIMES = _FOREVER, _FOREVER, QosLiveliness.AUTOMATIC, _FOREVER
 _LATCHED = Qos(QosHistory.KEEP_LAST, 1, _RELIABILITY, _DURABILITY, *_TIMES, False)
-"""Quality of service of latched topics."""
+"""ROS quality of service of latched topics."""
 _LATCHED_TOPICS = ("/map", "/tf_static")
 
 
 class BagWriter:
-    """Writer of a bag that appears at its path once complete."""
+    """Writer of a ROS 2 bag. The file appears at `path` when the bag is complete."""
 
     def __init__(self, path: Path) -> None:
         """Start a bag `NAME.mcap` with `TOPICS`, replacing any existing file.
@@ -57,14 +57,13 @@ class BagWriter:
         return self._writer.add_connection(topic, kind, typestore=typestore(), offered_qos_profiles=qos)
 
     def write(self, topic: str, time: float, message: Any) -> None:
-        """Write a message at a time [s]."""
         if topic not in self._connections:
             self._connections[topic] = self._connect(topic, message.__msgtype__)
         data = typestore().serialize_cdr(message, message.__msgtype__)
         self._writer.write(self._connections[topic], round(time * 1e9), data)
 
     def close(self) -> None:
-        """Finish the bag and move it to its path; OSError, leaving no file, if that fails."""
+        """Finish the bag and move the file to `path`. A failure raises OSError and leaves no file."""
         try:
             self._writer.close()
             written = self._folder / self.path.stem / self.path.name

@@ -12,20 +12,19 @@ from lidarnaut.envs.slam.log_odds_map import LogOddsMap
 from .log import Log
 
 END_MARGIN = 0.3
-"""Distance before a hit within which beams may cross occupied cells [m] (thick walls, grazing beams)."""
+"""Last part of a beam that may cross occupied cells [m] (thick walls, grazing beams)."""
 MAX_CONFLICTS = 0.2
-"""Maximum share of conflicting beams in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds, else 0.24
-to 0.53."""
+"""Maximum share of beams through occupied cells in a consistent map. Intel Research Lab: 0.06 to 0.16 if SLAM succeeds,
+else 0.24 to 0.53."""
 CHUNK = 256
 
 
 def conflict_share(log: Log, poses: np.ndarray) -> float:
     """Return the share of beams that pass through cells occupied in other scans, from 0 to 1.
 
-    All scans are integrated into a new map, which makes SLAMs comparable. The share rises if rooms overlap, but not if
-    the trajectory is bent without overlap.
-
-    `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN without returns or without a finite map.
+    All scans are integrated into a new map. The share rises if rooms overlap, but not if the trajectory is bent without
+    overlap. `poses`: base poses at the scans, shape (m, 3), float64 [m, m, rad]. NaN if no beam has a return or a pose
+    is not finite.
     """
     if not np.isfinite(poses).all():
         return math.nan

@@ -21,28 +21,28 @@ from .trajectory import MAX_SPEEDS, bridge_glitches, find_jump_back, trajectory_
 MAX_STEP = 100.0
 """Maximum odometry distance between successive scans [m]."""
 MAX_GAP, MAX_GAP_MOTION = 3.0, 0.2
-"""Maximum odometry gap that is interpolated in motion [s], and minimum motion [m, rad]."""
+"""Odometry gaps without interpolation: minimum duration [s], and minimum motion [m, rad]."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Log:
-    """Recorded drive of a robot."""
+    """Recorded drive of a robot: wheel odometry and laser scans."""
 
     times: np.ndarray
     """Odometry times, shape (n,), float64 [s]."""
     odometry: np.ndarray
     """Base pose x, y, heading by wheel odometry, shape (n, 3), float64 [m, m, rad]."""
     scan_rows: np.ndarray
-    """Row in `times` and `odometry` of each scan, shape (m,), int64."""
+    """Index of each scan in `times` and `odometry`, shape (m,), int64."""
     ranges: np.ndarray
     """Scan ranges, shape (m, num_beams), float32 [m]; +inf for no return, NaN for ignored beams."""
     lidar: LidarParams
-    """Geometry of the scans."""
+    """Lidar geometry: beams, range limits and mount."""
     notes: tuple[str, ...] = ()
-    """Reports on dropped scans, bridged motions and assumptions."""
+    """Warnings about dropped scans, interpolated odometry and assumptions."""
 
     def motions(self) -> Iterator[Pose2D]:
-        """Yield the odometry motion since the previous scan, in the previous base frame."""
+        """Yield each scan's odometry pose relative to the previous scan [m, m, rad]."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         yield Pose2D(0.0, 0.0, 0.0)
         for before, after in itertools.pairwise(poses):
@@ -56,7 +56,7 @@ class Log:
         return float(np.median(moving)) if len(moving) else 0.0
 
     def thinned(self, distance: float, angle: float) -> "Log":
-        """Return a log of key scans: at least `distance` [m] or `angle` [rad] apart by odometry."""
+        """Return a log of scans at least `distance` [m] or `angle` [rad] apart by odometry."""
         poses = [Pose2D(*row) for row in self.odometry[self.scan_rows].tolist()]
         kept = [0]
         for k, pose in enumerate(poses):
@@ -108,20 +108,20 @@ def load_log(
 ) -> Log:
     """Read a log: arrays (.npz), CARMEN text (.log, .clf, also gzipped), or a ROS 1 or ROS 2 bag.
 
-    Unusable scans are dropped and impossible motions bridged, with warnings and `Log.notes`.
+    Unusable scans are dropped and impossible odometry motions interpolated, with warnings and `Log.notes`.
 
     Args:
-        path: file or ROS 2 bag folder. Arrays: `t`, `odo`, `idx`, `ranges`, see `Log`; `ang0`, `dang`, first angle and
-            increment in the base frame [rad]; `maxr`, maximum range [m]; optional `mount_x`, lidar position [m], and
-            `off`, added to `t`.
-        max_range: ranges from this value on count as no return [m]; None for the log's limit.
-        min_range: ranges below this value are ignored [m]; None for the log's limit.
-        field_of_view: angle of CARMEN's FLASER scans [rad]; None: see `read_carmen`.
-        scan_topic: scan topic of a bag; None for the only one.
-        odom_topic: odometry topic of a bag; None for the only one.
-        base_frame: base frame of a bag; None for the odometry's.
-        odom_frame: odometry frame of a bag; None for the messages' or `odom`.
-        laser_frame: lidar frame of a bag; needed if ambiguous or named differently in transforms.
+        path: file or ROS 2 bag folder. Arrays: `t`, `odo`, `idx`, `ranges` (`times`, `odometry`, `scan_rows`, `ranges`
+            of `Log`); `ang0`, `dang`, first angle and increment in the base frame [rad]; `maxr`, maximum range [m];
+            optional `mount_x`, lidar position [m], and `off`, added to `t`.
+        max_range: readings of at least this range are no return [m]; default: the log's limit.
+        min_range: readings below this range are ignored [m]; default: the log's limit.
+        field_of_view: angle of CARMEN's FLASER scans [rad]; default: see `read_carmen`.
+        scan_topic: scan topic of a bag, if several.
+        odom_topic: odometry topic of a bag, if several.
+        base_frame: base frame of a bag; default: child frame of the odometry.
+        odom_frame: odometry frame of a bag; default: frame of the messages, or `odom`.
+        laser_frame: lidar frame of a bag, if ambiguous or named differently in transforms.
         max_speeds: the robot's maximum forward speed [m/s] and yaw rate [rad/s].
 
     Raises:

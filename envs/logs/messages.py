@@ -1,4 +1,4 @@
-"""ROS 2 messages of sensor data, estimates and commands (REP 105, REP 117)."""
+"""ROS 2 messages of sensor data, estimates and commands (REP 105, REP 117). Times are since the reset [s]."""
 
 import functools
 import math
@@ -12,7 +12,7 @@ from lidarnaut.envs.robots import LidarParams, Mount
 from lidarnaut.envs.simulation import Twist
 
 MAP, ODOM, BASE, BASE_LINK, LASER = "map", "odom", "base_footprint", "base_link", "laser"
-"""Frame names. `base_link` coincides with `base_footprint`."""
+"""Names of ROS frames. `base_link` coincides with `base_footprint`."""
 
 
 @functools.cache
@@ -22,12 +22,12 @@ def typestore() -> Any:
 
 
 def clock(time: float) -> Any:
-    """Return a `rosgraph_msgs/Clock`. Times in this module are since the reset [s]."""
+    """Return a `rosgraph_msgs/Clock` message with the time since the reset [s]."""
     return _make("rosgraph_msgs/msg/Clock", _stamp(time))
 
 
 def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: float) -> Any:
-    """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m], and period [s]."""
+    """Return a `sensor_msgs/LaserScan` of ranges, shape (num_beams,), float32 [m]; `period`: time between scans [s]."""
     first, last = lidar.angles[[0, -1]].tolist()
     limits = (lidar.range_min, lidar.range_max)
     no_intensities = np.array([], dtype=np.float32)
@@ -36,7 +36,7 @@ def laser_scan(time: float, ranges: np.ndarray, lidar: LidarParams, period: floa
 
 
 def odometry(time: float, pose: Pose2D, twist: Twist) -> Any:
-    """Return a `nav_msgs/Odometry` in the odometry frame; covariances are zero (unknown)."""
+    """Return a `nav_msgs/Odometry` with a base pose in the odometry frame; covariances are zero (unknown)."""
     unknown = np.zeros(36)
     with_covariance = _make("geometry_msgs/msg/PoseWithCovariance", _pose(pose), unknown)
     velocity = _make("geometry_msgs/msg/TwistWithCovariance", _twist(twist), unknown)
@@ -44,7 +44,7 @@ def odometry(time: float, pose: Pose2D, twist: Twist) -> Any:
 
 
 def transforms(time: float, map_odom: Pose2D, odom_base: Pose2D) -> Any:
-    """Return a `tf2_msgs/TFMessage`: map to odometry to base."""
+    """Return a `tf2_msgs/TFMessage` with the transforms map to odometry and odometry to base."""
     edges = [
         _transform(time, MAP, ODOM, Mount(map_odom.x, map_odom.y, yaw=map_odom.theta)),
         _transform(time, ODOM, BASE, Mount(odom_base.x, odom_base.y, yaw=odom_base.theta)),
@@ -53,13 +53,13 @@ def transforms(time: float, map_odom: Pose2D, odom_base: Pose2D) -> Any:
 
 
 def static_transforms(mount: Mount) -> Any:
-    """Return a `tf2_msgs/TFMessage` with the static transforms of base link and lidar."""
+    """Return a `tf2_msgs/TFMessage` with the static transforms from base to base link and lidar."""
     edges = [_transform(0.0, BASE, BASE_LINK, Mount()), _transform(0.0, BASE_LINK, LASER, mount)]
     return _make("tf2_msgs/msg/TFMessage", edges)
 
 
 def occupancy_grid(time: float, grid: OccupancyGrid) -> Any:
-    """Return a `nav_msgs/OccupancyGrid`."""
+    """Return a map as a `nav_msgs/OccupancyGrid` message."""
     height, width = grid.data.shape
     corner = _pose(Pose2D(*grid.origin, 0.0))
     info = _make("nav_msgs/msg/MapMetaData", _stamp(time), grid.resolution, width, height, corner)
@@ -78,14 +78,14 @@ def path(time: float, points: np.ndarray) -> Any:
 
 
 def command(time: float, twist: Twist) -> Any:
-    """Return a `geometry_msgs/TwistStamped`, as Nav2 publishes on `cmd_vel`."""
+    """Return a velocity command as a `geometry_msgs/TwistStamped`, as Nav2 publishes on `cmd_vel`."""
     return _make("geometry_msgs/msg/TwistStamped", _header(time, BASE), _twist(twist))
 
 
 def people(time: float, states: np.ndarray) -> Any:
-    """Return a `visualization_msgs/MarkerArray` of people: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s].
+    """Return a `visualization_msgs/MarkerArray` of people: cylinders with velocity arrows, visible for 0.5 s.
 
-    Cylinders with velocity arrows (1 s), visible for 0.5 s.
+    `states`: x, y, vx, vy, radius, shape (n, 5), map frame [m, m/s].
     """
     kinds, markers = typestore().types["visualization_msgs/msg/Marker"], []
     for k, (x, y, vx, vy, radius) in enumerate(states.tolist()):
@@ -99,7 +99,7 @@ def people(time: float, states: np.ndarray) -> Any:
 
 
 def numbers(values: np.ndarray) -> Any:
-    """Return a `std_msgs/Float64MultiArray`."""
+    """Return an array as a `std_msgs/Float64MultiArray` message."""
     sizes = [
         _make("std_msgs/msg/MultiArrayDimension", "", size, math.prod(values.shape[k:]))
         for k, size in enumerate(values.shape)

@@ -1,4 +1,4 @@
-"""CARMEN text (.log, .clf, also gzipped) and NumPy archives (.npz) as logs."""
+"""Readers of logs in CARMEN text (.log, .clf, also gzipped) and NumPy archives (.npz)."""
 
 import gzip
 import math
@@ -17,25 +17,25 @@ from .scans import FULL_TURN, LogContent, Scan
 _DIMENSIONS = {"t": 1, "odo": 2, "idx": 1, "ranges": 2, "ang0": 0, "dang": 0, "maxr": 0}
 _OPTIONAL = {"mount_x": 0, "off": 0}
 SICK_MAX_RANGE = 80.0
-"""Maximum range of SICK lasers [m]; FLASER lines lack it."""
+"""Maximum range of SICK lasers [m], which CARMEN's FLASER lines lack."""
 SICK_STEPS = {180: 1.0, 181: 1.0, 360: 0.5, 361: 0.5, 400: 0.25, 401: 0.25}
-"""Angle increment by number of FLASER beams, as in CARMEN [deg]."""
+"""Angle increment by number of beams of a FLASER line, as in CARMEN [deg]."""
 FINEST_STEP = 0.25
 """Minimum angle increment of a SICK laser [deg]."""
 SAME_MOUNT = 0.05
-"""Maximum difference between laser mounts within a log [m, rad]."""
+"""Maximum difference between laser poses on the robot within a log [m, rad]."""
 MAX_LINE = 1_000_000
-"""Maximum length of a line [characters]."""
+"""Maximum length of a line of a log [characters]."""
 MAX_TEXT = 2**30
 """Maximum length of an unpacked log [characters]."""
 
 
 def read_carmen(path: Path, field_of_view: float | None = None) -> LogContent:
-    """Read the ODOM, FLASER and ROBOTLASER1 lines of a log with one laser.
+    """Read the ODOM, FLASER and ROBOTLASER1 lines of a CARMEN log with one laser.
 
     FLASER lines lack angles. As in CARMEN, 180 or 181 beams have increments of 1 degree, 360 or 361 of 0.5, 400 or 401
-    of 0.25; others cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of the
-    base.
+    of 0.25; other scans cover 180 degrees, or `field_of_view` [rad]. The laser is `robot_frontlaser_offset` ahead of
+    the base.
 
     Raises:
         ValueError: damaged line, truncated file, no scans, or several lasers.
@@ -166,7 +166,7 @@ def _numbers(fields: list[str]) -> list[float]:
 
 
 def read_archive(path: Path) -> LogContent:
-    """Read the arrays of `load_log`; ValueError if any is invalid."""
+    """Read a log from a NumPy archive (.npz); ValueError if an array is missing or invalid."""
     arrays: dict[str, Any] = {}
     with open_archive(path) as archive:
         if missing := _DIMENSIONS.keys() - set(archive.files):

@@ -1,4 +1,4 @@
-"""Error of a trajectory with respect to relations, that is, hand-verified relative poses.
+"""Error of a trajectory relative to relations (hand-verified relative poses).
 
 Kümmerle et al., "On measuring the accuracy of SLAM algorithms", Autonomous Robots 27, 2009.
 """
@@ -16,12 +16,12 @@ from lidarnaut.envs.geometry import wrap_angle
 from .trajectory import between_poses
 
 MAX_TIME_GAP = 0.3
-"""Maximum time between a relation's stamps and the trajectory's nearest poses [s]."""
+"""Maximum time between the stamps of a reference relative pose and the nearest trajectory poses [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class RelationError:
-    """Error of relative poses over all relations."""
+    """Error of a trajectory's relative poses, compared with reference relative poses."""
 
     translation: float
     translation_std: float
@@ -39,7 +39,7 @@ class RelationError:
 
 
 def load_relations(path: str | Path) -> np.ndarray:
-    """Read relations, one per line: `t1 t2 x y z roll pitch yaw`.
+    """Read relations (reference relative poses), one per line: `t1 t2 x y z roll pitch yaw`.
 
     Returns:
         t1, t2 [s], and x, y [m], yaw [rad] of the second pose relative to the first: shape (n, 5), float64.
@@ -65,9 +65,9 @@ def load_relations(path: str | Path) -> np.ndarray:
 
 
 def load_labelled(path: Path) -> dict[str, np.ndarray]:
-    """Read relations by label: `relation error` (all), and `unambiguous` if a mask file exists.
+    """Read reference relative poses by label: `relation error` (all), `unambiguous` (optional subset).
 
-    The mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
+    The subset's mask is `unambiguous_relations.npy` in the same folder, shape (n,), bool.
 
     Raises:
         ValueError: a file is damaged.
@@ -85,7 +85,7 @@ def load_labelled(path: Path) -> dict[str, np.ndarray]:
 
 
 def relation_error(times: np.ndarray, poses: np.ndarray, relations: np.ndarray) -> RelationError:
-    """Compare a trajectory, times [s] and poses, with relations from `load_relations`.
+    """Compare a trajectory, `times` [s] and `poses` [m, m, rad], with `relations` (reference relative poses).
 
     Raises:
         ValueError: no relation lies within the trajectory's time.

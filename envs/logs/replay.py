@@ -29,14 +29,14 @@ from .relations import load_labelled
 from .runs import Run, measure, replay, save_replay
 
 TRUTH = "truth"
-"""Name of the SLAM that requires ground truth, which logs lack."""
+"""Name of the SLAM that uses true poses and cannot run on logs."""
 SPARSE = 0.5
-"""Minimum median distance between scans of a sparse log [m]."""
+"""Minimum median distance between scans of a log that counts as sparse [m]."""
 
 
 @dataclass(frozen=True)
 class Options:
-    """Run a SLAM on the log of a real robot; print relation error and time per scan."""
+    """Options for running a SLAM on the log of a real robot."""
 
     log: Annotated[Path, tyro.conf.Positional]
     """Log: arrays (.npz), CARMEN text (.log, .log.gz, .clf), or ROS bag (.bag, .mcap, folder)."""
@@ -45,24 +45,24 @@ class Options:
     preset: str = "intel"
     """Parameter preset of the SLAM, or YAML file; `sparse` for about one metre between scans."""
     change: dict[str, str] = field(default_factory=dict)
-    """Parameters to change, as `KEY VALUE` pairs."""
+    """SLAM parameters to change, as `KEY VALUE` pairs."""
     relations: Path | None = None
-    """Hand-verified relations, `t1 t2 x y z roll pitch yaw`; optional mask `unambiguous_relations.npy` in the same
-    folder."""
+    """File of hand-verified relative poses, `t1 t2 x y z roll pitch yaw`; optional mask `unambiguous_relations.npy` in
+    the same folder."""
     out: Path | None = None
     """Output folder: maps (PNG, PGM), trajectories (TUM), pose graphs (g2o) and `summary.json`."""
     seeds: int = 1
-    """Number of runs."""
+    """Number of runs with different random seeds."""
     first_seed: int = 0
     """Seed of the first run."""
     max_range: float | None = None
-    """Ranges from this value on count as no return [m]; default: the log's limit."""
+    """Readings of at least this range count as no return [m]; default: the log's limit."""
     min_range: float | None = None
-    """Ranges below this value are ignored [m]; default: the log's limit."""
+    """Readings below this range are ignored [m]; default: the log's limit."""
     field_of_view: float | None = None
-    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: CARMEN's rule."""
+    """Angle from first to last beam of CARMEN's FLASER lines [rad]; default: as in CARMEN."""
     thin: tuple[float, float] | None = None
-    """Minimum travel [m] or rotation [rad] between scans."""
+    """Minimum travel [m] or rotation [rad] between used scans."""
     time_offset: float = 0.0
     """Offset added to the log's times [s]."""
     scan_topic: str | None = None
@@ -70,14 +70,14 @@ class Options:
     odom_topic: str | None = None
     """Bag topic of the odometry: Odometry messages, or transforms such as `/tf`."""
     base_frame: str | None = None
-    """Base frame in a bag; default: that of the odometry."""
+    """Base frame in a bag; default: the child frame of the odometry."""
     odom_frame: str | None = None
     """Odometry frame in a bag, such as `odom_combined`."""
     laser_frame: str | None = None
-    """Lidar frame in a bag; needed if ambiguous or named differently in transforms."""
+    """Lidar frame in a bag, if ambiguous or named differently in transforms."""
     robot: str | None = None
-    """Robot (name or YAML file); odometry faster than 1.5 times its maximum speeds is bridged or reported. Default: 5
-    m/s and 10 rad/s."""
+    """Robot name or YAML file. Odometry faster than 1.5 times the robot's maximum speeds is interpolated or reported.
+    Default: 5 m/s and 10 rad/s."""
 
 
 def main(options: Options) -> list[Run]:
@@ -85,7 +85,7 @@ def main(options: Options) -> list[Run]:
 
     Raises:
         ValueError: invalid input, or insufficient memory.
-        FileNotFoundError: an input file is missing.
+        FileNotFoundError: no input file.
     """
     if options.seeds < 1 or options.first_seed < 0:
         raise ValueError(f"seeds must be at least 1 and first_seed 0, got {options.seeds} and {options.first_seed}")
@@ -120,7 +120,7 @@ def main(options: Options) -> list[Run]:
 
 
 def comparison(runs: list[Run]) -> Table:
-    """Return a table of medians over seeds, one row per SLAM."""
+    """Return a table of errors and computation times (medians over seeds), one row per SLAM."""
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     heads = [f"{label}, m / deg" for label in runs[0].errors]
     further = ["lost", "conflicts", "ms per scan: mean", "99 %", "worst", "loop closures"]
@@ -210,7 +210,7 @@ def _make_slam(name: str, options: Options, log: Log) -> Estimator:
 
 
 def cli() -> None:
-    """Run the command with command-line options."""
+    """Run `main` with options of the command line."""
     logging.basicConfig(format="warning: %(message)s")
     run_command(main, options=Options, status=1)
 

@@ -1,4 +1,4 @@
-"""Running and evaluating an estimator on a log."""
+"""Running and evaluating a SLAM on a log."""
 
 import time
 from collections.abc import Iterable
@@ -24,7 +24,7 @@ from .trajectory import follow_odometry, save_trajectory
 
 
 class Replayed(NamedTuple):
-    """Result of an estimator on a log with m scans."""
+    """Poses and computation times of a SLAM on a log with m scans."""
 
     online: np.ndarray
     """Pose x, y, heading estimated after each scan, shape (m, 3), float64 [m, m, rad]."""
@@ -33,12 +33,12 @@ class Replayed(NamedTuple):
     seconds: np.ndarray
     """Computation time per scan, shape (m,), float64 [s]."""
     is_lost: np.ndarray
-    """`Belief.is_lost` after each scan, shape (m,), bool."""
+    """Whether the pose was lost after each scan, shape (m,), bool."""
 
 
 @dataclass(frozen=True, slots=True)
 class Run:
-    """Evaluation of one run."""
+    """Errors and computation times of a SLAM on a log."""
 
     slam: str
     seed: int
@@ -49,20 +49,21 @@ class Run:
     milliseconds_max: float
     """Maximum computation time per scan [ms]."""
     lost_share: float
-    """Share of scans with `Belief.is_lost`, from 0 to 1."""
+    """Share of scans with a lost pose, from 0 to 1."""
     conflict_share: float
-    """Share of beams that contradict other scans at the final poses, from 0 to 1."""
+    """Share of beams through cells occupied in other scans, at the final poses, from 0 to 1."""
     loop_closures: int | None = None
     """Number of loop closures; None if not counted."""
     errors: dict[str, RelationError] = field(default_factory=dict)
-    """Relation errors by trajectory (`online` or `final`) and label of `load_labelled`."""
+    """Errors relative to reference poses, by trajectory and label, such as `final unambiguous`."""
 
 
 def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Replayed:
-    """Reset an estimator and run it on a log.
+    """Reset a SLAM and run the SLAM on a log.
 
-    Final poses come from `Belief.path`, set at redrawn maps or by an optional method `finish()`. If the path has only
-    key scans, an attribute `anchor` holds a path row and the relative pose after each scan.
+    Final poses come from the corrected trajectory `Belief.path`, set at map corrections or by an optional method
+    `finish()`. If this path has only selected scans, the attribute `anchor` is a path index and the current pose
+    relative to that path entry.
 
     Raises:
         ValueError: invalid belief or corrected path.
@@ -93,7 +94,7 @@ def replay(log: Log, slam: Estimator, seed: int, progress: bool = False) -> Repl
 def measure(
     log: Log, slam: Estimator, name: str, seed: int, replayed: Replayed, relations: dict[str, np.ndarray]
 ) -> Run:
-    """Evaluate a replay with relations from `load_labelled`; ValueError if none lies within the log."""
+    """Evaluate a run; `relations`: reference relative poses by label. ValueError if none lies within the log."""
     milliseconds = 1e3 * replayed.seconds
     errors: dict[str, RelationError] = {}
     for when, poses in (("online", replayed.online), ("final", replayed.final)):
@@ -107,7 +108,7 @@ def measure(
 
 
 def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Replayed) -> None:
-    """Write map, picture, trajectories and any pose graph.
+    """Write the map, a picture, trajectories and the pose graph, if any.
 
     Files: `map_SEED.pgm` and `.yaml`, `map_with_path_SEED.png`, `trajectory_SEED.tum` (final poses),
     `trajectory_online_SEED.tum` if different, `pose_graph_SEED.g2o`.
@@ -128,8 +129,8 @@ def save_replay(folder: Path, log: Log, slam: Estimator, seed: int, replayed: Re
 def save_g2o(path: Path, nodes: np.ndarray, edges: Iterable[tuple[int, int, np.ndarray, np.ndarray]]) -> None:
     """Write a 2D pose graph as g2o text with a fixed first node (Kümmerle et al., ICRA 2011).
 
-    `nodes`: poses, shape (n, 3), map frame [m, m, rad]. `edges`: two node indices, relative pose, shape (3,), and
-    information matrix, shape (3, 3).
+    `nodes`: poses, shape (n, 3), map frame [m, m, rad]. `edges`: two node indices, relative pose, shape (3,) [m, m,
+    rad], and information matrix, shape (3, 3).
 
     Raises:
         ValueError: missing node, or a number that is not finite.

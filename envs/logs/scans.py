@@ -12,17 +12,17 @@ from lidarnaut.envs.robots.robot_params import MAX_BEAMS, MAX_LENGTH
 MAX_RANGE_LIMIT = 1000.0
 """Maximum plausible range limit of a lidar [m]; some drivers report inf."""
 SAME_BEAMS = 0.1
-"""Maximum angle difference of equal beams [share of the increment]."""
+"""Maximum angle difference between equal beams [share of the angle increment]."""
 SAME_POSITION = 1e-3
 """Maximum distance between equal lidar positions [m]."""
 SAME_SURFACE = 0.1
-"""Maximum relative range difference of adjacent beams on one surface."""
+"""Maximum range difference of adjacent beams on one surface [share of the shorter range]."""
 FULL_TURN, MAX_TURN = 2.0 * math.pi - 1e-6, 2.1 * math.pi
-"""Field of view of a full turn (further beams repeat), and maximum field of view [rad]."""
+"""Field of view of a full turn (further beams are dropped), and maximum field of view [rad]."""
 
 
 class Scan(NamedTuple):
-    """Recorded scan; angles in the base frame."""
+    """Recorded laser scan with beam angles in the base frame."""
 
     ranges: np.ndarray
     """Ranges, shape (num_beams,), float32 [m]."""
@@ -35,15 +35,15 @@ class Scan(NamedTuple):
     range_max: float
     """Maximum range [m]."""
     position: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    """Position of the lidar in the base frame [m]."""
+    """Position x, y, z of the lidar in the base frame [m]."""
     row: int | None = None
-    """Row of the simultaneous odometry; None to interpolate at `time`."""
+    """Index of the odometry pose at the scan; None to interpolate odometry at `time`."""
     time: float = math.nan
     """Time of the scan [s]."""
 
 
 class LogContent(NamedTuple):
-    """Contents of a log file."""
+    """Odometry and scans read from a log file."""
 
     times: np.ndarray
     """Odometry times, shape (n,), float64 [s]."""
@@ -51,7 +51,7 @@ class LogContent(NamedTuple):
     """Odometry poses x, y, heading, shape (n, 3), float64 [m, m, rad]."""
     scans: list[Scan]
     notes: list[str]
-    """Reports for `Log.notes`."""
+    """Warnings about the file, such as dropped scans."""
     reaches_limit: bool = False
     """Whether a range of exactly `range_max` is a return (REP 117)."""
 
@@ -63,14 +63,13 @@ class Limits(NamedTuple):
     max_range: float | None = None
 
     def check(self) -> None:
-        """Raise a ValueError if a limit is invalid."""
         for name, value in self._asdict().items():
             if value is not None and not (0.0 <= value < math.inf and (value or name == "min_range")):
                 raise ValueError(f"{name} (--{name.replace('_', '-')}) must be positive, got {value:g}")
 
 
 def usable_scans(scans: Iterable[Scan], limits: Limits) -> tuple[list[Scan], dict[str, list[str]]]:
-    """Return usable scans with distinct, counter-clockwise beams, and the faults of unusable scans by kind.
+    """Return usable scans with counter-clockwise beams over at most a turn, and faults of other scans by kind.
 
     Raises:
         ValueError: no scan is usable.
@@ -120,11 +119,11 @@ def _checked(scan: Scan, limits: Limits) -> tuple[Scan, str]:
 
 
 def common_beams(scans: Sequence[Scan]) -> tuple[np.ndarray, float, float, tuple[float, float, float]]:
-    """Return scans on common beams, shape (m, num_beams), float32 [m], first angle, step [rad] and lidar position [m].
+    """Resample scans to common beams; return ranges, shape (m, num_beams), float32 [m], and the beams.
 
-    Scans with equal beams stay unchanged. Common beams cover all fields of view at the 10 % quantile of increments.
-    Ranges are interpolated between adjacent beams on one surface, else nearest, and NaN outside of the field of view.
-    Scans of a moving lidar refer to its median position.
+    The beams are first angle, angle increment [rad] and lidar position [m]. Common beams cover all fields of view at
+    the 10 % quantile of increments. Ranges are interpolated between adjacent beams on one surface, else nearest, and
+    NaN outside of the field of view. Scans of a moving lidar refer to the median position.
     """
     counts = np.array([len(scan.ranges) for scan in scans])
     steps, positions = np.array([scan.step for scan in scans]), np.array([scan.position for scan in scans])

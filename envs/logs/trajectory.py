@@ -9,26 +9,23 @@ import numpy as np
 from lidarnaut.envs.geometry import wrap_angle
 
 MAX_CLOCK_JUMP = 1.0
-"""Maximum tolerated clock jump back [s]; the Intel Research Lab log has 0.9 s."""
+"""Maximum tolerated backward jump of the clock [s]; the Intel Research Lab log has 0.9 s."""
 MAX_SPEEDS = (5.0, 10.0)
-"""Default maximum forward speed [m/s] and yaw rate [rad/s]."""
+"""Default limits of plausible odometry: forward speed [m/s] and yaw rate [rad/s]."""
 CLOCK_JITTER = 0.02
-"""Timing error between successive poses [s]."""
+"""Assumed error of the time between successive odometry poses [s]."""
 BURST = 5
-"""Number of poses before and after for the mean period, as odometry may arrive in bursts."""
+"""Number of odometry poses before and after a motion that yield the mean period, as poses may arrive in bursts."""
 MAX_IMPOSSIBLE = 0.05
-"""Maximum share of impossible motions; above it, none is bridged."""
+"""Maximum share of impossible odometry motions. Above this share, no motion is interpolated."""
 MAX_GLITCH = 2.0
-"""Maximum duration of a bridged odometry excursion [s]."""
+"""Maximum duration of an odometry glitch that is interpolated [s]."""
 
 
 def follow_odometry(odometry: np.ndarray, scan_rows: np.ndarray, scan_poses: np.ndarray) -> np.ndarray:
-    """Return poses at all odometry rows, shape (n, 3), by odometry relative to the last scan's estimate.
+    """Extend `scan_poses` to all odometry times, by odometry since the last scan: shape (n, 3) [m, m, rad].
 
-    Args:
-        odometry: shape (n, 3) [m, m, rad].
-        scan_rows: odometry rows of the scans, shape (m,), ascending.
-        scan_poses: estimated poses at the scans, shape (m, 3) [m, m, rad].
+    `odometry`: odometry poses, shape (n, 3). `scan_rows`: index of each scan's odometry pose, shape (m,), ascending.
     """
     scan = np.maximum(np.searchsorted(scan_rows, np.arange(len(odometry)), side="right") - 1, 0)
     return compose_poses(scan_poses[scan], between_poses(odometry[scan_rows[scan]], odometry))
@@ -43,7 +40,7 @@ def save_trajectory(path: Path, times: np.ndarray, poses: np.ndarray) -> None:
 
 
 def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    """Return the composition of `parent` and relative `child` poses, shape (n, 3)."""
+    """Compose `parent` poses with relative `child` poses, shape (n, 3) [m, m, rad]."""
     c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
     x = parent[:, 0] + c * child[:, 0] - s * child[:, 1]
     y = parent[:, 1] + s * child[:, 0] + c * child[:, 1]
@@ -51,14 +48,14 @@ def compose_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
 
 
 def between_poses(parent: np.ndarray, child: np.ndarray) -> np.ndarray:
-    """Return `child` poses relative to `parent` poses, shape (n, 3)."""
+    """Return `child` poses relative to `parent` poses, shape (n, 3) [m, m, rad]."""
     c, s = np.cos(parent[:, 2]), np.sin(parent[:, 2])
     dx, dy = (child - parent)[:, :2].T
     return np.stack([c * dx + s * dy, -s * dx + c * dy, wrap_angle(child[:, 2] - parent[:, 2])], axis=1)
 
 
 def trajectory_errors(poses: np.ndarray, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return position errors [m] and absolute heading errors [rad], shape (n,), of poses, shape (n, 3)."""
+    """Return position errors [m] and absolute heading errors [rad] of `poses` relative to `truth`, shape (n, 3)."""
     return np.hypot(*(poses - truth)[:, :2].T), np.abs(wrap_angle(poses[:, 2] - truth[:, 2]))
 
 
@@ -70,18 +67,11 @@ def rms(values: np.ndarray) -> float:
 def bridge_glitches(
     times: np.ndarray, poses: np.ndarray, max_speeds: tuple[float, float] = MAX_SPEEDS
 ) -> tuple[np.ndarray, list[str]]:
-    """Replace odometry excursions by interpolation.
+    """Interpolate odometry across glitches; return corrected poses, and one message per kind of fault.
 
-    An excursion starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close
-    to its start.
-
-    Args:
-        times: shape (n,), ascending except for jitter [s].
-        poses: shape (n, 3) [m, m, rad].
-        max_speeds: forward speed [m/s] and yaw rate [rad/s].
-
-    Returns:
-        Poses, and one message per kind of fault.
+    A glitch starts and ends with impossible motions, lasts at most `MAX_GLITCH` or three periods, and returns close to
+    its start. `times`: shape (n,), ascending except for jitter [s]. `poses`: odometry, shape (n, 3) [m, m, rad].
+    `max_speeds`: forward speed [m/s] and yaw rate [rad/s].
     """
     count, rows = len(times), np.arange(len(times) - 1)
     if count < 3 or not np.isfinite(times).all() or np.ptp(times) == 0.0:
@@ -131,6 +121,6 @@ def bridge_glitches(
 
 
 def find_jump_back(times: np.ndarray) -> int | None:
-    """Return the first index at which times, shape (n,) [s], jump back by over `MAX_CLOCK_JUMP`, or None."""
+    """Return the index of the first backward jump of `times` [s] by more than `MAX_CLOCK_JUMP`, or None."""
     is_back = np.maximum.accumulate(times) - times > MAX_CLOCK_JUMP
     return int(is_back.argmax()) if is_back.any() else None

@@ -11,20 +11,20 @@ from scipy.spatial.transform import Rotation, Slerp
 from .bag_reader import BagReader
 
 MIN_UPRIGHT = 0.9
-"""Minimum vertical component of the lidar's z axis (26 degrees of tilt)."""
+"""Minimum vertical component of a usable lidar's z axis (26 degrees of tilt)."""
 MIN_LEVEL = 0.996
 """Minimum vertical component of a level lidar's z axis (5 degrees of tilt)."""
 UNIT_TOLERANCE = 0.01
 """Maximum error of a quaternion's squared norm, as in tf2."""
 SAME_TRANSFORM = 1e-6
-"""Maximum change of a constant transform [m, or quaternion component]."""
+"""Maximum variation of a transform that counts as constant [m, or quaternion component]."""
 
 
 class FrameTree:
-    """Tree of frames with time-dependent transforms.
+    """Tree of ROS coordinate frames with time-dependent transforms.
 
-    The last static transform of a frame holds at all times; dynamic ones are interpolated. As in tf2, transforms that
-    are not finite, not normalized, or from a frame to itself are ignored.
+    The last static transform of a frame is valid at all times; dynamic transforms are interpolated. As in tf2,
+    transforms that are not finite, not normalized, or from a frame to itself are ignored.
     """
 
     def __init__(self) -> None:
@@ -34,7 +34,7 @@ class FrameTree:
         """Number of ignored transforms by frame."""
 
     def read(self, bag: BagReader, topics: Iterable[str], *, static: bool = False) -> None:
-        """Read TFMessage or Odometry messages."""
+        """Read transforms from TFMessage or Odometry messages of a bag."""
         for topic in topics:
             for message in bag.messages(topic):
                 for one in getattr(message, "transforms", (message,)):
@@ -58,27 +58,25 @@ class FrameTree:
 
     @property
     def frames(self) -> list[str]:
-        """Sorted names of all frames."""
         return sorted({*self._rows, *(parent for parents in self._rows.values() for parent in parents)})
 
     def parents(self, frame: str) -> list[str]:
-        """Return the parents of a frame: static first, then by number of transforms."""
+        """Return the parent frames of a frame: static first, then by number of transforms."""
         rows = self._rows.get(frame, {})
         return sorted(rows, key=lambda parent: ((frame, parent) not in self._static, -len(rows[parent])))
 
     def above(self, frame: str) -> list[str]:
-        """Return a frame and its ancestors."""
+        """Return the names of a frame and its ancestors in the tree."""
         names = [frame]
         while (parents := self.parents(names[-1])) and parents[0] not in names:  # stops at cycles
             names.append(parents[0])
         return names
 
     def stamps(self, frame: str, parent: str) -> np.ndarray:
-        """Return time stamps of transforms between two frames as received, shape (n,) [s]."""
         return np.array(self._rows[frame][parent]).reshape(-1, 8)[:, 0]
 
     def poses(self, frame: str, parent: str) -> tuple[np.ndarray, np.ndarray]:
-        """Return time stamps, shape (n,) [s], and valid `planar` poses of a frame in its parent."""
+        """Return time stamps, shape (n,) [s], and x, y, yaw of a frame in its parent, shape (n, 3) [m, m, rad]."""
         rows = self._valid(frame, parent)
         matrices = np.tile(np.eye(4), (len(rows), 1, 1))
         if len(rows):
@@ -87,9 +85,9 @@ class FrameTree:
         return rows[:, 0], planar(matrices)
 
     def find(self, base: str, frame: str, times: np.ndarray) -> np.ndarray | None:
-        """Return poses of a frame in the base frame at times, shape (n,) [s]: shape (n, 4, 4).
+        """Return poses of a frame in the base frame as matrices, shape (n, 4, 4), at `times`, shape (n,) [s].
 
-        NaN at times without transform; None for unconnected frames.
+        NaN at times without transform; None if the frames are not connected.
         """
         up, down = self.above(base), self.above(frame)
         common = next((name for name in down if name in up), None)
@@ -142,11 +140,11 @@ def frame_name(name: str) -> str:
 
 
 def seconds(stamp: Any) -> float:
-    """Return a `builtin_interfaces/Time` in seconds."""
+    """Return a ROS time stamp (`builtin_interfaces/Time`) in seconds."""
     return float(stamp.sec + 1e-9 * stamp.nanosec)
 
 
 def planar(matrices: np.ndarray) -> np.ndarray:
-    """Return poses, shape (n, 4, 4), as x, y, yaw, shape (n, 3) [m, m, rad]."""
+    """Convert poses from matrices, shape (n, 4, 4), to x, y, yaw, shape (n, 3) [m, m, rad]."""
     yaw = np.arctan2(matrices[:, 1, 0], matrices[:, 0, 0])
     return np.stack([matrices[:, 0, 3], matrices[:, 1, 3], yaw], axis=1)

@@ -1,4 +1,4 @@
-"""Observation parts that are selected by name."""
+"""Observation parts (dictionary entries), selected by name."""
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
@@ -15,9 +15,9 @@ from .scan_history import ScanHistory
 from .trajectories import Trajectories
 
 NEAR_PIXEL = 0.2
-"""Size of a pixel of `map_near` [m]."""
+"""Side of a pixel of the map crop `map_near` [m]."""
 FAR_PIXEL = 0.8
-"""Size of a pixel of `map_far` [m]."""
+"""Side of a pixel of the map crop `map_far` [m]."""
 PARTS: dict[str, Callable[..., ObservationPart]] = {
     "scan": Scan,
     "scan_history": ScanHistory,
@@ -29,17 +29,17 @@ PARTS: dict[str, Callable[..., ObservationPart]] = {
     "tracks": Tracks,
     "trajectories": Trajectories,
 }
-"""Constructors of the observation parts of all tasks, by name."""
+"""Constructors of observation parts (dictionary entries) that all tasks offer, by name."""
 
 Observations = Sequence[str] | Mapping[str, Any]
-"""Names of observation parts, or a mapping from names to an instance, class, import path `module:attribute`, keyword
-arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for defaults."""
+"""Names of observation parts, or a mapping from each name to the part: an instance, class, import path
+`module:attribute`, keyword arguments such as `{"map_near": {"resolution": 0.1, "size": 64}}`, or None for defaults."""
 
 
 def make_parts(
     observations: Observations, own: Mapping[str, Callable[..., ObservationPart]]
 ) -> dict[str, ObservationPart]:
-    """Return the selected observation parts by name; `own` are constructors of the task's own.
+    """Create the selected observation parts (dictionary entries) by name; `own`: constructors of the task's own parts.
 
     Raises:
         ValueError: an unknown name, no name, or a value that is not an observation part.

@@ -18,7 +18,7 @@ MAX_SIZE = 4096
 
 @njit(cache=True, error_model="numpy")
 def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
-    """Write the map crops of active robots to `out`, shape (n, 3, size, size), uint8; see `Batch.levels`."""
+    """Write the map crop of each robot with `active` True to `out`, shape (n, 3, size, size), uint8."""
     for k in range(active.shape[0]):
         if active[k]:
             x, y = (rows[k, at.POSE] - origins[k, 0]) / side, (rows[k, at.POSE + 1] - origins[k, 1]) / side
@@ -26,16 +26,17 @@ def crop_levels(levels, sizes, origins, rows, side, pixel, active, out):
 
 
 class MapCrop:
-    """Egocentric map crop: axis 1 points forward, axis 2 to the left, with the robot at the centre.
+    """Observation of the map around the robot: `Box(0, 255, (3, size, size), uint8)`.
 
-    Channels: 0 occupied, 1 free, 2 visited. Unknown is 0 in channels 0 and 1.
+    Axis 1 points forward, axis 2 to the left. Channels: 0 occupied, 1 free, 2 visited. Unknown is 0 in channels 0 and
+    1.
     """
 
     def __init__(self, resolution: float, size: int = 40) -> None:
         """Set resolution and size.
 
         Args:
-            resolution: size of a pixel [m].
+            resolution: side of a pixel [m].
             size: pixels per side; environment checkers require 36 or more.
 
         Raises:
@@ -46,11 +47,9 @@ class MapCrop:
         if not (is_whole(size) and 1 <= size <= MAX_SIZE):
             raise ValueError(f"a map crop needs a whole size from 1 to {MAX_SIZE:,}, got {size!r}")
         self.resolution = resolution
-        """Size of a pixel [m]."""
         self._size = int(size)
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 255, (3, size, size), uint8)`."""
         return spaces.Box(0, 255, (3, self._size, self._size), np.uint8)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:

@@ -16,17 +16,17 @@ from lidarnaut.envs.simulation import Twist
 LOOKAHEADS = (0.3, 0.6, 1.5)
 """Lookahead distances along a path [m]."""
 WIDTH = 2 * len(LOOKAHEADS) + 3
-"""Number of features per frontier candidate."""
+"""Number of features per frontier."""
 WINDOW = 60
-"""Number of path points searched for the nearest one."""
+"""Number of path points that are searched for the point nearest to the robot."""
 
 
 @njit(cache=True, error_model="numpy")
 def look_ahead(path, first, pose, distances, out):
-    """Write the directions of lookahead points on a path, and return the index of the nearest path point.
+    """Write the directions from a robot to lookahead points on a path; return the index of the nearest path point.
 
-    `path`: shape (n, 2), float64, map frame [m]; `first`: index to begin the search; `pose`: (x, y, theta), map frame;
-    `distances`: increasing lookahead distances [m]; `out`: cosine and sine of each direction, robot frame, float32.
+    `path`: shape (n, 2), float64, map frame [m]. `first`: index to begin the search. `pose`: (x, y, theta), map frame.
+    `distances`: increasing lookahead distances [m]. `out`: cosine and sine of each direction, robot frame, float32.
     """
     x, y, theta = pose
     nearest, best = first, np.inf
@@ -45,17 +45,18 @@ def look_ahead(path, first, pose, distances, out):
 
 
 class Plan:
-    """Paths to the frontiers that `gain_over_cost` ranks highest, nine features each, best first.
+    """Observation of planned paths to the best frontiers: `Box(-1, 1, (9 * num_candidates,), float32)`.
 
-    Cosine and sine of the directions, robot frame, to points 0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x /
-    (x + 5 m); visible unknown area as x / (x + 10 m2); and 1. Missing frontiers are all 0.
+    Features of each frontier, best first by `gain_over_cost`: cosine and sine of the directions, robot frame, to points
+    0.3 m, 0.6 m and 1.5 m ahead on the path; path cost as x / (x + 5 m); visible unknown area as x / (x + 10 m2); and
+    1. Missing frontiers are all 0.
 
-    `FrontierNavigator` detects frontiers every `detection_time` seconds, and when the best one is reached. Frontiers
-    that remain after a visit or are unreachable are excluded. Call `write` after every control period.
+    Frontiers are detected every `detection_time` seconds, and when the best frontier is reached. Frontiers that remain
+    after a visit or are unreachable are excluded. Call `write` after every control period.
     """
 
     def __init__(self, detection_time: float = 1.0, num_candidates: int = 3, max_candidates: int = 48) -> None:
-        """Set the detection period [s], and the numbers of frontiers shown and evaluated."""
+        """Set the time between frontier detections [s], and the maximum numbers of frontiers observed and evaluated."""
         if not detection_time > 0 or not 0 < num_candidates <= max_candidates:
             raise ValueError(
                 "plan needs a positive detection_time and 0 < num_candidates <= max_candidates, got "
@@ -65,7 +66,6 @@ class Plan:
         self._detections: dict[Robot, _Detection] = {}
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (9 * num_candidates,), float32)`."""
         return spaces.Box(-1.0, 1.0, (WIDTH * self._num,), np.float32)
 
     def reset(self, robot: Robot) -> None:

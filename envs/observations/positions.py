@@ -18,21 +18,21 @@ from lidarnaut.envs.task import RowPart
 GOAL_RANGE = 32.0
 """Distance to goal or start that is normalized to 1 [m]."""
 NEAR_RANGE = 10.0
-"""Distance to the goal that `NearGoal` normalizes to 1 [m]."""
+"""Distance to the goal that the observation `NearGoal` normalizes to 1 [m]."""
 GOAL_MEMORY = "goal"
-"""Key in `Rows.memory` of an array that begins with the goal (x, y), map frame [m]."""
+"""Key of the task state array that begins with the goal (x, y), map frame [m]."""
 PEERS_RANGE = 16.0
-"""Maximum teammate offset per axis [m]: half of `map_far`."""
+"""Teammate offset per axis that is normalized to 1 [m]: half the side of the map crop `map_far`."""
 PEOPLE_RANGES = np.array([8.0, 8.0, 2.5, 2.5, 1.0])
-"""Maximum position, velocity and radius of people [m, m, m/s, m/s, m]."""
+"""Position, velocity and radius of people that are normalized to 1 [m, m, m/s, m/s, m]."""
 ROUTE_RANGE = 5.0
-"""Maximum offset of a route point per axis [m]."""
+"""Offset of a route point per axis that is normalized to 1 [m]."""
 ROUTE_POINTS = 0.4 * np.arange(10)
-"""Lookahead distances of observed route points [m]."""
+"""Distances along the route from the robot to observed route points [m]."""
 
 
 class Goal:
-    """Goal relative to the estimated pose.
+    """Observation of the goal relative to the estimated pose: `Box(-1, 1, (5,), float32)`.
 
     Distance / 32 m (at most 1), cosine and sine of the bearing, cosine and sine of the heading difference.
     """
@@ -41,7 +41,6 @@ class Goal:
         self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (5,), float32)`."""
         return spaces.Box(-1.0, 1.0, (5,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
@@ -52,7 +51,7 @@ class Goal:
 
 @njit(cache=True, error_model="numpy")
 def write_goals(rows, goals, tells_distance, active, out):
-    """Write the features of `NearGoal` for active robots to `out`, shape (n, 4) or (n, 2), float32."""
+    """Write distance and bearing features of goals for robots with `active` True to `out`, shape (n, 4) or (n, 2)."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -64,7 +63,7 @@ def write_goals(rows, goals, tells_distance, active, out):
 
 
 class NearGoal(RowPart):
-    """Goal relative to the estimated pose, with fine resolution nearby.
+    """Observation of the goal relative to the estimated pose, with fine resolution nearby: `Box(-1, 1, (4,), float32)`.
 
     Distance / 10 m (at most 1), cosine and sine of the bearing, 1 m / (1 m + distance).
     """
@@ -72,11 +71,10 @@ class NearGoal(RowPart):
     _memory = (GOAL_MEMORY,)
 
     def __init__(self, tells_distance: bool = True) -> None:
-        """Set whether distance is included besides the bearing."""
+        """Set whether the distance to the goal is included (four features, else two)."""
         self._tells_distance = int(tells_distance)
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4,), float32)`, or shape (2,) without distance."""
         return spaces.Box(-1.0, 1.0, (2 + 2 * self._tells_distance,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
@@ -84,16 +82,15 @@ class NearGoal(RowPart):
 
 
 class Home:
-    """Start of the robot relative to the estimated pose.
+    """Observation of the robot's start relative to the estimated pose: `Box(-1, 1, (4,), float32)`.
 
-    1 while the robot has to return, else 0; distance / 32 m (at most 1), cosine and sine of the bearing.
+    1 while the robot has to return, else 0; distance / 32 m (at most 1); cosine and sine of the bearing.
     """
 
     def __init__(self, task: Any) -> None:
         self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4,), float32)`."""
         return spaces.Box(-1.0, 1.0, (4,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
@@ -108,13 +105,12 @@ def _write_point(ahead: Pose2D, out: np.ndarray) -> None:
 
 
 class PoseUncertainty:
-    """Uncertainty of the pose estimate.
+    """Observation of the uncertainty of the pose estimate: `Box(0, 1, (3,), float32)`.
 
-    Standard deviations of position / 1 m and heading / pi (at most 1), and 1 if the estimator is lost.
+    Standard deviations of position / 1 m and heading / pi (at most 1), and 1 if the robot is lost, else 0.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (3,), float32)`."""
         return spaces.Box(0.0, 1.0, (3,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
@@ -123,13 +119,15 @@ class PoseUncertainty:
 
 
 class Peers:
-    """Relative poses of teammates: forward and left / 16 m, cosine and sine of the heading."""
+    """Observation of teammates: `Box(-1, 1, (4 * num_peers,), float32)`.
+
+    Offsets forward and left / 16 m, cosine and sine of the relative heading.
+    """
 
     def __init__(self, num_peers: int) -> None:
         self._num_peers = num_peers
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (4 * num_peers,), float32)`. Three axes would be taken for an image."""
         return spaces.Box(-1.0, 1.0, (4 * self._num_peers,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
@@ -141,19 +139,18 @@ class Peers:
 
 
 class Tracks:
-    """People tracked in scans, nearest first, five features each, zero-padded.
+    """Observation of people tracked in scans, nearest first: `Box(-1, 1, (5 * num_people,), float32)`, zero-padded.
 
     Position forward and left / 8 m, ground velocity along these axes / (2.5 m/s), radius / 1 m.
     """
 
     def __init__(self, num_people: int = 8) -> None:
-        """Set the maximum number of people shown."""
+        """Set the maximum number of observed people."""
         if not (is_whole(num_people) and num_people > 0):
             raise ValueError(f"num_people of tracks must be whole and positive, got {num_people!r}")
         self._num_people = num_people
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (5 * num_people,), float32)`."""
         return spaces.Box(-1.0, 1.0, (5 * self._num_people,), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:
@@ -164,13 +161,15 @@ class Tracks:
 
 
 class RouteAhead:
-    """Route points 0, 0.4, ... 3.6 m ahead, (forward, left) / 5 m from the estimated pose."""
+    """Observation of route points ahead: `Box(-1, 1, (10, 2), float32)`.
+
+    Offsets (forward, left) / 5 m of points 0, 0.4, ... 3.6 m ahead, from the estimated pose.
+    """
 
     def __init__(self, task: Any) -> None:
         self._task = task
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (10, 2), float32)`."""
         return spaces.Box(-1.0, 1.0, (len(ROUTE_POINTS), 2), np.float32)
 
     def write(self, robot: Robot, out: np.ndarray) -> None:

@@ -1,4 +1,4 @@
-"""Observations of the scan, the robot's motion and its limits."""
+"""Observations of the scan, the robot's motion and the robot's limits."""
 
 import math
 from typing import Any
@@ -12,14 +12,14 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 TIME_RANGE = 600.0
-"""Time since the reset that is normalized to 1 [s]. Normalizing by the time limit leaks the size of the world."""
+"""Time since the reset that is normalized to 1 [s]; normalizing by the time limit would leak the size of the world."""
 SPEED_RANGE = 2.0
 """Maximum forward speed that is normalized to 1 [m/s]."""
 
 
 @njit(cache=True, error_model="numpy")
 def scale_scans(ranges, range_max, active, scans):
-    """Write the observation `Scan` of active robots to `scans`, shape (n, num_beams), float32."""
+    """Write `ranges` / `range_max` of robots with `active` True to `scans`, shape (n, num_beams), float32."""
     scale = np.float32(1.0 / range_max)
     for k in range(ranges.shape[0]):
         if active[k]:
@@ -29,10 +29,12 @@ def scale_scans(ranges, range_max, active, scans):
 
 
 class Scan(RowPart):
-    """Ranges / maximum range of the lidar; 1 for no return, 0 for a lost beam or an obstacle too near."""
+    """Observation of the last scan: `Box(0, 1, (num_beams,), float32)`.
+
+    Ranges / maximum range; 1 is no return, 0 a lost beam or an obstacle too near.
+    """
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (num_beams,), float32)`."""
         return spaces.Box(0.0, 1.0, (robot.lidar.num_beams,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
@@ -41,7 +43,7 @@ class Scan(RowPart):
 
 @njit(cache=True, error_model="numpy")
 def scale_motions(rows, limits, active, out):
-    """Write the observation `Motion` of active robots to `out`, shape (n, 6), float32."""
+    """Write speeds, action, contact and time of robots with `active` True to `out`, shape (n, 6), float32."""
     for k in range(rows.shape[0]):
         if active[k]:
             row = rows[k]
@@ -52,14 +54,13 @@ def scale_motions(rows, limits, active, out):
 
 
 class Limits(RowPart):
-    """Limits of the robot, for policies that drive several kinds of robot.
+    """Observation of the robot's limits, for policies that drive several kinds of robot: `Box(0, 1, (5,), float32)`.
 
     Maximum forward speed / (2 m/s), yaw rate / (4 rad/s), forward acceleration / (5 m/s2), yaw acceleration / (25
     rad/s2) and footprint radius / 0.5 m, at most 1.
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (5,), float32)`."""
         return spaces.Box(0.0, 1.0, (5,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:
@@ -69,14 +70,13 @@ class Limits(RowPart):
 
 
 class Motion(RowPart):
-    """Motion of the robot.
+    """Observation of the robot's motion: `Box(-1, 1, (6,), float32)`.
 
-    Forward speed and yaw rate by odometry / limits, last action (2), bumper contact (0 or 1), time since the reset /
-    600 s (at most 1).
+    Forward speed and yaw rate by odometry / maximum speeds, last action (two values), bumper contact (0 or 1), time
+    since the reset / 600 s (at most 1).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-1, 1, (6,), float32)`."""
         return spaces.Box(-1.0, 1.0, (6,), np.float32)
 
     def write_rows(self, batch: Any, out: np.ndarray) -> None:

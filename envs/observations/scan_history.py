@@ -21,18 +21,19 @@ NEARNESS = 0.5
 MAX_LAG = 1000
 """Maximum age of an observed scan [control periods]."""
 SURFACE_STEP = 0.5
-"""Maximum range difference between neighbouring sectors on one surface [m]."""
+"""Maximum range difference between neighbouring sectors (groups of beams) on one surface [m]."""
 MAX_FILL_SECTORS = 8
-"""Maximum number of sectors across which a surface is interpolated."""
+"""Maximum number of sectors (groups of beams) across which a surface is interpolated."""
 MOTION = 3
-"""Entries of a stored scan before its ranges: motion since the previous scan."""
+"""Number of values before the ranges of a stored scan: motion x, y, heading since the previous scan."""
 
 
 class Sectors(NamedTuple):
-    """Geometry of a lidar's sectors.
+    """Geometry of a lidar's sectors (equal groups of beams).
 
-    Lidar pose, base frame; start of the first sector, lidar frame [rad]; sectors per radian; footprint radius [m]; unit
-    vectors to the sector centres, shape (2, n), float32; first beam of each sector and the number of beams, int64.
+    `x`, `y`, `yaw`: lidar pose, base frame. `first`: start of the first sector, lidar frame [rad]. `per_radian`:
+    sectors per radian. `radius`: footprint radius [m]. `directions`: unit vectors to the sector centres, shape (2, n),
+    float32. `beams`: first beam of each sector, and the number of beams, int64.
     """
 
     x: float
@@ -58,7 +59,7 @@ class Sectors(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def pool_scan(ranges, beams, sectors):
-    """Write the minimum range of each sector: inf without a return, 0 without a valid beam."""
+    """Write the minimum range of each group of beams to `sectors` [m]: inf without a return, 0 without a valid beam."""
     for k in range(sectors.shape[0]):
         nearest, is_known = np.float32(np.inf), False
         for i in range(beams[k], beams[k + 1]):
@@ -69,7 +70,7 @@ def pool_scan(ranges, beams, sectors):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _angle(x, y):
-    """Return the angle of (x, y) in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
+    """Return the angle of vector (x, y) in [0, 2 pi], to 1e-5 rad (Abramowitz and Stegun, 1964, equation 4.4.49)."""
     a, b = abs(x), abs(y)
     t = min(a, b) / max(a, b, np.float32(1e-9))
     t2 = t * t
@@ -83,10 +84,10 @@ def _angle(x, y):
 
 @njit(cache=True, error_model="numpy")
 def shift_sectors(ranges, motion, sectors, seen, polar):
-    """Transform sector ranges to the current pose of the base, and write their minima to `seen`, initially inf.
+    """Transform sector ranges of a past scan to the current base pose; write the minimum per sector to `seen` [m].
 
-    Ranges are interpolated between neighbouring sectors on one surface. No return is 1e6 m. `motion`: motion of the
-    base since `ranges` was measured; `polar`: workspace, shape (2, n), float32.
+    Ranges are interpolated between neighbouring sectors (groups of beams) on one surface. No return is 1e6 m. `motion`:
+    base motion since the scan. `seen`: initially inf. `polar`: scratch.
     """
     x, y, theta = compose(motion[0], motion[1], motion[2], sectors.x, sectors.y, sectors.yaw)
     x, y, theta = between(sectors.x, sectors.y, sectors.yaw, x, y, theta)
@@ -118,9 +119,10 @@ def shift_sectors(ranges, motion, sectors, seen, polar):
 
 @njit(cache=True, error_model="numpy")
 def write_history(rows, ranges, memory, active, out, lags, sectors, compensates):
-    """Store the scans of active robots, and write recent scans to `out`, shape (n, len(lags) * sectors), float32.
+    """Store the scan of each robot with `active` True, and write recent scans to `out`.
 
-    `memory`: ring buffers, shape (n, slots * (MOTION + sectors)), float32; `lags`: ages, increasing [control periods].
+    `out`: shape (n, len(lags) * sectors), float32. `memory`: ring buffers of scans, shape (n, slots * (MOTION +
+    sectors)), float32. `lags`: ages, increasing [control periods].
     """
     count = sectors.directions.shape[1]
     seen, polar = np.empty(count, dtype=np.float32), np.empty((2, count), dtype=np.float32)
@@ -152,20 +154,16 @@ def write_history(rows, ranges, memory, active, out, lags, sectors, compensates)
 
 
 class ScanHistory(RowPart):
-    """Recent scans, pooled to the minimum ranges of equal sectors, newest first.
+    """Observation of recent scans, newest first: `Box(0, 1, (len(lags) * num_sectors,), float32)`.
 
-    A range r is encoded as 0.5 m / (max(r - footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam,
-    0 without a return. Odometry transforms past scans to the current pose, so that moving obstacles are visible.
-    Missing sectors take the newest values. Call `write` after every control period.
+    Values are encoded minimum ranges in equal sectors (groups of beams). A range r is encoded as 0.5 m / (max(r -
+    footprint radius, 0) + 0.5 m): 1 at the footprint or without a valid beam, 0 without a return. Odometry transforms
+    past scans to the current pose, so that moving obstacles are visible. Missing sectors take the newest values. Call
+    `write` after every control period.
     """
 
     def __init__(self, lags: Sequence[float] = (0.0, 0.2, 0.4), num_sectors: int = 90, compensate: bool = True) -> None:
-        """Set ages and resolution.
-
-        Args:
-            lags: ages of the scans, increasing [s].
-            num_sectors: sectors per scan.
-            compensate: whether past scans are transformed to the current pose.
+        """Set the increasing ages of scans [s], the number of sectors, and whether odometry transforms past scans.
 
         Raises:
             ValueError: `lags` negative or not increasing, or `num_sectors` not positive.
@@ -180,7 +178,7 @@ class ScanHistory(RowPart):
         self._shown: tuple[np.ndarray, Sectors, bool]
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(0, 1, (number of lags * num_sectors,), float32)`; ValueError for more sectors than beams."""
+        """Return the observation space; ValueError for more sectors than beams."""
         if self._num_sectors > robot.lidar.num_beams:
             raise ValueError(
                 f"scan_history cannot make {self._num_sectors} sectors of the {robot.lidar.num_beams} beams of robot "

@@ -1,4 +1,4 @@
-"""Observation of the predicted outcomes of candidate twists."""
+"""Observation of the predicted outcomes of candidate velocity commands (twists)."""
 
 import math
 from typing import Any
@@ -24,39 +24,39 @@ from lidarnaut.envs.simulation import records as at
 from lidarnaut.envs.task import RowPart
 
 SPEEDS = -0.3, 0.0, 0.15, 0.3, 0.65, 1.0
-"""Forward speeds of candidate twists, fractions of the maximum."""
+"""Forward speeds of candidate velocity commands, fractions of the maximum."""
 TURNS = -1.0, -0.65, -0.4, -0.225, -0.1, 0.0, 0.1, 0.225, 0.4, 0.65, 1.0
-"""Yaw rates of candidate twists, fractions of the maximum."""
+"""Yaw rates of candidate velocity commands, fractions of the maximum."""
 TWISTS = np.array([(v, w) for v in SPEEDS for w in TURNS], dtype=np.float32)
-"""Candidate twists as normalized actions, shape (66, 2), float32."""
+"""Candidate velocity commands: fractions of maximum speed and yaw rate, shape (66, 2), float32."""
 NUMBERS, END, TURN = 8, slice(4, 6), 6
-"""Number of features per twist, slice of the end position, and index of the heading change."""
+"""Number of features per velocity command, slice of the end position, and index of the heading change."""
 HOLD, STEP, HORIZON = 0.5, 0.125, 3.0
-"""Duration of a twist, time step of its collision check, and prediction horizon [s]."""
+"""Duration of a velocity command, time step of the collision check, and prediction horizon [s]."""
 LINE_TIME = 1.0
-"""Driving time on a straight line after the twist [s]; the end position is at half of it."""
+"""Duration of straight driving after a velocity command [s]; the observed end position is at half of this time."""
 NEAR_WALL, NEAR_PERSON, DECAY_TIME = 0.4, 0.8, 1.5
-"""Gaps to walls and to people that count as near [m], and decay time of nearness to people [s]."""
+"""Maximum gaps to walls and people that count as near [m], and decay time of nearness to people [s]."""
 SMALL_GAP = 0.1
 """Gap to walls that is normalized to 1 [m]."""
 MAX_POINTS, MAX_RANGE = 120, 6.0
-"""Maximum number of scan points, and their maximum range [m]."""
+"""Maximum number and maximum range [m] of scan points used for prediction."""
 PERSON_MARGIN, MIN_WALKING_SPEED = 0.15, 0.5
-"""Distance from a walking person's edge to scan points of the person [m], and minimum walking speed [m/s]."""
+"""Maximum distance of a walking person's scan points from the person's edge [m], and minimum walking speed [m/s]."""
 WALL_MARGIN = 0.02
-"""Clearance to wall points [m], less if the robot is already nearer."""
+"""Minimum clearance to wall points [m], reduced if the robot is already nearer."""
 REAR_ANGLE = 0.35
 """Maximum angle between a beam and the backward direction for a view of the rear [rad]."""
 STATE, STEPS = 9, 8
-"""Size of the people tracker's state, and index of the last processed control period."""
+"""Length of the people tracker's state vector, and index of the entry for the last processed control period."""
 
 
 @njit(cache=True, error_model="numpy")
 def find_walls(ranges, frame, people, points):
-    """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m], and return their number.
+    """Write the wall points of a scan to `points`, shape (2, MAX_POINTS), base frame [m]; return the number of points.
 
-    A wall point is the nearest of neighbouring beams, outside of walking people. `frame`: x, y of the lidar, and beam
-    directions, shape (2, n), base frame.
+    A wall point is the nearest end point of a group of beams, unless on a walking person. `frame`: lidar x, y, and beam
+    directions, shape (2, n), base frame. `people`: x, y, vx, vy, radius, shape (m, 5), base frame [m, m/s].
     """
     mount_x, mount_y, directions = frame
     num_beams, count = ranges.shape[0], 0
@@ -82,11 +82,11 @@ def find_walls(ranges, frame, people, points):
 
 @njit(cache=True, error_model="numpy", fastmath={"nnan", "nsz", "reassoc", "contract"})  # infinity is used
 def predict_outcomes(now, limits, points, people, twists, out):
-    """Write the features of each twist to `out`, shape (n, NUMBERS), float32; see `Trajectories`.
+    """Write predicted contacts, gaps and end position of each velocity command to `out`, shape (n, 8), float32.
 
-    `now`: forward speed and yaw rate [m/s, rad/s]; `limits`: maximum speeds, accelerations, footprint radius, and
-    whether the lidar sees the rear; `points`: walls, shape (2, k), base frame [m]; `people`: see
-    `PeopleTracker.people`.
+    `now`: forward speed and yaw rate [m/s, rad/s]. `limits`: maximum speeds, accelerations, footprint radius, and
+    whether the lidar sees the rear. `points`: walls, shape (2, k), base frame [m]. `people`: x, y, vx, vy, radius,
+    shape (m, 5), base frame [m, m/s]. `twists`: commands / maximum speeds, shape (n, 2).
     """
     max_v, max_w, acc_v, acc_w, radius, sees_behind = limits
     here = np.inf
@@ -156,9 +156,9 @@ def predict_outcomes(now, limits, points, people, twists, out):
 
 @njit(cache=True, error_model="numpy")
 def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twists, out):
-    """Track people once per control period, and write the features of twists, shape (n, 66, NUMBERS), float32.
+    """Track people once per control period, and write predicted outcomes to `out`, shape (n, 66, 8), float32.
 
-    `memory`: tracker state, tracks, scans and scan poses, see `track_people`.
+    `memory`: people tracker's state, tracks, past scans and lidar poses of each robot.
     """
     points, people = np.empty((2, MAX_POINTS)), np.empty((MAX_TRACKS, 5))
     clusters = np.empty((MAX_CLUSTERS, CLUSTER_SIZE))
@@ -179,20 +179,19 @@ def write_trajectories(rows, ranges, memory, active, frame, limits, tracker, twi
 
 
 class Trajectories(RowPart):
-    """Predicted outcomes of 66 candidate twists, eight features each.
+    """Observation of the predicted outcomes of 66 velocity commands: `Box(-inf, inf, (66, 8), float32)`.
 
-    A twist is held for 0.5 s, with the robot's accelerations; then the robot drives straight. The features are time to
-    contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); nearness to walls (1 at the
-    footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left, /
-    distance at maximum speed; heading change / pi; minimum gap to walls within 0.5 s / 0.1 m, from -1 to 1, negative
+    A command is held for 0.5 s, with the robot's accelerations. Then the robot drives straight. The features are time
+    to contact with a wall, and with a person at constant velocity, / 3 s (1 for no contact); nearness to walls (1 at
+    the footprint, 0 from 0.4 m) and to people (0 from 0.8 m, decaying with time); position after 1 s, forward and left,
+    / distance at maximum speed; heading change / pi; minimum gap to walls within 0.5 s / 0.1 m, from -1 to 1, negative
     for contact. Reversing without a view of the rear counts as contact.
 
     Person-sized clusters count as people from the second scan on, and as walls while standing. After the dynamic window
-    approach (Fox, Burgard and Thrun, 1997); the policy learns the objective function.
+    approach (Fox, Burgard and Thrun, 1997).
     """
 
     def space(self, robot: RobotParams) -> spaces.Box:
-        """Return `Box(-inf, inf, (66, 8), float32)`."""
         return spaces.Box(-np.inf, np.inf, (len(TWISTS), NUMBERS), np.float32)
 
     def reset(self, robot: Robot) -> None:

@@ -18,7 +18,7 @@ from .recording import Recording
 def main(
     episodes: Annotated[tuple[Path, ...], tyro.conf.Positional], out: Path | None = None, open: bool = True
 ) -> None:
-    """Write the page and open it.
+    """Write a web page that replays recorded episodes, and open the page in the browser.
 
     Args:
         episodes: one or two recordings (.npz) from `evaluate.py --record`.

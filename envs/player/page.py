@@ -37,9 +37,9 @@ def build_page(recordings: Sequence[Recording]) -> str:
 
 
 def pack(recordings: Sequence[Recording]) -> bytes:
-    """Return compressed episodes for `data.js`: header length, JSON header, and arrays.
+    """Return gzipped episodes for the script `data.js`: header length, JSON header, and arrays.
 
-    The header lists per episode `about` and `arrays`: [name, type, columns, byte offset, number of values].
+    The header lists per episode `about` (metadata) and `arrays`: [name, type, columns, byte offset, number of values].
     """
     episodes, parts, offset = [], [], 0
     for recording in recordings:

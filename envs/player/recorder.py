@@ -22,20 +22,20 @@ PERIOD = 0.5
 MAX_BEAMS = 90
 """Maximum number of recorded beams per scan."""
 PLAN_TOLERANCE = 0.03
-"""Maximum deviation of recorded plan corners from the planned path [m]."""
+"""Maximum deviation of a recorded path, simplified to corners, from the planned path [m]."""
 
 
 class EpisodeRecorder:
-    """Recorder of one episode, as a context manager; for teams, of the first robot.
+    """Context manager that records one episode; for teams, of the first robot.
 
     Other robots are recorded as people. Recording does not affect the episode.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], explorer: Any = None) -> None:
-        """Attach to an environment; the next call must be its `reset`.
+        """Attach to an environment; the next call must be the environment's `reset`.
 
-        Candidates of an explorer are recorded if its `navigator` is a `FrontierNavigator`, with `scores` if it has
-        them.
+        Frontier candidates are recorded if the explorer's `navigator` is a `FrontierNavigator`, with the explorer's
+        `scores`.
 
         Raises:
             TypeError: not an environment of this package.
@@ -118,10 +118,7 @@ class EpisodeRecorder:
         self._map.append(robot.belief.grid)
 
     def recording(self, about: Mapping[str, Any] | None = None) -> Recording:
-        """Return the recording since the last reset, including the current state.
-
-        `about`: further entries of `Recording.about`, such as `explorer`, `seed` and `figures`.
-        """
+        """Return the recording since the last reset. `about`: additional metadata, such as `explorer` and `seed`."""
         env = self._env
         if env.time > self._samples[-1]["time"]:
             self._sample()
@@ -173,7 +170,7 @@ class EpisodeRecorder:
 
 
 class MapHistory:
-    """History of changes of a map that may grow or be redrawn."""
+    """Recorded changes of an occupancy grid that may grow or be redrawn."""
 
     def __init__(self, grid: OccupancyGrid) -> None:
         self._resolution, self._first = grid.resolution, grid.origin
@@ -201,7 +198,6 @@ class MapHistory:
         self._kinds = now
 
     def arrays(self) -> tuple[list[int], list[float], np.ndarray, np.ndarray, np.ndarray]:
-        """Return shape, origin, changed cells, changes and sample ends, as in `Recording`, cropped to known cells."""
         cells = np.concatenate(self._cells)
         low, high = (cells.min(axis=0), cells.max(axis=0) + 1) if len(cells) else (np.zeros(2, int), np.ones(2, int))
         rows, columns = (high - low).tolist()
@@ -211,11 +207,7 @@ class MapHistory:
 
 
 def corners(path: np.ndarray, tolerance: float) -> np.ndarray:
-    """Simplify a polyline, shape (n, 2), to corners within a tolerance: shape (m, 2).
-
-    Douglas and Peucker, "Algorithms for the reduction of the number of points required to represent a digitized line"
-    (1973).
-    """
+    """Simplify a polyline, shape (n, 2), to corners within `tolerance`, shape (m, 2) (Douglas and Peucker, 1973)."""
     if len(path) < 3:
         return np.array(path, dtype=np.float64).reshape(-1, 2)
     keep = {0, len(path) - 1}

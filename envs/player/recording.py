@@ -14,47 +14,43 @@ from lidarnaut.envs.files import open_archive
 FORMAT = 3
 """Version of the file format."""
 UNKNOWN, FREE, OCCUPIED = 0, 1, 2
-"""Cell kinds of recorded maps."""
+"""Cell values of recorded maps."""
 RANGE_STEPS = 254
-"""Number of quantization steps of the lidar's range."""
+"""Number of quantization steps from 0 to the lidar's maximum range."""
 NO_RETURN, NO_MEASUREMENT = 255, 0
-"""Scan values for beams without return, and for lost beams."""
+"""Values in recorded scans for beams without return, and for lost beams."""
 BODY_KINDS = ("attentive", "blind", "standing", "fixed_route")
-"""Names of the kinds of people in `lidarnaut.envs.simulation.crowd.person_row`, in their order."""
+"""Names of the kinds of people, by kind number in the crowd simulation."""
 CANDIDATE_COLUMNS = ("x", "y", "cost", "visible", "failures", "score")
 """Columns of frontier candidates: position, map frame [m], path cost [m], visible unknown area [m2], failed attempts,
 and score (NaN if unknown)."""
 _ENDS = {"map_ends": "map_cells", "plan_ends": "plans", "track_ends": "tracks", "candidate_ends": "candidates"}
-"""Arrays of end indices, and the arrays that they divide into samples or decisions."""
+"""Names of arrays with end indices, and of the arrays divided by these indices into samples or decisions."""
 
 _FACTS = ("explorer", "world", "robot", "radius", "lidar", "progress", "start", "map", "floor", "figures")
-"""Required keys of `about`."""
 
 
 def ends_of(parts: Sequence[np.ndarray]) -> np.ndarray:
-    """Return the end index of each part in their concatenation, shape (n,)."""
+    """Return the end index of each array in the concatenation of `parts`, shape (n,)."""
     return np.cumsum([0, *map(len, parts)])[1:]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recording:
-    """Recorded episode: n samples of one robot, and m decisions.
-
-    Annotations give dtype and shape of arrays.
-    """
+    """Recorded episode: n samples of one robot, and m frontier decisions. Annotations give dtypes and shapes."""
 
     about: dict[str, Any]
-    """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, its name; `radius` [m]; `lidar`
-    with `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`; `start`, world pose of the map
-    frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` (map frame [m]); `floor` with
-    `resolution` and `origin` (world frame); `figures`, final metrics as text; optionally `bodies`, per column of
-    `people_radii` one of `BODY_KINDS` or "robot"."""
+    """Metadata as JSON: `explorer`, `world`, `robot`, `seed`, `end_reason`; `progress`, name of the progress measure;
+    `radius` of the robot [m]; `lidar` with `range_max` [m], `mount` (x, y, yaw), `angles` [rad] and `is_full_turn`;
+    `start`, world pose of the map frame; `map` with `shape` (rows, columns), `resolution` [m] and `origin` (map
+    frame [m]); `floor` with `resolution` and `origin` (world frame); `figures`, final metrics as text; optional
+    `bodies`, kind of each entry of `people_radii`, from `BODY_KINDS` or "robot"."""
     time: Annotated[np.ndarray, np.float32, "n"]
     """Time since the reset [s]."""
     true_poses: Annotated[np.ndarray, np.float32, "n", 3]
     """True poses x, y, heading, world frame [m, m, rad]."""
     poses: Annotated[np.ndarray, np.float32, "n", 3]
-    """Estimated poses, map frame [m, m, rad]."""
+    """Estimated poses x, y, heading, map frame [m, m, rad]."""
     goals: Annotated[np.ndarray, np.float32, "n", 2]
     """Goal positions, map frame [m]; NaN without goal."""
     progress: Annotated[np.ndarray, np.float32, "n"]
@@ -62,27 +58,27 @@ class Recording:
     path_length: Annotated[np.ndarray, np.float32, "n"]
     """True distance driven [m]."""
     contacts: Annotated[np.ndarray, np.int32, "n"]
-    """Number of contacts since the reset."""
+    """Number of collisions since the reset."""
     scans: Annotated[np.ndarray, np.uint8, "n", "beams"]
-    """Quantized ranges of some beams [`range_max` / `RANGE_STEPS`]."""
+    """Ranges of some beams, quantized in steps of `range_max / RANGE_STEPS` [m]."""
     map_cells: Annotated[np.ndarray, np.int32, "changes"]
-    """Indices of changed cells in the flat map, ascending within a sample."""
+    """Flat indices of changed map cells, ascending within a sample."""
     map_changes: Annotated[np.ndarray, np.uint8, "changes"]
-    """Exclusive or of the cell kinds before and after each change; reversible."""
+    """Exclusive or of a changed cell's values before and after the change."""
     map_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index of each sample's changes in `map_cells`."""
+    """End index in `map_cells` of each sample's changes."""
     plans: Annotated[np.ndarray, np.float32, "corners", 2]
     """Corners of planned paths, map frame [m]."""
     plan_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index of each sample's rows in `plans`."""
+    """End index in `plans` of each sample's planned path."""
     decision_times: Annotated[np.ndarray, np.float32, "m"]
     """Time of each frontier decision [s]."""
     decision_chosen: Annotated[np.ndarray, np.int32, "m"]
-    """Index of the chosen candidate per decision; -1 if none was chosen."""
+    """Index of the chosen candidate frontier per decision; -1 if none was chosen."""
     candidates: Annotated[np.ndarray, np.float32, "candidates", len(CANDIDATE_COLUMNS)]
-    """Frontier candidates of all decisions, with `CANDIDATE_COLUMNS`."""
+    """Candidate frontiers of all decisions: x, y, map frame [m], path cost [m], visible area [m2], failures, score."""
     candidate_ends: Annotated[np.ndarray, np.int32, "m"]
-    """End index of each decision's rows in `candidates`."""
+    """End index in `candidates` of each decision's frontiers."""
     segments: Annotated[np.ndarray, np.float32, "segments", 4]
     """True walls as (x0, y0, x1, y1), world frame [m]."""
     circles: Annotated[np.ndarray, np.float32, "circles", 3]
@@ -96,13 +92,13 @@ class Recording:
     tracks: Annotated[np.ndarray, np.float32, "tracks", 5]
     """Tracked people: x, y, vx, vy, radius, map frame [m, m/s]."""
     track_ends: Annotated[np.ndarray, np.int32, "n"]
-    """End index of each sample's rows in `tracks`."""
+    """End index in `tracks` of each sample's people."""
     floor: Annotated[np.ndarray, np.uint8, "rows", "columns"]
-    """Mask of explorable cells; a single 0 if the task defines none."""
+    """Mask of cells to explore, world frame; a single 0 if the task defines none."""
 
     @classmethod
     def of(cls, about: dict[str, Any], **arrays: Any) -> "Recording":
-        """Return a recording, converting arrays to their types and shapes."""
+        """Create a recording; convert arrays to the dtypes and shapes of the format."""
         numbers = {name: np.asarray(arrays[name]).astype(kind) for name, (kind, *_) in _LAYOUT.items()}
         for name, (_, *shape) in _LAYOUT.items():
             if isinstance(width := shape[-1], int):
@@ -114,7 +110,7 @@ class Recording:
         return {name: getattr(self, name) for name in _LAYOUT}
 
     def to_bytes(self) -> bytes:
-        """Return the file's content, equal for equal episodes."""
+        """Return the content of the recording's file. Equal episodes give equal bytes."""
         archive = io.BytesIO()
         about = json.dumps(self.about | {"format": FORMAT}, allow_nan=False)
         np.savez_compressed(archive, about=np.frombuffer(about.encode(), dtype=np.uint8), **self.arrays)  # type: ignore[arg-type]
@@ -122,7 +118,7 @@ class Recording:
 
     @classmethod
     def load(cls, path: Path) -> "Recording":
-        """Read a file written from `to_bytes`.
+        """Read a recording from a file.
 
         Raises:
             ValueError: not a valid recording.
@@ -163,4 +159,3 @@ class Recording:
 _LAYOUT: dict[str, tuple[Any, ...]] = {
     name: hint.__metadata__ for name, hint in get_type_hints(Recording, include_extras=True).items() if name != "about"
 }
-"""Type and shape of each array."""

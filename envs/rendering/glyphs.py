@@ -39,7 +39,7 @@ def draw_dashes(surface: pygame.Surface, pixels: np.ndarray, colour: Colour, wid
 def draw_robot(
     surface: pygame.Surface, view: View, robot: RobotParams, pose: Pose2D, colour: Colour, ghost: bool = False
 ) -> None:
-    """Draw a robot at a world pose with a heading arrow; a ghost is an outline."""
+    """Draw a robot with a heading arrow at a world pose; with `ghost`, only the outline."""
     if robot.body.size is not None:
         body = np.array([(1, 1), (-1, 1), (-1, -1), (1, -1)]) * (np.array(robot.body.size[:2]) / 2)
     else:
@@ -64,7 +64,7 @@ def draw_robot(
 
 
 def draw_mark(surface: pygame.Surface, x: int, y: int, colour: Colour, mark: str) -> None:
-    """Draw a legend mark, 16 px wide from `x`, vertically centered at `y`."""
+    """Draw the symbol of a legend entry, 16 px wide from `x`, vertically centered at `y` [px]."""
     if mark == "line":
         pygame.draw.line(surface, colour, (x, y), (x + 16, y), 3)
     elif mark == "dashes":

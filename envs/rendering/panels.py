@@ -29,7 +29,7 @@ _SOLID_MARK = (255, 255, 255)
 
 
 def new_surface(size: tuple[int, int]) -> pygame.Surface:
-    """Return a 32-bit surface that needs no display."""
+    """Return a 32-bit pygame surface of `size` (width, height) [px] that needs no display."""
     return pygame.Surface(size, 0, 32, _NO_ALPHA_MASK)
 
 
@@ -77,7 +77,7 @@ def _draw_beams(surface: pygame.Surface, scene: Scene, view: View) -> None:
 
 
 def beam_ends(robot: RobotParams, pose: Pose2D, ranges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the lidar position, shape (2,), and beam end points, shape (num_beams, 2), frame of the pose [m].
+    """Return lidar position, shape (2,), and beam end points, shape (num_beams, 2), in the frame `pose` refers to [m].
 
     Beams without return end at the maximum range, lost beams at the lidar.
     """
@@ -112,12 +112,12 @@ def _static(world: World, size: tuple[int, int]) -> pygame.Surface:
 
 
 def shown_bounds(world: World) -> tuple[float, float, float, float]:
-    """Return the bounds of pictures of a world (x_min, y_min, x_max, y_max) [m]."""
+    """Return the bounds of a world in pictures (x_min, y_min, x_max, y_max) [m]."""
     return world.bounds if world.map is None else left_out(world).bounds
 
 
 def draw_estimate(surface: pygame.Surface, scene: Scene, view: View) -> None:
-    """Draw map, frontiers, estimated poses and paths, plans, and outlines of true poses."""
+    """Draw map, frontiers, estimated poses and paths, planned paths, and outlines of robots at true poses."""
     start, grid = scene.start, scene.belief.grid
     view.paint_grid(grid, start, _PALETTE, pygame.surfarray.pixels2d(surface).T)
 

@@ -1,4 +1,4 @@
-"""Picture of a scene: two panels at equal scale, a header and legends."""
+"""Picture of an episode: two panels at equal scale, a header and legends."""
 
 import math
 from collections.abc import Iterable
@@ -34,11 +34,11 @@ LEGENDS = (
         ("unknown", style.UNKNOWN, "box"),
     ),
 )
-"""Legend per panel: text, color and kind of mark."""
+"""Legend entries of each panel: text, color and kind of symbol."""
 
 
 class Typesetter:
-    """Writes text in Matplotlib's fonts."""
+    """Writer of text in Matplotlib's fonts."""
 
     def __init__(self) -> None:
         pygame.font.init()
@@ -51,13 +51,12 @@ class Typesetter:
         }
 
     def write(self, surface: pygame.Surface, text: str, kind: str = "label", **anchor: tuple[int, int]) -> pygame.Rect:
-        """Write a `label`, `title` or `number`; `anchor` as in `pygame.Surface.get_rect`."""
+        """Write text as a `label`, `title` or `number`; `anchor`: position, as in `pygame.Surface.get_rect`."""
         font, colour = self._fonts[kind]
         rendered = font.render(text, True, colour)
         return surface.blit(rendered, rendered.get_rect(**anchor))
 
     def legend(self, surface: pygame.Surface, box: pygame.Rect, items: Iterable[tuple[str, style.Colour, str]]) -> None:
-        """Draw a legend (text, color, kind of mark) below a box."""
         x, y = box.left, box.bottom + FOOTER // 2
         for text, colour, mark in items:
             draw_mark(surface, x, y, colour, mark)
@@ -65,7 +64,7 @@ class Typesetter:
 
 
 class Picture:
-    """Paints scenes on a cached background."""
+    """Painter of scenes (moments of an episode) on a cached background."""
 
     def __init__(self, size: tuple[int, int]) -> None:
         """Lay out a picture of `size` (width, height) [px]."""
@@ -81,7 +80,7 @@ class Picture:
             self._text.legend(self._background, box, legend)
 
     def paint(self, scene: Scene) -> pygame.Surface:
-        """Draw a scene; the returned surface is reused by the next call."""
+        """Draw a scene (moment of an episode). The next call reuses the returned surface."""
         self._frame.blit(self._background, (0, 0))
         view = View(shown_bounds(scene.world), self._panel.get_size())
         for box, draw in zip(self._boxes, (draw_truth, draw_estimate)):

@@ -1,4 +1,4 @@
-"""Rendering to arrays or a window."""
+"""Rendering of episodes to arrays or a window."""
 
 import os
 from typing import Any
@@ -18,7 +18,7 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
     """Open a `pygame.Window` of `size` (width, height) [px].
 
     Raises:
-        RuntimeError: no display. An invisible window requires the environment variable `SDL_VIDEODRIVER`.
+        RuntimeError: no display, and `SDL_VIDEODRIVER` is not set.
     """
     import pygame
 
@@ -38,10 +38,10 @@ def open_window(title: str, size: tuple[int, int]) -> Any:
 
 
 class Renderer:
-    """Renders scenes: `human` to a window at a fixed rate, `rgb_array` to arrays without display."""
+    """Renderer of episodes: `human` to a window at a fixed rate, `rgb_array` to arrays without display."""
 
     def __init__(self, mode: str, fps: float) -> None:
-        """Create a renderer for one of `MODES`; `fps` is the maximum frame rate of `human` [Hz].
+        """Create a renderer for `human` or `rgb_array`; `fps`: maximum frame rate of the window [Hz].
 
         Raises:
             ValueError: invalid argument.
@@ -56,7 +56,7 @@ class Renderer:
         self._clock: Any = None
 
     def draw(self, scene: Scene) -> np.ndarray | None:
-        """Draw a scene; return a new array, shape (height, width, 3), uint8, for `rgb_array`, None for `human`.
+        """Draw a scene (moment of an episode); return an image, shape (height, width, 3), uint8, or None for `human`.
 
         Raises:
             RuntimeError: `human` without display.

@@ -1,4 +1,4 @@
-"""Scenes: content of a picture."""
+"""Scenes: data that a picture shows."""
 
 import math
 from dataclasses import dataclass
@@ -30,9 +30,9 @@ class Scene:
     time: float
     """Time since the reset [s]."""
     collisions: int
-    """Number of contacts of all robots."""
+    """Number of contacts of all robots since the reset."""
     start: Pose2D
-    """World pose of the map frame."""
+    """Pose of the map frame in the world frame."""
     people: np.ndarray
     """True people: x, y, radius [m], vx, vy [m/s], shape (n, 5), float64, world frame."""
     tracks: np.ndarray
@@ -54,7 +54,7 @@ class Scene:
     pose_graph: PoseGraphView | None = None
     """Pose graph of the SLAM, if any."""
     peers: tuple["Scene", ...] = ()
-    """Other robots of the team."""
+    """Scenes of the other robots of the team."""
 
     @property
     def estimated_pose(self) -> Pose2D:
@@ -68,13 +68,13 @@ class Scene:
 
 
 def people_in(tracks: np.ndarray, frame: Pose2D) -> np.ndarray:
-    """Transform people, x, y, vx, vy, radius, shape (n, 5) [m, m/s], from a frame to its parent."""
+    """Transform people (x, y, vx, vy, radius), shape (n, 5) [m, m/s], from a frame to the parent frame."""
     velocities = Pose2D(0.0, 0.0, frame.theta).transform(tracks[:, 2:4])
     return np.column_stack([frame.transform(tracks[:, :2]), velocities, tracks[:, 4]])
 
 
 def scene_of(env: Any, k: int) -> Scene:
-    """Return the current scene of robot `k` of a `LidarEnv`."""
+    """Return the current scene (data of a picture) of robot `k` in an environment."""
     robot, truth, task = env.robots[k], env.truths[k], env.task
     estimator = robot.estimator
     pose_graph = getattr(estimator, "pose_graph", None)

@@ -12,7 +12,7 @@ BORDER = 0.03
 
 
 class View:
-    """Part of the world shown on a surface: uniform scale, y upwards."""
+    """Mapping from world coordinates to pixels: uniform scale, y upwards."""
 
     def __init__(self, bounds: tuple[float, float, float, float], size: tuple[int, int]) -> None:
         """Fit `bounds` (x_min, y_min, x_max, y_max) [m] into `size` (width, height) [px]."""
@@ -30,9 +30,10 @@ class View:
         return (points - (self._left, self._top)) * (self.scale, -self.scale)
 
     def paint_grid(self, grid: OccupancyGrid, start: Pose2D, palette: np.ndarray, image: np.ndarray) -> None:
-        """Paint a map, with its frame at `start`, into an image, shape (height, width), uint32.
+        """Paint an occupancy grid into an image, shape (height, width), uint32.
 
-        `palette`: pixel values for occupancy -1 to 100, shape (102,), uint32. Pixels outside of the map are unknown.
+        `start`: world pose of the map frame. `palette`: pixel values for occupancy -1 to 100, shape (102,), uint32.
+        Pixels outside of the grid are unknown.
         """
         # Three pixel centers define the affine transform to cells.
         pixels = np.array([(0.5, 0.5), (1.5, 0.5), (0.5, 1.5)])

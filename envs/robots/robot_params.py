@@ -10,11 +10,11 @@ from pydantic.dataclasses import dataclass
 from lidarnaut.envs.geometry.raycast import Beams
 
 MAX_NUMBER = 1e9
-"""Upper limit of parameters without a tighter limit, in SI units."""
+"""Upper limit of robot parameters without a smaller limit, in SI units."""
 MAX_LENGTH = 100.0
 """Upper limit of body dimensions and of coordinates in the base frame [m]."""
 MAX_TILT = 0.35
-"""Upper limit of lidar tilt [rad]."""
+"""Maximum pitch and roll of a mounted lidar [rad]."""
 MAX_BEAMS = 20_000
 """Maximum number of beams per scan."""
 
@@ -28,7 +28,7 @@ CONFIG = ConfigDict(extra="forbid", allow_inf_nan=False)
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class Mount:
-    """Sensor pose in the robot's base frame (origin on the ground, midpoint of the wheel axle)."""
+    """Sensor pose in the robot's base frame, with origin on the ground below the midpoint of the wheel axle."""
 
     x: Coordinate = 0.0
     """Forward position of the sensor [m]."""
@@ -39,9 +39,9 @@ class Mount:
     yaw: float = 0.0
     """Yaw of the sensor, counter-clockwise [rad]."""
     pitch: Tilt = 0.0
-    """Pitch of the sensor; positive tilts the view down ahead [rad]."""
+    """Pitch of the sensor [rad]. Positive values tilt the forward view downwards."""
     roll: Tilt = 0.0
-    """Roll of the sensor; positive tilts the view down to the right [rad]."""
+    """Roll of the sensor [rad]. Positive values tilt the view to the right downwards."""
 
     def __post_init__(self) -> None:
         if (self.pitch or self.roll) and self.z <= 0.0:
@@ -101,7 +101,7 @@ class LidarParams:
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class DriveParams:
-    """True drive parameters; `OdometryParams` holds the controller's assumptions."""
+    """True parameters of the drive. The controller may assume other values, see `OdometryParams`."""
 
     wheel_radius: Positive
     """True radius of the driven wheels [m]."""
@@ -116,7 +116,7 @@ class DriveParams:
     max_torque: Positive = 1.0
     """Maximum torque of a wheel motor [N m]."""
     slip_std: NotNegative = 0.0
-    """Standard deviation of wheel slip over 1 m of rolling [m]; grows with the square root of distance."""
+    """Standard deviation of wheel slip after 1 m of rolling [m]. Slip grows with the square root of the distance."""
 
     def __post_init__(self) -> None:
         if self.wheel_width >= self.track:
@@ -125,27 +125,27 @@ class DriveParams:
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class OdometryNoise:
-    """Odometry noise model of SLAM: standard deviations of the pose error after a motion.
+    """Odometry noise model for SLAM: standard deviations of the pose error after a motion.
 
     After Thrun, Burgard and Fox, Probabilistic Robotics (2005), section 5.4: `position_std + position_per_metre *
     distance` along each axis, and `heading_std + heading_per_radian * |turn| + heading_per_metre * distance`.
     """
 
     position_std: Positive = 0.003
-    """Constant part of the position's standard deviation [m]."""
+    """Constant part of the position error's standard deviation [m]."""
     position_per_metre: NotNegative = 0.02
-    """Position's standard deviation per distance [m/m]."""
+    """Standard deviation of the position error per driven metre [m/m]."""
     heading_std: Positive = 0.003
-    """Constant part of the heading's standard deviation [rad]."""
+    """Constant part of the heading error's standard deviation [rad]."""
     heading_per_radian: NotNegative = 0.03
-    """Heading's standard deviation per turn [rad/rad]."""
+    """Standard deviation of the heading error per radian of turning [rad/rad]."""
     heading_per_metre: NotNegative = 0.03
-    """Heading's standard deviation per distance [rad/m]."""
+    """Standard deviation of the heading error per driven metre [rad/m]."""
 
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class OdometryParams:
-    """Drive parameters assumed by the robot's controller; errors bias odometry."""
+    """Drive parameters that the robot's controller assumes. Deviations from the true values bias odometry."""
 
     wheel_radius: Positive
     """Wheel radius that the controller assumes [m]."""
@@ -154,9 +154,9 @@ class OdometryParams:
     ticks_per_rev: Positive
     """Encoder counts per wheel revolution."""
     uses_gyro: bool = False
-    """Measure turns with the gyroscope instead of the wheels."""
+    """Whether odometry measures turns with the gyroscope instead of the wheels."""
     open_loop: bool = False
-    """Count commanded instead of measured steps (stepper motors without encoders)."""
+    """Whether odometry counts commanded instead of measured motor steps (stepper motors without encoders)."""
     noise: OdometryNoise = OdometryNoise()
     """Odometry noise model for SLAM."""
 
@@ -173,7 +173,7 @@ class OdometryParams:
 
 @dataclass(frozen=True, slots=True, config=CONFIG)
 class Caster:
-    """Caster: a frictionless ball under the body, on or just above the ground."""
+    """Frictionless caster ball under the body, on or just above the ground."""
 
     x: Coordinate
     """Forward position in the base frame [m]."""
@@ -202,7 +202,7 @@ class BodyParams:
     height: Side | None = None
     """Height of the cylinder [m]."""
     friction: NotNegative = 0.2
-    """Coulomb friction coefficient between body and obstacles; 0 for a smooth round body."""
+    """Coulomb friction coefficient between body and obstacles."""
 
     def __post_init__(self) -> None:
         if (self.size is None, self.radius is None) != (self.height is not None, self.height is None):
@@ -239,7 +239,7 @@ class RobotParams:
     max_w: Positive
     """Maximum yaw rate [rad/s]."""
     max_acc_v: Positive
-    """Maximum acceleration [m/s2]."""
+    """Maximum forward acceleration and deceleration [m/s2]."""
     max_acc_w: Positive
     """Maximum yaw acceleration [rad/s2]."""
     drive: DriveParams

@@ -13,7 +13,9 @@ PHYSICS = ("bullet", "kinematic")
 def make_simulator(
     physics: str, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
 ) -> Simulator:
-    """Return a simulator of identical robots that are commanded every `control_period` [s].
+    """Create a physics simulator of `num_robots` identical robots.
+
+    `physics`: "kinematic", or "bullet" for rigid bodies in PyBullet. `control_period`: time between commands [s].
 
     Raises:
         ValueError: the physics is unknown, or `control_period` or `num_robots` is out of range.

@@ -21,11 +21,11 @@ GRAVITY = 9.81
 """Gravitational acceleration [m/s2]."""
 SOLVER_ITERATIONS = 15
 CONTACT_BREAKING = 0.1
-"""Contact breaking distance as a fraction of the smaller shape's size."""
+"""Contact breaking distance of PyBullet, divided by the size of the smaller shape."""
 
 
 class BulletSimulator(Simulator):
-    """Robots simulated by PyBullet, in one physics client."""
+    """Simulator that moves robots as rigid bodies in PyBullet."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
@@ -36,11 +36,10 @@ class BulletSimulator(Simulator):
         self._nearby: NearbyWalls | None = None
         self._people: list[int] = []
         self.is_copy = False
-        """Whether the simulator is a copy that has to be reset."""
+        """True for the copy of a running simulator, until the copy is reset."""
         self.set_robot(robot)
 
     def __reduce__(self) -> tuple[Any, tuple[Any, ...]]:
-        """Pickle without the state in PyBullet."""
         return _copy, (*self._arguments, self.is_copy or self._world is not None)
 
     def set_robot(self, robot: RobotParams) -> None:

@@ -1,4 +1,4 @@
-"""Robot in PyBullet."""
+"""Rigid-body model of a differential-drive robot in PyBullet."""
 
 import math
 from collections.abc import Sequence
@@ -20,25 +20,25 @@ WHEEL_LINKS = (0, 1)
 CHASSIS_LINK = 2
 
 _LINK_MASS_RATIO = 1e-3
-"""Mass of base and casters, relative to the body's mass."""
+"""Mass of the base link and of each caster, divided by the mass of the body."""
 _PLATE_HEIGHT = 0.01
-"""Thickness of the chassis plate that touches obstacles [m]."""
+"""Thickness of the collision shape of the chassis [m]."""
 _WHEEL_INERTIA_RATIO = 0.25
-"""Inertia of wheel and motor, relative to body mass times squared wheel radius, for solver accuracy."""
+"""Moment of inertia of a wheel with motor, divided by body mass times squared wheel radius."""
 _OTHER_BODY, _NORMAL_FORCE = 2, 9
-"""Indices of other body and normal force in a PyBullet contact point."""
+"""Indices in a contact point of PyBullet: id of the other body, and normal force."""
 _LIFT_HEIGHT = 1e3
-"""Height above all obstacles, at which a robot touches nothing [m]."""
+"""Height of a robot that is lifted out of contact at a reset [m]."""
 _MIN_COS_TILT = math.cos(math.radians(20.0))
-"""Cosine of the tilt beyond which a robot is tipping over."""
+"""Cosine of the maximum tilt. A robot that tilts further is set upright."""
 _MAX_PENETRATION = 0.01
-"""Tolerated wall penetration beyond the travel of a physics step [m]."""
+"""Tolerated penetration of a wall into the body, in addition to the travel during a physics step [m]."""
 _MAX_PENETRATION_RATIO = 0.25
-"""Maximum tolerated wall penetration, relative to half the body size."""
+"""Upper limit of the tolerated wall penetration, divided by half the size of the body."""
 
 
 def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
-    """Create the robot in PyBullet and return its body id.
+    """Create a robot in PyBullet and return its body id.
 
     Links: left wheel, right wheel, chassis, casters. The base is the midpoint of the axle; a base at the centre of mass
     would drift in turns on the spot.
@@ -92,7 +92,6 @@ def build_robot(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _plate(bullet: BulletClient, robot: RobotParams) -> int:
-    """Return the id of a flat shape with the body's outline; a tall body would rock at walls."""
     size, radius = robot.body.size, robot.body.radius
     if size is None:
         return bullet.createCollisionShape(bullet.GEOM_CYLINDER, radius=radius, height=_PLATE_HEIGHT)
@@ -100,7 +99,6 @@ def _plate(bullet: BulletClient, robot: RobotParams) -> int:
 
 
 def _inertia(body: BodyParams) -> list[float]:
-    """Return the principal moments of inertia of the solid body [kg m2]."""
     if body.size is not None:
         x, y, z = (body.mass * side**2 / 12.0 for side in body.size)
         return [y + z, x + z, x + y]
@@ -115,7 +113,7 @@ def _plan_wheels(reached, command, normals, numbers, rates, slips):
 
 
 class BulletRobot:
-    """Robot in PyBullet with the wheel controller of the kinematic physics and limited motor torque."""
+    """Rigid body of a robot in PyBullet, with wheel controller and torque-limited motors."""
 
     def __init__(self, robot: RobotParams, control_period: float, row: np.ndarray) -> None:
         record = at.robot_record(robot, control_period)
@@ -128,7 +126,7 @@ class BulletRobot:
         self._core = (*body.center[:2], *(side - min(depth, _MAX_PENETRATION_RATIO * side) for side in sides))
         self._rates, self._slips = np.empty((substeps, 2)), np.empty((substeps, 2))
         self.touched: set[int] = set()
-        """Ids of bodies touched during the control period."""
+        """PyBullet ids of the bodies touched during the control period."""
 
     @property
     def tilt(self) -> tuple[float, float]:
@@ -142,7 +140,7 @@ class BulletRobot:
         self._walls = world.segments, world.circles
 
     def move_away(self, pose: Pose2D) -> None:
-        """Lift the robot out of contact, to clear cached contact impulses."""
+        """Lift the robot above all obstacles, to clear contact impulses cached by PyBullet."""
         for wheel in WHEEL_LINKS:
             self._bullet.resetJointState(self._body, wheel, 0.0, 0.0)
         self._set_pose(pose, _LIFT_HEIGHT)
@@ -157,11 +155,9 @@ class BulletRobot:
         self._row[at.MEAN_W] = 0.0
 
     def plan(self, command: np.ndarray, normals: np.ndarray) -> None:
-        """Plan the wheel rates of a control period.
+        """Compute the wheel rates of each physics step in a control period.
 
-        Args:
-            command: twist (v, w), shape (2,), float64 [m/s, rad/s].
-            normals: standard normal numbers for wheel slip, shape (n,), n >= 2, float64.
+        `command`: twist (v, w) [m/s, rad/s]. `normals`: standard normal numbers, the first two for wheel slip.
         """
         row, rates, slips = self._row, self._rates, self._slips
         reached = (row[at.COMMANDED_V], row[at.COMMANDED_W])
@@ -187,7 +183,10 @@ class BulletRobot:
         self.touched.update(point[_OTHER_BODY] for point in points if point[_NORMAL_FORCE] > 0.0)
 
     def update_state(self) -> None:
-        """Read the robot's state from PyBullet; after tipping over or passing through a wall, restore the last pose."""
+        """Read pose, velocity and wheel angles from PyBullet.
+
+        A robot that lies upside down or has passed through a wall returns to its last pose.
+        """
         (x, y, _), orientation = self._bullet.getBasePositionAndOrientation(self._body)
         linear, angular = self._bullet.getBaseVelocity(self._body)
         rotation = self._bullet.getMatrixFromQuaternion(orientation)
@@ -216,7 +215,6 @@ class BulletRobot:
         self._bullet.resetBaseVelocity(self._body, [*linear[:2], 0.0], [0.0, 0.0, angular[2]])
 
     def _is_through(self, pose: tuple[float, float, float]) -> bool:
-        """Return True if a wall is inside the body, or between its last and present pose."""
         before, core, walls = tuple(self._row[: at.THETA + 1].tolist()), self._core, self._walls
         # A body larger than its footprint may start inside a wall.
         return is_cut(pose, before, core, *walls) and not is_cut(before, before, core, *walls)

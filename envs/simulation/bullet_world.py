@@ -1,4 +1,4 @@
-"""PyBullet client, and the bodies of a world."""
+"""PyBullet client, and collision bodies of ground, walls and people."""
 
 import math
 import os
@@ -14,20 +14,20 @@ from lidarnaut.envs.worlds import World
 from .contact import select_near
 
 GROUND, OBSTACLES, ROLLING, CHASSIS = 1, 2, 4, 8
-"""Collision groups; wheels and casters touch only the ground."""
+"""PyBullet collision groups. Wheels and casters (`ROLLING`) touch only the ground."""
 
 _MESH_RECTANGLES = 30_000
-"""Maximum number of rectangles per mesh (PyBullet allows 131,072 vertices)."""
+"""Maximum number of wall rectangles per collision mesh. PyBullet allows 131,072 vertices."""
 _MAX_RECTANGLES = 100_000
-"""Number of wall rectangles above which only nearby walls are built."""
+"""Number of wall rectangles above which only walls near the robots are created."""
 _RECTANGLES_PER_CIRCLE = 32
-"""Typical number of rectangles per circular obstacle."""
+"""Estimated number of rectangles that approximate a circular obstacle."""
 _REBUILD_DISTANCE = 2.0
-"""Travel of a robot before nearby walls are rebuilt [m]."""
+"""Distance that a robot moves before nearby walls are updated [m]."""
 
 
 def import_pybullet() -> ModuleType:
-    """Import PyBullet without its message on standard error.
+    """Import PyBullet with standard error suppressed.
 
     Raises:
         ImportError: PyBullet cannot be imported.
@@ -49,7 +49,7 @@ def import_pybullet() -> ModuleType:
 
 
 class BulletClient:
-    """PyBullet functions and constants, bound to one physics client."""
+    """PyBullet's functions and constants as attributes. Functions are bound to one physics client."""
 
     def __init__(self) -> None:
         self._module = import_pybullet()
@@ -65,7 +65,10 @@ class BulletClient:
 
 
 def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[int]:
-    """Create ground, walls (unless too many) and people with `radii`, shape (n,) [m]; return the ids of people."""
+    """Create ground, walls (unless too many) and people in PyBullet, and return the body ids of the people.
+
+    `radii`: radii of the people, shape (n,) [m].
+    """
     plane = bullet.createCollisionShape(bullet.GEOM_PLANE)
     meshes = [] if has_many_walls(world) else build_meshes(bullet, outlines(world), world.height)
     cylinders = [
@@ -80,18 +83,21 @@ def build_world(bullet: BulletClient, world: World, radii: np.ndarray) -> list[i
 
 
 def set_contact(bullet: BulletClient, body: int, group: int, mask: int) -> None:
-    """Set the collision filter and friction of a body."""
+    """Set collision group, collision mask and friction of a body."""
     bullet.setCollisionFilterGroupMask(body, -1, group, mask)
     bullet.changeDynamics(body, -1, lateralFriction=1.0, restitution=0.0)
 
 
 def has_many_walls(world: World) -> bool:
-    """Return True if PyBullet cannot hold all walls of a world."""
+    """Return True if a world has too many walls to create all of them in PyBullet."""
     return len(world.segments) + _RECTANGLES_PER_CIRCLE * len(world.circles) > _MAX_RECTANGLES
 
 
 def outlines(world: World, sagitta: float = 5e-4) -> np.ndarray:
-    """Return all obstacles as segments, shape (n, 4), float64 [m]; polygons match circles within `sagitta` [m]."""
+    """Return all obstacles of a world as line segments (x0, y0, x1, y1), shape (n, 4), float64 [m].
+
+    Polygons approximate circles with an error of at most `sagitta` [m].
+    """
     found = [world.segments]
     for x, y, radius in world.circles.tolist():
         corners = max(12, math.ceil(math.pi / math.acos(max(1.0 - sagitta / radius, 0.0))))
@@ -109,7 +115,7 @@ _TRIANGLES: list[int] = []
 
 
 def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> list[int]:
-    """Create meshes of upright rectangles over segments, shape (n, 4) [m], and return their ids."""
+    """Create PyBullet meshes of upright rectangles over line segments, shape (n, 4) [m], and return the shape ids."""
     meshes = []
     for first in range(0, len(segments), _MESH_RECTANGLES):
         part = segments[first : first + _MESH_RECTANGLES]
@@ -132,10 +138,9 @@ def build_meshes(bullet: BulletClient, segments: np.ndarray, height: float) -> l
 
 
 class NearbyWalls:
-    """Walls near the robots, for worlds with too many walls."""
+    """Walls near the robots in PyBullet, for worlds with too many walls."""
 
     def __init__(self, bullet: BulletClient, world: World, reach: float) -> None:
-        """Store the walls; `reach` bounds the travel of a robot and its body between calls of `follow` [m]."""
         self._bullet = bullet
         self._segments = outlines(world)
         self._height = world.height
@@ -145,7 +150,7 @@ class NearbyWalls:
         self._centers: np.ndarray | None = None
 
     def follow(self, positions: np.ndarray) -> None:
-        """Rebuild nearby walls if a robot has moved far; `positions`: shape (n, 2), float64 [m]."""
+        """Update nearby walls if a robot has moved far. `positions`: (x, y) of the robots, shape (n, 2) [m]."""
         if self._centers is not None and np.hypot(*(positions - self._centers).T).max() <= _REBUILD_DISTANCE:
             return
         self._centers = positions.copy()

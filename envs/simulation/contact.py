@@ -1,4 +1,4 @@
-"""Contact of circular footprints with obstacles, people and other robots."""
+"""Contact of circular robot footprints with obstacles, people and other robots."""
 
 import math
 from collections.abc import Sequence
@@ -16,18 +16,21 @@ from .records import COMMANDED_V, ROBOT, THETA, TOUCHED, TOUCHED_PERSON, X, Y
 
 _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
-"""Overlap that counts as touching [m]."""
+"""Overlap of a footprint with an obstacle that is ignored [m]."""
 CONTACT_GAP = 0.01
-"""Maximum gap to objects that a collision reports as touched [m]."""
+"""Maximum gap from a colliding robot to objects that are reported as touched [m]."""
 FAULT_SPEED = 0.05
-"""Maximum approach speed at which touching a person is not the robot's fault [m/s]."""
+"""Approach speed of a robot below which contact with a person is not the robot's fault [m/s]."""
 _MIN_GAP = 1e-4
 """Minimum gap between two robots at the start [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def select_near(x, y, reach, segments, near):
-    """Write the indices of segments with bounding boxes within `reach` [m] of (x, y) to `near`; return their number."""
+    """Find segments whose bounding boxes lie within `reach` [m] of the point (x, y), and return their number.
+
+    `segments`: (x0, y0, x1, y1), shape (n, 4) [m]. `near`: output, indices of the segments, shape (n + 1,), int64.
+    """
     count = 0
     for i in range(segments.shape[0]):
         x0, y0, x1, y1 = segments[i, 0] - x, segments[i, 1] - y, segments[i, 2] - x, segments[i, 3] - y
@@ -42,8 +45,8 @@ def select_near(x, y, reach, segments, near):
 def push_out(x, y, radius, segments, near, num_near, circles, hits):
     """Push a circle out of overlapping obstacles, the deepest overlap first.
 
-    `segments`: shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: shape (m, 3),
-    float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
+    `segments`: walls, shape (n, 4), float64 [m]; the first `num_near` indices in `near` are tested. `circles`: (x, y,
+    radius), shape (m, 3), float64 [m]. `hits`: shape (m,), bool; set to True for touched circles.
 
     Returns:
         Centre x, y, whether the circle touched anything, and whether no overlap remains.
@@ -73,14 +76,10 @@ def push_out(x, y, radius, segments, near, num_near, circles, hits):
 
 @njit(cache=True, error_model="numpy")
 def is_cut(pose, before, body, segments, circles):
-    """Return True if an obstacle lies inside a body, or between its last and present centre.
+    """Return True if a robot's body overlaps an obstacle or has moved through an obstacle.
 
-    Args:
-        pose: pose of the base (x, y, theta).
-        before: last pose of the base.
-        body: centre (x, y) in the base frame, then half length and half width, or radius and 0 [m].
-        segments: shape (n, 4) [m].
-        circles: shape (m, 3) [m].
+    `pose`, `before`: present and previous pose of the base. `body`: centre (x, y) in the base frame, then half length
+    and half width, or radius and 0 [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3) [m].
     """
     center_x, center_y, half_length, half_width = body
     c, s, c0, s0 = math.cos(pose[2]), math.sin(pose[2]), math.cos(before[2]), math.sin(before[2])
@@ -128,7 +127,7 @@ def is_cut(pose, before, body, segments, circles):
 
 
 def check_starts(poses: Sequence[Pose2D], radius: float, world: World) -> None:
-    """Check that start poses of robots with a radius [m] are free of collisions.
+    """Check that robots with a footprint `radius` [m] do not collide at their start poses.
 
     Raises:
         ValueError: a pose is not finite, or a footprint overlaps an obstacle or footprint.
@@ -156,35 +155,39 @@ Kind = Literal["wall", "cylinder", "person", "robot"]
 
 
 class Contact(NamedTuple):
-    """Contact of a robot in a control period."""
+    """Contact between a robot and an object during a control period."""
 
     robot: int
     """Index of the robot."""
     kind: Kind
-    """Kind of the touched object."""
+    """Touched object: "wall", "cylinder", "person" or "robot"."""
     which: int
-    """Row of the object in `World.segments`, `World.circles` or `Simulator.people`, or index of the other robot."""
+    """Index of the touched object in `World.segments`, `World.circles`, `Simulator.people` or among the robots."""
     by: Literal["robot", "other"] = "robot"
-    """Cause of the contact: the party that approached faster."""
+    """Cause of the contact: the robot or the touched object, whichever approached faster."""
 
 
 @njit(cache=True, error_model="numpy")
 def approach(row, x, y):
-    """Return the commanded speed of a robot towards a point [m/s]."""
+    """Return the commanded speed of a robot towards the point (x, y) [m/s]."""
     dx, dy = x - row[X], y - row[Y]
     return row[COMMANDED_V] * (dx * math.cos(row[THETA]) + dy * math.sin(row[THETA])) / max(math.hypot(dx, dy), 1e-9)
 
 
 @njit(cache=True, error_model="numpy")
 def drove_into(row, person):
-    """Return True if a robot approached a person faster than the person approached it."""
+    """Return True if a robot caused contact with a person by approaching faster."""
     dx, dy = person[crowd_at.X] - row[X], person[crowd_at.Y] - row[Y]
     closing = -(person[crowd_at.VX] * dx + person[crowd_at.VY] * dy) / max(math.hypot(dx, dy), 1e-9)
     return approach(row, person[crowd_at.X], person[crowd_at.Y]) > max(closing, person[crowd_at.BLOCKED], FAULT_SPEED)
 
 
 def find_contacts(rows: np.ndarray, world: World, people: np.ndarray) -> list[Contact]:
-    """Return the contacts of the last control period: the nearest object and all within `CONTACT_GAP`."""
+    """Return the contacts of all robots in the last control period.
+
+    A robot in contact is reported to touch the nearest object and all objects within 1 cm. `rows`, `people`: state
+    vectors.
+    """
     contacts = []
     positions, radius = rows[:, : Y + 1], rows[0, ROBOT]
     bodies = people[:, [crowd_at.X, crowd_at.Y, crowd_at.RADIUS]]

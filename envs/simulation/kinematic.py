@@ -16,25 +16,19 @@ from .sensors import SLIP_LEFT, SLIP_RIGHT, sense, with_peers
 from .simulator import Simulator
 
 SLIP_MARGIN = 0.5
-"""Maximum wheel slip, relative to maximum speed and yaw rate."""
+"""Maximum excess of speed and yaw rate due to wheel slip, as a fraction of the robot's maximum."""
 _MAX_SLIDE_RATIO = 1.1
-"""Maximum motion along obstacles, relative to free motion."""
+"""Maximum distance moved along obstacles in a physics step, divided by the distance without contact."""
 
 
 @njit(cache=True, error_model="numpy")
 def plan_wheels(reached, command, normals, robot, rates, slips):
-    """Plan the wheel rates of a control period, and return the twist (v, w) at its end.
+    """Compute the wheel rates of a control period, and return the twist (v, w) at the end.
 
     Limits speed and acceleration. Wheel slip after Siegwart and Nourbakhsh, Introduction to Autonomous Mobile Robots,
-    equation 5.8.
-
-    Args:
-        reached: last twist (v, w) [m/s, rad/s].
-        command: commanded twist (v, w) [m/s, rad/s].
-        normals: normal random numbers for the slip of both wheels.
-        robot: `RobotRecord`.
-        rates: output, shape (substeps, 2), float64: wheel rates that encoders measure [rad/s].
-        slips: output, shape (substeps, 2), float64: slip added to `rates` [rad/s].
+    equation 5.8. `reached`, `command`: twist (v, w) at the start and commanded twist [m/s, rad/s]. `normals`: standard
+    normal numbers for the slip of both wheels. `rates`, `slips`: outputs, shape (substeps, 2), float64: wheel rates
+    that encoders measure, and slip added to these [rad/s].
     """
     v, w = reached
     substeps = int(robot.substeps)
@@ -64,13 +58,13 @@ def plan_wheels(reached, command, normals, robot, rates, slips):
 
 @njit(cache=True, error_model="numpy")
 def advance(state, command, normals, robot, segments, circles):
-    """Move a robot by one control period; the footprint slides along obstacles.
+    """Move a robot by one control period. The footprint slides along obstacles.
 
-    `state`: row of the robot. `command`, `normals`: see `plan_wheels`. `robot`: `RobotRecord`. `segments`, `circles`:
-    obstacles, shapes (n, 4) and (m, 3), float64 [m].
+    `state`: state vector, updated. `command`: twist (v, w) [m/s, rad/s]. `normals`: random numbers for wheel slip.
+    `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m].
 
     Returns:
-        Whether the footprint touched anything, and which circles it touched: shape (m,), bool.
+        Whether the footprint touched anything, and which circles were touched: shape (m,), bool.
     """
     substeps = int(robot.substeps)
     dt = robot.period / substeps
@@ -113,11 +107,11 @@ def advance(state, command, normals, robot, segments, circles):
 
 @njit(cache=True, error_model="numpy")
 def step_robots(rows, draws, ranges, segments, circles, crowd):
-    """Move people and robots of a world by one control period, then sense.
+    """Move people and robots of a world by one control period, and simulate the sensors.
 
-    People move first and stop at robots. Robots move in turn; all others are static meanwhile. `rows`, `draws`,
-    `ranges`, `segments`: see `sense`. `circles`: obstacles, shape (m, 3), float64 [m]. `crowd`: `People.arrays`; None
-    without people, which saves compilation.
+    People move first and stop at robots. Robots move one after another. `rows`: state vectors, updated. `ranges`:
+    output, lidar ranges [m]. `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `crowd`:
+    `People.arrays`, or None without people.
     """
     robot, num_circles = at.unpack_robot(rows[0, at.ROBOT :]), circles.shape[0]
     radius = robot.radius
@@ -147,7 +141,7 @@ def step_robots(rows, draws, ranges, segments, circles, crowd):
 
 
 class KinematicSimulator(Simulator):
-    """Robots with kinematic physics, without PyBullet."""
+    """Simulator that computes robot motion from wheel rates, without forces."""
 
     ignored = ("body.friction", "body.mass", "drive.friction", "drive.max_torque")
 

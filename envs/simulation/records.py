@@ -1,4 +1,4 @@
-"""Layout of a robot's row of numbers."""
+"""Layout of the state vector (row) of a robot."""
 
 import math
 from collections import namedtuple
@@ -15,7 +15,7 @@ from lidarnaut.envs.robots import RobotParams
 SUBSTEP = 1.0 / 60.0
 """Target duration of a physics substep [s]."""
 MAX_SUBSTEPS = 10_000
-"""Maximum number of substeps per control period."""
+"""Maximum number of physics substeps per control period."""
 MIN_PERIOD = 1e-4
 """Minimum control period [s]."""
 
@@ -49,46 +49,52 @@ _SOURCES = {
     "compass_std": "imu.compass_std",
     "compass_resolution": "imu.compass_resolution",
 }
-"""Fields of `RobotRecord`, with their source attributes in `RobotParams`."""
 
 RobotRecord = namedtuple("RobotRecord", [*_SOURCES, "period", "substeps"])  # type: ignore[misc]
-"""Robot parameters for kernels, all float: fields of `_SOURCES`, control period [s], substeps per control period."""
+"""Robot parameters for Numba functions, all float, followed by control period [s] and substeps per period."""
 RECORD_SIZE = len(RobotRecord._fields)
 X, Y, THETA, COMMANDED_V, COMMANDED_W, LEFT_ANGLE, RIGHT_ANGLE, V, W, MEAN_W, GYRO_BIAS = range(11)
-"""Columns of ground truth.
+"""Columns of a robot's state vector with ground truth.
 
-Pose in the world frame [m, m, rad], controller's twist after acceleration limits [m/s, rad/s], wheel rotation since the
-reset [rad], twist of the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
+World pose [m, m, rad], twist commanded by the controller [m/s, rad/s], wheel rotation since the reset [rad], twist of
+the base [m/s, rad/s], mean yaw rate of the last control period, and gyroscope bias [rad/s]."""
 STATE_SIZE = 11
 LEFT_TICKS, RIGHT_TICKS, YAW_RATE, HEADING, TOUCHED = range(11, 16)
-"""Columns of measurements: encoder counts, yaw rate [rad/s], compass heading [rad], and contact.
+"""Columns of a robot's state vector with measurements.
 
-Contact: 0 for none, 1 for an obstacle or robot, `TOUCHED_PERSON` plus index for a person."""
+Encoder counts, gyroscope yaw rate [rad/s], compass heading [rad], and contact. Contact: 0 for none, 1 for an obstacle
+or robot, 2 plus index for a person."""
 TOUCHED_PERSON = 2
 STEPS, TIME, DRAW, COMMAND_V, COMMAND_W = range(16, 21)
-"""Columns of control periods and time [s] since the reset, row of `Rows.draws` in use, and command [m/s, rad/s]."""
+"""Columns of a robot's state vector: control periods and time [s] since the reset, index of current random numbers, and
+commanded twist [m/s, rad/s]."""
 LAST_X, LAST_Y, LAST_THETA, LAST_LEFT, LAST_RIGHT, LAST_TOUCHED = range(21, 27)
-"""Columns of true pose, encoder counts and contact at the previous update."""
+"""Columns of a robot's state vector: true pose, encoder counts and contact of the previous control period."""
 ODOMETRY, MOTION, TWIST_V, TWIST_W, BIAS, BIAS_VARIANCE = 27, 30, *range(33, 37)
-"""First columns of the last motion by odometry and by the estimator (three each), estimated twist [m/s, rad/s], and
-gyroscope bias estimate with variance."""
-POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
-"""First columns of pose estimate and last key pose (map frame), pose of the map frame in the world, and last trail
-points, estimated and true."""
-PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
-"""Columns of driven distance [m], number of collisions, last action, and flags of pending updates."""
-PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
-"""Columns about people.
+"""First columns of odometry in a robot's state vector.
 
-Present and least gap to people [m], least time to collision [s], time in personal space [s], cause of the present
-contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and by people."""
+Last motion (x, y, theta) by odometry and as received by the estimator, estimated twist [m/s, rad/s], and gyroscope bias
+estimate with variance."""
+POSE, KEY_POSE, MAP_POSE, TRAIL, TRUE_TRAIL = 37, 40, 43, 46, 48
+"""First columns of poses in a robot's state vector.
+
+Estimated pose and pose of the last key scan (scan that is matched and integrated) in the map frame, pose of the map
+frame in the world, and last points of the estimated and true paths."""
+PATH_LENGTH, COLLISIONS, ACTION_V, ACTION_W, FLAGS = range(50, 55)
+"""Columns of a robot's state vector: driven distance [m], number of collisions, last action, and bit flags of pending
+updates."""
+PERSON_GAP, LEAST_GAP, LEAST_TIME, INTRUSION, TOUCHED_BY, HIT_WALL, HIT_PERSON, HIT_BY_PERSON = range(55, 63)
+"""Columns about people in a robot's state vector.
+
+Present and smallest gap to people [m], smallest time to collision [s], time in personal space [s], cause of the present
+contact (see `envs.transition`), and numbers of contacts with obstacles, with people, and caused by people."""
 MOTION_SETTINGS, ROBOT = 63, 70
-"""First columns of the `MotionSettings` of `envs.robot` and of `RobotRecord`, kept at a reset."""
+"""First columns of the odometry settings and the robot parameters in a robot's state vector."""
 PERIOD = ROBOT + RobotRecord._fields.index("period")
-"""Column of the control period [s]."""
+"""Column of the control period [s] in a robot's state vector."""
 ROW_SIZE = ROBOT + RECORD_SIZE
 SENSED = np.ones(ROW_SIZE)
-"""Mask of columns that a robot can measure, shape (ROW_SIZE,), float64: 1, or NaN for ground truth."""
+"""Mask of a robot's state vector, shape (ROW_SIZE,), float64: NaN for ground truth, 1 for measurable columns."""
 SENSED[[*range(LEFT_TICKS), LAST_X, LAST_Y, LAST_THETA, LAST_TOUCHED, *range(MAP_POSE, TRAIL), TRUE_TRAIL]] = np.nan
 SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS), *range(ROBOT, PERIOD), PERIOD + 1]] = (
     np.nan
@@ -97,7 +103,7 @@ SENSED[[TRUE_TRAIL + 1, PATH_LENGTH, FLAGS, *range(PERSON_GAP, MOTION_SETTINGS),
 
 @lru_cache(maxsize=64)
 def robot_record(robot: RobotParams, control_period: float) -> Any:
-    """Return the `RobotRecord` of a robot.
+    """Convert robot parameters and control period [s] to a flat record of floats (`RobotRecord`).
 
     Raises:
         ValueError: the control period is not finite, below `MIN_PERIOD`, or needs more than `MAX_SUBSTEPS`.
@@ -121,5 +127,5 @@ def robot_record(robot: RobotParams, control_period: float) -> Any:
 
 @njit(cache=True)
 def unpack_robot(numbers):
-    """Return the `RobotRecord` stored in an array, shape (30,), float64, which is faster to pass to kernels."""
+    """Convert an array of robot parameters, shape (30,), float64, to a `RobotRecord` with named fields."""
     return RobotRecord(*as_tuple(numbers, RECORD_SIZE))

@@ -1,4 +1,4 @@
-"""States, measurements and noise of robots, as array rows."""
+"""State vectors, measurements and random numbers of robots, stored in arrays."""
 
 import math
 from collections.abc import Hashable, Mapping, Sequence
@@ -13,7 +13,7 @@ from . import records as at
 from .sensors import OTHER_NORMALS
 
 BLOCK = 16
-"""Number of control periods with noise drawn at once."""
+"""Number of control periods whose noise is sampled at once."""
 
 
 class Twist(NamedTuple):
@@ -36,7 +36,7 @@ class Reading(NamedTuple):
     ticks: tuple[int, int]
     """Cumulative encoder counts of the left and right wheel."""
     yaw_rate: float
-    """Gyroscope: mean yaw rate over the control period [rad/s]."""
+    """Mean yaw rate over the control period, measured by the gyroscope [rad/s]."""
     heading: float
     """Compass heading in the world frame [rad]; NaN without a compass."""
     bumper: bool
@@ -46,38 +46,40 @@ class Reading(NamedTuple):
 
     @classmethod
     def of_scan(cls, ranges: np.ndarray, time: float = 0.0) -> "Reading":
-        """Return a reading with a scan only, shape (num_beams,), float32 [m]."""
+        """Create a reading of lidar ranges alone, shape (num_beams,), float32 [m]."""
         return cls(time, ranges, (0, 0), 0.0, math.nan, False)
 
 
 class RobotState(NamedTuple):
-    """Ground truth of a robot, for metrics, rewards, `info` and tests."""
+    """True pose and velocity of a robot."""
 
     pose: Pose2D
     """Pose of the robot's base in the world frame."""
     twist: Twist
-    """Velocity of the base."""
+    """Velocity (v, w) of the base in its own frame [m/s, rad/s]."""
 
 
 class Rows:
-    """States, scans and noise of identical robots; noise is drawn before robots move, independent of physics."""
+    """State vectors, lidar scans and random numbers of identical robots, one array row per robot."""
 
     def __init__(self, robot: RobotParams, control_period: float, num_robots: int) -> None:
         num_beams, self._num_uniforms = robot.lidar.num_beams, 0
         self.numbers = np.zeros((num_robots, at.ROW_SIZE))
-        """Rows of the robots, shape (num_robots, ROW_SIZE), float64; see `records`."""
+        """State vectors of the robots, shape (num_robots, ROW_SIZE), float64; columns: see module `records`."""
         self.ranges = np.empty((num_robots, num_beams), dtype=np.float32)
-        """Scans, shape (num_robots, num_beams), float32 [m]."""
+        """Lidar ranges, shape (num_robots, num_beams), float32 [m]."""
         self.draws = np.zeros((num_robots, BLOCK, OTHER_NORMALS + num_beams))
-        """Standard normal numbers, shape (num_robots, BLOCK, n): see `SLIP_LEFT`, then one per beam; with lidar
-        dropout, then uniform numbers in [0, 1) per beam."""
+        """Random numbers, shape (num_robots, BLOCK, n), float64.
+
+        Standard normal numbers for wheel slip, gyroscope, compass and each beam. With lidar dropout, uniform numbers in
+        [0, 1) per beam follow."""
         self.memory: dict[Hashable, np.ndarray] = {}
-        """Episode state of tasks and observations by name, shape (num_robots, n) each."""
+        """Data that tasks and observations keep during an episode, by name, shape (num_robots, n) each."""
         self.set_robot(robot, control_period)
         self.reset()
 
     def remember(self, name: Hashable, size: int, dtype: Any = np.float64) -> np.ndarray:
-        """Return a named array of episode state, shape (num_robots, size), initially zero."""
+        """Return a named array for data of a task or observation, shape (num_robots, size), initially zero."""
         if name not in self.memory:
             self.memory[name] = np.zeros((len(self.numbers), size), dtype)
         return self.memory[name]
@@ -93,12 +95,12 @@ class Rows:
         self.numbers[:, at.DRAW] = BLOCK - 1
 
     def draw(self, rngs: Sequence[np.random.Generator]) -> None:
-        """Draw the noise of one scan, with one generator per robot."""
+        """Sample the noise of one control period, with one random generator per robot."""
         self.draw_ahead(rngs, 1)
         self.numbers[:, at.DRAW] += 1.0
 
     def draw_ahead(self, rngs: Sequence[np.random.Generator], count: int = BLOCK) -> None:
-        """Draw the noise of `count` control periods if none is left."""
+        """Sample the noise of the next `count` control periods if no sampled noise is left."""
         if self.numbers[0, at.DRAW] == BLOCK - 1:
             for rng, block in zip(rngs, self.draws, strict=True):
                 self._draw(rng, block[BLOCK - count :])
@@ -121,7 +123,6 @@ class Rows:
         self.numbers[:, at.DRAW] += 1.0
 
     def go_to(self, steps: int) -> None:
-        """Set the number of control periods since the reset."""
         self.numbers[:, at.STEPS], self.numbers[:, at.TIME] = steps, steps * self.numbers[0, at.PERIOD]
 
     def state(self, k: int) -> RobotState:
@@ -135,7 +136,7 @@ class Rows:
     def share(
         self, numbers: np.ndarray, ranges: np.ndarray, draws: np.ndarray, memory: Mapping[Hashable, np.ndarray]
     ) -> None:
-        """Move all data into rows of larger arrays, for batched kernels."""
+        """Move all data into parts of larger arrays that many environments share."""
         for key, kept in memory.items():
             kept[...] = self.memory[key]
         self.memory = {**self.memory, **memory}

@@ -1,4 +1,4 @@
-"""Sensor models with noise, for both physics engines."""
+"""Noisy lidar, encoders, gyroscope and compass, for all physics engines."""
 
 import math
 
@@ -12,7 +12,8 @@ from lidarnaut.envs.geometry.rows import write_row
 from . import records as at
 
 SLIP_LEFT, SLIP_RIGHT, GYRO, COMPASS = range(4)
-"""Indices of a robot's normal random numbers in a control period; beams follow."""
+"""Indices of normal random numbers in a control period: slip of both wheels, gyroscope, compass. Numbers of lidar beams
+follow."""
 OTHER_NORMALS = 4
 
 
@@ -34,12 +35,10 @@ def tilt_ranges(ranges, robot):
 
 @njit(cache=True, error_model="numpy")
 def disturb_ranges(ranges, draws, robot):
-    """Convert exact ranges to measured ranges, in place; see `Reading.ranges`.
+    """Add noise, rounding and dropout to exact lidar ranges, in place.
 
-    Args:
-        ranges: shape (num_beams,), float32 [m]; inf without a hit.
-        draws: standard normal number per beam; with dropout, then a uniform number in [0, 1) per beam.
-        robot: `RobotRecord`.
+    `ranges`: shape (num_beams,), float32 [m]; inf without a hit. `draws`: standard normal number per beam; with
+    dropout, then a uniform number in [0, 1) per beam.
     """
     num_beams = ranges.shape[0]
     for k in range(num_beams):
@@ -59,7 +58,10 @@ def disturb_ranges(ranges, draws, robot):
 
 @njit(cache=True, error_model="numpy")
 def measure_ranges(pose, draws, robot, segments, circles, ranges):
-    """Measure a scan at a pose (x, y, theta) of the base in the world frame; arguments as in `sense`."""
+    """Simulate a noisy lidar scan from the robot's base pose (x, y, theta) in the world frame.
+
+    `segments`, `circles`: obstacles [m]. `ranges`: output, shape (num_beams,), float32 [m].
+    """
     c, s = math.cos(pose[2]), math.sin(pose[2])
     x = pose[0] + c * robot.mount_x - s * robot.mount_y
     y = pose[1] + s * robot.mount_x + c * robot.mount_y
@@ -71,7 +73,7 @@ def measure_ranges(pose, draws, robot, segments, circles, ranges):
 
 @njit(cache=True, error_model="numpy")
 def with_room(circles, num_more):
-    """Return circles, shape (m, 3) [m], followed by `num_more` empty rows."""
+    """Return a copy of circles (x, y, radius), shape (m, 3) [m], with `num_more` uninitialized rows at the end."""
     extended = np.empty((circles.shape[0] + num_more, 3))
     for row in range(circles.shape[0]):
         write_row(extended[row], circles[row])
@@ -80,7 +82,7 @@ def with_room(circles, num_more):
 
 @njit(cache=True, error_model="numpy")
 def with_peers(circles, states, index, radius):
-    """Return circles, shape (m, 3) [m], followed by the footprints of all robots except `index`."""
+    """Return obstacle circles (x, y, radius) [m], followed by the footprints of all robots except robot `index`."""
     count, num_robots = circles.shape[0], states.shape[0]
     extended = with_room(circles, num_robots - 1)
     for k in range(num_robots):
@@ -95,11 +97,11 @@ def sense(rows, draws, ranges, segments, circles):
     """Simulate all sensors of all robots except contact.
 
     Args:
-        rows: shape (num_robots, ROW_SIZE), float64, see `records`; written.
-        draws: see `Rows.draws`.
+        rows: state vectors, shape (num_robots, ROW_SIZE), float64, updated.
+        draws: random numbers, see `Rows.draws`.
         ranges: output, shape (num_robots, num_beams), float32 [m].
-        segments: obstacles, shape (n, 4), float64, (x0, y0, x1, y1) [m].
-        circles: obstacles and people, shape (m, 3), float64, (x, y, radius) [m].
+        segments: walls (x0, y0, x1, y1), shape (n, 4), float64 [m].
+        circles: obstacles and people (x, y, radius), shape (m, 3), float64 [m].
     """
     robot = at.unpack_robot(rows[0, at.ROBOT :])
     for k in range(rows.shape[0]):

@@ -1,4 +1,4 @@
-"""Interface of the physics engines."""
+"""Base class of the physics engines."""
 
 import math
 from abc import ABC, abstractmethod
@@ -21,10 +21,10 @@ from .sensors import SLIP_LEFT, sense
 
 
 class Simulator(ABC):
-    """Identical robots in a world; base class of physics engines."""
+    """Base class of physics engines that simulate identical robots in a world."""
 
     ignored: tuple[str, ...] = ()
-    """Robot parameters without effect, as dotted attribute names of `RobotParams`."""
+    """Robot parameters that the physics engine ignores, as dotted attribute names of `RobotParams`."""
 
     def __init__(
         self, robot: RobotParams, control_period: float, num_robots: int = 1, crowd: Crowd | None = None
@@ -33,18 +33,17 @@ class Simulator(ABC):
         self.rngs: Sequence[np.random.Generator] = ()
         self.crowd = People(crowd)
         self.robot = robot
-        """Parameters of the robots in this episode."""
         self._radius, self._period = robot.radius, float(control_period)
         self._world: World | None = None
 
     def set_robot(self, robot: RobotParams) -> None:
-        """Set the robots' parameters for the next reset; footprint and lidar beams do not change."""
+        """Change the robot parameters from the next reset on, except footprint and lidar beams."""
         self.robot = robot
         self.rows.set_robot(robot, self._period)
 
     @property
     def states(self) -> list[RobotState]:
-        """Ground truth of each robot."""
+        """True pose and velocity of each robot."""
         self._reset_world()
         return [self.rows.state(k) for k in range(len(self.rows.numbers))]
 
@@ -55,7 +54,7 @@ class Simulator(ABC):
 
     @property
     def people(self) -> np.ndarray:
-        """Ground truth of people; see `People.states`."""
+        """True states of people, shape (n, 5), float64: x, y, radius [m], vx, vy [m/s], world frame."""
         return self.crowd.states
 
     def reset(
@@ -65,13 +64,10 @@ class Simulator(ABC):
         rngs: Sequence[np.random.Generator],
         crowd_rng: np.random.Generator | None = None,
     ) -> list[Reading]:
-        """Place the robots at rest and return their first readings.
+        """Place the robots at rest and return their first sensor readings.
 
-        Args:
-            world: world to simulate.
-            poses: start pose of each robot, world frame.
-            rngs: generator of each robot's noise.
-            crowd_rng: generator of the crowd.
+        `poses`: start poses, world frame. `rngs`, `crowd_rng`: random generators of each robot's noise and of the
+        crowd.
 
         Raises:
             ValueError: robots or people do not fit or overlap, or a list has the wrong length.
@@ -89,7 +85,9 @@ class Simulator(ABC):
         return self._readings()
 
     def step(self, commands: Sequence[Twist]) -> list[Reading]:
-        """Apply one command per robot for a control period and return the readings.
+        """Move the robots by one control period and return their sensor readings.
+
+        `commands`: twist (v, w) of each robot [m/s, rad/s].
 
         Raises:
             ValueError: a command is not finite, or the number of commands is wrong.
@@ -99,7 +97,10 @@ class Simulator(ABC):
         return self._readings()
 
     def move(self, commands: Sequence[Twist], ahead: int = BLOCK) -> None:
-        """Apply commands as `step` does, with results in `rows`; draw noise for `ahead` control periods at once."""
+        """Move the robots by one control period, with results in `rows`.
+
+        `commands`: twists [m/s, rad/s]. `ahead`: number of control periods with noise sampled at once.
+        """
         world, rows = self._reset_world(), self.rows
         self._check_number(commands=commands)
         for k, (v, w) in enumerate(commands):
@@ -110,18 +111,17 @@ class Simulator(ABC):
         self._move(world)
 
     def close(self) -> None:  # noqa: B027
-        """Release resources; repeated calls have no effect."""
+        """Release resources. Repeated calls have no effect."""
 
     @abstractmethod
     def _place(self, world: World, poses: Sequence[Pose2D]) -> None:
-        """Put the robots at rest at their poses."""
+        """Place the robots at rest at their start poses."""
 
     @abstractmethod
     def _move(self, world: World) -> None:
-        """Move people and robots by the commands in `rows`, then call `sense`."""
+        """Move people and robots by the commands in `rows`, and simulate the sensors."""
 
     def sense(self) -> None:
-        """Update all measurements except contact."""
         rows, world = self.rows, self._reset_world()
         visible = with_bodies(world.circles, self.crowd.rows, self.crowd.setup)
         sense(rows.numbers, rows.draws, rows.ranges, world.segments, visible)

@@ -1,4 +1,4 @@
-"""Simultaneous localization and mapping, and mapping with known poses."""
+"""SLAM algorithms, and mapping at known poses."""
 
 import copy
 from collections.abc import Callable
@@ -29,11 +29,10 @@ from .tinyslam import KnownPoses, TinySlam
 
 
 class Kind(NamedTuple):
-    """Builder of a SLAM and loader of its parameters."""
+    """SLAM algorithm: constructor and function that loads parameters."""
 
     make: Callable[[LidarParams, Any], Estimator]
     load: Callable[..., Any]
-    """Function that returns parameters of a preset; see `load_params`."""
 
 
 SLAMS: dict[str, Kind] = {
@@ -44,10 +43,10 @@ SLAMS: dict[str, Kind] = {
     "odometry": Kind(KnownPoses, load_params),
     "truth": Kind(KnownPoses, load_params),
 }
-"""SLAM algorithms by name. "odometry" and "truth" build a map at odometry or ground-truth poses."""
+"""SLAM algorithms by name. "odometry" and "truth" only build a map, at odometry or ground-truth poses."""
 SLAM_NAMES = tuple(SLAMS)
 DEFAULT_SLAM = "hector"
-"""Default SLAM of the environments: fast, deterministic, shareable by teams."""
+"""Default SLAM algorithm: fast, deterministic, and able to share a map between robots."""
 
 
 def make_slam(
@@ -57,14 +56,14 @@ def make_slam(
     preset: str | Path | Params = "default",
     odometry_noise: OdometryNoise | None = None,
 ) -> Estimator:
-    """Build a SLAM.
+    """Create a SLAM algorithm, which updates a pose and a map from lidar scans and odometry.
 
     Args:
-        name: one of `SLAM_NAMES`; an `Estimator`, which is copied; or `module:attribute` or a callable that takes lidar
-            (`LidarParams`) and resolution [m] and returns an `Estimator`.
-        lidar: geometry of the scans.
+        name: one of `SLAM_NAMES`; an `Estimator` object, which is copied; or a callable, or import path
+            `module:attribute`, that returns an `Estimator` from `lidar` and `resolution`.
+        lidar: beam geometry.
         resolution: side of a map cell [m]; overrides the preset.
-        preset: preset name, YAML file, or parameters.
+        preset: preset name, YAML file, or parameter object.
         odometry_noise: overrides the preset; None keeps it.
 
     Raises:

@@ -1,7 +1,7 @@
-"""Occupancy grid of TinySLAM and known-pose mapping: cells are means of observations.
+"""Occupancy grid of TinySLAM: a cell stores the mean of its observations.
 
-A 32-bit cell word has a signed fixed-point occupancy in the upper 20 bits (18 fractional) and the number of
-observations in the lower 12. Sums of occupancies are exact.
+A cell is packed into 32 bits: signed fixed-point occupancy in the upper 20 (18 fractional), and number of observations
+in the lower 12. Sums of occupancies are exact.
 """
 
 import math
@@ -19,38 +19,37 @@ from .scans import SIDE_START, beam_ends, walk
 from .slam_params import TinySlamParams
 
 COUNT_BITS = 12
-"""Bits of a cell word that count observations."""
 MAX_COUNT = (1 << COUNT_BITS) - 1
-"""Maximum observation count; later observations keep the weight 1 / (MAX_COUNT + 1)."""
+"""Maximum number of observations that a cell stores; later ones keep the weight 1 / (`MAX_COUNT` + 1)."""
 FULL_OCCUPANCY = 1 << 18
-"""Occupancy 1 in fixed-point representation."""
+"""Fixed-point integer for occupancy 1 (18 fractional bits)."""
 _GAIN_ONE = 1 << 24
 _GAINS = np.round(_GAIN_ONE / np.arange(1, MAX_COUNT + 2)).astype(np.int64)
 
 
 class InverseSensorModel(NamedTuple):
-    """Occupancies that a beam assigns to cells."""
+    """Inverse sensor model: occupancies that a beam assigns to cells."""
 
     occupied_prob: float
     empty_prob: float
     hole: float
-    """Length of the occupancy ramp in front of a hit [cells]; 0 for no ramp."""
+    """Length over which occupancy rises before a beam endpoint [cells]."""
     add_blur: bool
 
 
 def unvisited_word(value: float) -> int:
-    """Return the word of an unobserved cell; the matcher reads occupancy `value`, in [-1, 1]."""
+    """Return the packed state of an unobserved map cell, which scan matching reads as occupancy `value`, -1 to 1."""
     return round(value * FULL_OCCUPANCY) << COUNT_BITS
 
 
 def probabilities(words: np.ndarray) -> np.ndarray:
-    """Return the occupancy of cell words, same shape, float64."""
+    """Return the occupancies of packed int32 map cells, same shape, float64."""
     return (words >> COUNT_BITS) / FULL_OCCUPANCY
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, target):
-    """Return the cell word after an observation, `target`, fixed-point."""
+    """Return a packed int32 map cell after another observation: `target` is the observed occupancy times 2^18."""
     count, value = word & MAX_COUNT, word >> COUNT_BITS
     value += ((target - value) * _GAINS[np.uint64(count)] + _GAIN_ONE // 2) >> 24
     return (value << COUNT_BITS) | min(count + 1, MAX_COUNT)
@@ -63,11 +62,12 @@ def _weighted(prob, quality):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, quality, ends, new_cells):
-    """Integrate a scan into `words` and `occupancy`; return the number of new known cells.
+    """Insert a scan into an occupancy grid; return the number of cells observed for the first time.
 
-    A hit occupies the last cell of a beam, after a ramp of rising occupancy unless the beam is shorter than the ramp.
-    `words` and `occupancy` have shape (height, width), int32 and int8 [percent]. `new_cells` receives row and column of
-    new known cells, shape (n, 2), int32. For scan arguments see `beam_ends`.
+    Cells along a beam are observed as free, and the endpoint of a return as occupied. Occupancy rises along a ramp
+    before this endpoint, unless the beam is shorter. `words`: packed cells, shape (height, width), int32. `occupancy`:
+    same shape, int8 [percent]. `quality`: weight of the scan from 0 to 1. `new_cells` receives row and column, shape
+    (n, 2), int32. Scan arguments as in `beam_ends`.
     """
     (x, y), _ = beam_ends(ranges, pose, geometry, corner, ends)
     width = words.shape[1]
@@ -109,7 +109,7 @@ def integrate_scan(words, occupancy, ranges, pose, geometry, corner, model, qual
 
 
 class GridMap(GrowingMap):
-    """Occupancy grid with mean observed occupancies."""
+    """Occupancy grid whose cells store mean observed occupancies."""
 
     def __init__(self, params: TinySlamParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar)
@@ -117,10 +117,12 @@ class GridMap(GrowingMap):
         self.model = InverseSensorModel(params.occupied_prob, params.empty_prob, hole, params.blur == "add")
         self.unvisited = unvisited_word(params.unvisited)
         self.words = np.full(self.grid.data.shape, self.unvisited, dtype=np.int32)
-        """Cell words, shape (height, width), int32."""
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D, quality: float) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose, with weight `quality` from 0 to 1."""
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame.
+
+        `quality`: weight of the scan from 0 to 1.
+        """
         window, new_cells = self._make_room(ranges[None], np.array([pose])), self._new_cells
         scan = (ranges, tuple(pose), self.geometry, self.corner)
         how = (self.model, float(quality), self._ends, new_cells)

@@ -1,5 +1,3 @@
-"""Occupancy grid that grows when a scan leaves it."""
-
 import math
 
 import numpy as np
@@ -11,17 +9,18 @@ from .scans import ScanGeometry, scans_window
 from .slam_params import SlamParams
 
 MAX_CELLS = 1 << 27
-"""Maximum number of cells; limits memory if the estimate diverges."""
+"""Maximum number of map cells, which limits memory if the pose estimate diverges."""
 
 
 class GrowingMap:
-    """Occupancy grid that starts around the map frame's origin and grows by powers of two.
+    """Occupancy grid that starts around the map frame's origin and grows when a scan leaves it.
 
-    Growth replaces array and origin of `grid`; subclasses pad their cells in `_pad`.
+    Width and height grow by powers of two. Growth replaces `grid.data` and `grid.origin`; subclasses pad their cells in
+    `_pad`.
     """
 
     def __init__(self, params: SlamParams, lidar: LidarParams, block: int = 1) -> None:
-        """Create an unknown map with sides and corner in multiples of `block` cells.
+        """Create an unknown map whose sides and corner are multiples of `block` cells.
 
         Raises:
             ValueError: if the map exceeds `MAX_CELLS`.
@@ -48,18 +47,16 @@ class GrowingMap:
         return x / self.grid.resolution - self.corner[0], y / self.grid.resolution - self.corner[1]
 
     def to_metres(self, x: float, y: float) -> tuple[float, float]:
-        """Convert a position in cells from the map's corner to the map frame [m]."""
         return (x + self.corner[0]) * self.grid.resolution, (y + self.corner[1]) * self.grid.resolution
 
     def _make_room(self, ranges: np.ndarray, poses: np.ndarray) -> Window:
-        """Enlarge the map to contain scans, if necessary; arguments and result as of `scans_window`."""
         window = scans_window(ranges, poses, self.geometry, self.corner, self._ends)
         if self.grow_to_hold(window):
             window = scans_window(ranges, poses, self.geometry, self.corner, self._ends)
         return window
 
     def grow_to_hold(self, window: Window) -> bool:
-        """Enlarge the map to contain a window; return True if the map was enlarged."""
+        """Enlarge the map to contain a block of cells, if necessary; return True if enlarged."""
         height, width = self.grid.data.shape
         left, right = _growth(width, window.col, window.col + window.width - 1)
         low, high = _growth(height, window.row, window.row + window.height - 1)
@@ -91,7 +88,7 @@ def _growth(size: int, first: int, last: int) -> tuple[int, int]:
 
 
 def known_cells(occupancy: np.ndarray) -> np.ndarray:
-    """Return row and column of known cells, shape (n, 2), int32."""
+    """Return row and column of all known cells, shape (n, 2), int32."""
     known = np.flatnonzero(occupancy != UNKNOWN)
     cells = np.empty((len(known), 2), dtype=np.int32)
     np.divmod(known, occupancy.shape[1], out=(cells[:, 0], cells[:, 1]), casting="unsafe")

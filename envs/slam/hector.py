@@ -1,5 +1,3 @@
-"""Hector SLAM: Gauss-Newton scan matching on a log-odds map."""
-
 import numpy as np
 
 from lidarnaut.envs.estimation import ORIGIN, Belief, MapUpdate
@@ -14,15 +12,15 @@ from .relocalization import FOUND_STD, LocalizationMonitor
 from .slam_params import HectorParams
 
 MIN_SCORE_WITH_PEOPLE = 0.5
-"""Minimum matching score among people; a group of people looks like an unmapped wall."""
+"""Minimum mean occupancy of known cells at the scan points of a match among people, who resemble walls."""
 
 
 class Hector(KeyScanSlam):
-    """SLAM by scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
+    """SLAM by Gauss-Newton scan matching on one map (Kohlbrecher et al., A flexible and scalable SLAM system, 2011).
 
-    Unlike the original, odometry is a weighted prior, unless `uses_odometry=False`. Loops are not closed.
-    `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. Mismatched scans are not
-    integrated; a lost robot is searched on the whole map (`relocalization`).
+    Unlike in the paper, odometry is a weighted pose prior, unless `uses_odometry=False`. Loops are not closed.
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. Such scans
+    are not inserted. A lost robot is searched on the whole map.
     """
 
     params: HectorParams
@@ -34,7 +32,6 @@ class Hector(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose with a new or shared map."""
         self._monitor.reset()
         self._monitor.meets_people = self.meets_people
         if self.meets_people:  # mismatches near people are expected

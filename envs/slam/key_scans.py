@@ -1,5 +1,3 @@
-"""Key scans: selection, storage, and base class of SLAMs."""
-
 from abc import ABC, abstractmethod
 from typing import Any, NamedTuple
 
@@ -19,28 +17,28 @@ from .scans import ScanGeometry, check_scan, project_hits
 
 @njit(cache=True, error_model="numpy")
 def has_moved(x, y, theta, new_x, new_y, new_theta, min_distance, min_angle):
-    """Return True if two poses differ by at least `min_distance` [m] or `min_angle` [rad]."""
+    """Return True if two poses [m, m, rad] differ by at least `min_distance` [m] or `min_angle` [rad]."""
     return distance(new_x - x, new_y - y) >= min_distance or abs(wrap_angle(new_theta - theta)) >= min_angle
 
 
 MAX_LOG_ODDS_WITH_PEOPLE = 3.5
-"""Maximum log-odds of cells among people (Hornung et al., "OctoMap", 2013, section 3.4): nine free observations clear a
-cell."""
+"""Maximum log-odds of map cells among people (Hornung et al., "OctoMap", 2013, section 3.4). Nine free observations
+clear a cell."""
 POINT_CELL = 0.1
-"""Cell side for thinning points of joined scans: one point per cell [m]."""
+"""Cell side for thinning merged scans to one point per cell [m]."""
 
 
 class Anchor(NamedTuple):
-    """Robot pose relative to a key scan, which map corrections may move later."""
+    """Robot pose relative to an earlier scan, whose own pose may be corrected later."""
 
     key_scan: int
-    """Index of the key scan in `Belief.path`."""
+    """Index of the scan in the trajectory `Belief.path`."""
     relative: Pose2D
-    """Pose in the frame of the key scan."""
+    """Robot pose relative to the scan [m, m, rad]."""
 
 
 class KeyScans:
-    """Stored scans and their poses."""
+    """Store of lidar scans and base poses."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._geometry = ScanGeometry.of(lidar, 1.0)
@@ -52,29 +50,28 @@ class KeyScans:
 
     @property
     def ranges(self) -> np.ndarray:
-        """Stored scans, shape (n, num_beams), float32 [m]."""
         return self._ranges.rows
 
     @property
     def poses(self) -> np.ndarray:
-        """Uncorrected base poses by scan matching or odometry, shape (n, 3), float64 [m, m, rad]."""
+        """Base poses of the scans, without later corrections, shape (n, 3), float64 [m, m, rad]."""
         return self._poses.rows
 
     def add(self, ranges: np.ndarray, pose: Pose2D) -> int:
-        """Add a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
+        """Store a scan, shape (num_beams,), float32 [m], at a base pose; return its index."""
         self._ranges.append(ranges)
         return self._poses.append(pose)
 
     def points(self, index: int) -> np.ndarray:
-        """Return the hits of a scan, shape (n, 2), float32, base frame [m]."""
+        """Return the points of a scan, shape (n, 2), float32, base frame [m]."""
         out = np.empty((2, self.ranges.shape[1]), dtype=np.float32)
         count = project_hits(self.ranges[index], self._geometry, out)
         return out[:, :count].T
 
     def joined_points(self, first: int, last: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return the joined hits of scans `first` to `last`, base frame of scan `last`, shape (n, 2), float32 [m].
+        """Merge the points of scans `first` to `last`, shape (n, 2), float32, base frame of scan `last` [m].
 
-        Points within `max_range` [m] are thinned to one per `POINT_CELL`, and to `max_points`.
+        Points within `max_range` [m] are thinned to one per cell of side `POINT_CELL`, and to `max_points`.
         """
         here = Pose2D(*self.poses[last].tolist())
         poses = [Pose2D(*pose) for pose in self.poses[first : last + 1].tolist()]
@@ -88,44 +85,42 @@ class KeyScans:
 
 
 class KeyScanSlam(ABC):
-    """SLAM that matches and integrates key scans; between key scans the pose follows odometry.
+    """SLAM that matches and maps key scans (scans after a minimum motion); otherwise, the pose follows odometry.
 
-    A scan is a key scan at `params.min_travel_distance` or `params.min_travel_angle` from the last key pose. With
-    `params.match_every_scan`, all scans are matched, but only key scans are integrated. Simulations may call
-    `process_key_scan` directly with the composed motion.
+    The minimum motion is `params.min_travel_distance` or `params.min_travel_angle`. With `params.match_every_scan`, all
+    scans are matched, but only key scans are inserted into the map. Simulations may call `process_key_scan` directly.
     """
 
     meets_people = False
-    """Whether people are near; limits cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
+    """Whether people are near; limits log-odds of map cells to `MAX_LOG_ODDS_WITH_PEOPLE`."""
     unmatched: np.ndarray | None = None
-    """Beams of the next scan to integrate but not match, shape (num_beams,), bool; None for no beams."""
+    """Beams to exclude from the next scan matching but not from mapping, shape (num_beams,), bool; None for none."""
     shares_maps = True
     """Whether several robots may share a map."""
 
     def __init__(self, lidar: LidarParams, params: Any) -> None:
-        """Build a SLAM; `params` are `SlamParams` with `match_every_scan`."""
         self.params = params
         self._lidar = lidar
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.reset(np.random.default_rng(0))
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: Any = None) -> Belief:
-        """Start at a known pose, map frame, with a new or shared map."""
+        """Restart at a known pose, map frame, with a new map, or with a given shared map."""
         self.rng = rng
         self.map = self._make_map() if map is None else map
         if self.meets_people and isinstance(self.map, LogOddsMap):
             bound = min(self.map.model.bound, round(MAX_LOG_ODDS_WITH_PEOPLE * LOG_ODDS_UNIT))
             self.map.model = self.map.model._replace(bound=bound)
         self.last_key_pose: Pose2D | None = None
-        """Pose of the last key scan, map frame; None before the first key scan."""
+        """Base pose at the last scan after a minimum motion, map frame; None before the first."""
         grid: OccupancyGrid = self.map.grid
         self.belief = Belief(pose, grid)
         return self.belief
 
     def update(self, reading: Reading, motion: Pose2D) -> Belief:
-        """Process a scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
+        """Update pose and map by a lidar scan; +inf in `reading.ranges` means no return, NaN an ignored beam.
 
-        `motion` is the base motion since the previous scan.
+        `motion`: odometry since the previous scan.
 
         Raises:
             ValueError: if the number of beams is wrong, or the motion is not finite.
@@ -138,12 +133,11 @@ class KeyScanSlam(ABC):
         return self.belief
 
     def is_key_pose(self, pose: Pose2D) -> bool:
-        """Return True if a pose is far enough from the last key pose."""
         last, params = self.last_key_pose, self.params
         return last is None or has_moved(*last, *pose, params.min_travel_distance, params.min_travel_angle)
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match and integrate a scan, shape (num_beams,), float32 [m]; `predicted` is the odometry pose."""
+        """Match a scan, shape (num_beams,), float32 [m], to the map and insert it; `predicted` is the odometry pose."""
         belief = self.belief
         matched = ranges if self.unmatched is None else np.where(self.unmatched, np.float32(np.nan), ranges)
         pose, quality = self._match(matched, predicted)
@@ -166,8 +160,8 @@ class KeyScanSlam(ABC):
 
     @abstractmethod
     def _make_map(self) -> Any:
-        """Return a new map."""
+        """Return a new, unknown map."""
 
     @abstractmethod
     def _match(self, ranges: np.ndarray, predicted: Pose2D) -> tuple[Pose2D, float | None]:
-        """Return the matched pose and the scan's map weight from 0 to 1; None to skip integration."""
+        """Return the matched pose, map frame, and the scan's weight in the map from 0 to 1, or None to skip mapping."""

@@ -1,7 +1,7 @@
 """Log-odds occupancy maps at several resolutions.
 
-A 32-bit cell word has signed log-odds in the upper 16 bits (9 fractional) and, in the lower 16, the number of the last
-observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
+A cell is packed into 32 bits: signed log-odds in the upper 16 (9 fractional) and, in the lower 16, the number of the
+last observing scan (stamp), 0 for none. With stamps, a scan observes each cell only once.
 """
 
 import math
@@ -19,24 +19,23 @@ from .scans import SIDE_START, beam_ends, walk
 from .slam_params import MatchingParams
 
 STAMP_BITS = 16
-"""Bits of a cell word for the scan number."""
 MAX_STAMP = (1 << STAMP_BITS) - 1
-"""Largest scan number before numbering restarts."""
+"""Largest scan number that a map cell can store."""
 LOG_ODDS_UNIT = 1 << 9
-"""Log-odds of 1 in fixed-point representation."""
+"""Fixed-point integer for log-odds 1 (9 fractional bits)."""
 _HALF = 6 * LOG_ODDS_UNIT
 _PERCENTS = np.round(100.0 / (1.0 + np.exp(-np.arange(-_HALF, _HALF + 1) / LOG_ODDS_UNIT))).astype(np.int8)
 
 
 class LogOddsModel(NamedTuple):
-    """Log-odds increments of a scan."""
+    """Inverse sensor model: log-odds that a scan adds to map cells."""
 
     hit: int
-    """Log-odds increment of a cell with a hit, fixed-point."""
+    """Log-odds added to a cell with a beam endpoint [1/512]."""
     passed: int
-    """Log-odds increment of a cell passed by a beam, fixed-point; negative."""
+    """Negative log-odds added to a cell that a beam passes [1/512]."""
     bound: int
-    """Maximum absolute log-odds of a cell, fixed-point."""
+    """Maximum absolute log-odds of a cell [1/512]."""
 
     @classmethod
     def of(cls, params: MatchingParams) -> Self:
@@ -47,22 +46,25 @@ class LogOddsModel(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def percent(value):
-    """Return the occupancy of fixed-point log-odds [percent]."""
+    """Convert log-odds in units of 1/512 to occupancy [percent]."""
     return _PERCENTS[np.uint64(min(max(value, -_HALF), _HALF) + _HALF)]
 
 
 @njit(cache=True, error_model="numpy")
 def observe(word, change, bound, stamp):
-    """Return the cell word after adding `change` to its log-odds."""
+    """Return a packed map cell (int32) after an observation that adds `change` to the log-odds.
+
+    `bound`: maximum absolute log-odds. `stamp`: scan number.
+    """
     value = min(max((word >> STAMP_BITS) + change, -bound), bound)
     return (value << STAMP_BITS) | stamp
 
 
 @njit(cache=True, error_model="numpy")
 def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
-    """Integrate a scan into one level; return the number of new known cells.
+    """Insert a scan into one map resolution; return the number of cells observed for the first time.
 
-    Hits come first, and passing beams do not change them. (Kohlbrecher et al., 2011, undo free observations instead.)
+    Passing beams do not change cells with beam endpoints. (Kohlbrecher et al., 2011, undo free observations instead.)
     """
     width = words.shape[1]
     flat, flat_occupancy = words.ravel(), occupancy.ravel()
@@ -97,11 +99,11 @@ def _integrate(words, occupancy, scale, lidar, ends, model, stamp, new_cells):
 
 @njit(cache=True, error_model="numpy")
 def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp, ends, new_cells):
-    """Integrate scans into all levels; return the number of cells that the last scan made known.
+    """Insert scans into all map resolutions; return the number of cells that only the last scan has observed.
 
-    `words` and `levels` (occupancies [percent]) are tuples of arrays, finest first. `ranges` has shape (n, num_beams),
-    float32 [m]; `poses` are base poses, shape (n, 3), map frame [m, m, rad]. `stamp` is the number of the first scan;
-    numbers must be unused. `new_cells` receives row and column of new known cells, shape (n, 2), int32. See
+    `words` (packed cells, int32) and `levels` (occupancies, int8 [percent]) are tuples of arrays, finest first.
+    `ranges`: shape (n, num_beams), float32 [m]. `poses`: base poses, shape (n, 3), map frame [m, m, rad]. `stamp`:
+    number of the first scan; numbers must be unused. `new_cells` receives row and column, shape (n, 2), int32. See
     `beam_ends`.
     """
     num_new, width = 0, words[0].shape[1]
@@ -118,7 +120,7 @@ def integrate_scans(words, levels, ranges, poses, geometry, corner, model, stamp
 
 @njit(cache=True, error_model="numpy")
 def forget_stamps(words):
-    """Reset stamps of observed cells to 1, to reuse stamps from 2."""
+    """Reset the scan numbers in packed map cells to 1, to reuse numbers from 2."""
     flat = words.ravel()
     for k in range(flat.shape[0]):
         if flat[k] & MAX_STAMP:
@@ -126,9 +128,9 @@ def forget_stamps(words):
 
 
 class LogOddsMap(GrowingMap):
-    """Multi-resolution log-odds map for scan matching (Kohlbrecher et al., 2011, section IV.C).
+    """Log-odds occupancy map at several resolutions for scan matching (Kohlbrecher et al., 2011, section IV.C).
 
-    Scans are integrated into every level; coarse levels are not averages.
+    Scans are inserted into every resolution; coarse cells are not averages.
     """
 
     def __init__(self, params: MatchingParams, lidar: LidarParams) -> None:
@@ -138,24 +140,24 @@ class LogOddsMap(GrowingMap):
         height, width = self.grid.data.shape
         shapes = [(height >> k, width >> k) for k in range(params.num_levels)]
         self.words = [np.zeros(shape, dtype=np.int32) for shape in shapes]
-        """Cell words by level, shape (height, width) / 2^level, int32."""
+        """Packed cells by resolution, shape (height, width) / 2^level, int32."""
         self._coarser = [np.full(shape, UNKNOWN, dtype=np.int8) for shape in shapes[1:]]
 
     @property
     def levels(self) -> tuple[np.ndarray, ...]:
-        """Occupancies by level, finest first, int8: -1 unknown, 0 to 100 percent."""
+        """Occupancy grids by resolution, finest first, int8 [percent], -1 unknown."""
         return (self.grid.data, *self._coarser)
 
     def integrate(self, ranges: np.ndarray, pose: Pose2D) -> MapUpdate:
-        """Integrate a scan, shape (num_beams,), float32 [m], at a base pose."""
+        """Insert a scan, shape (num_beams,), float32 [m], at a base pose, map frame."""
         window, count = self.integrate_all(ranges[None], np.array([pose]))
         return MapUpdate(self._new_cells[:count].copy(), window, origin=self.grid.origin)
 
     def integrate_all(self, ranges: np.ndarray, poses: np.ndarray) -> tuple[Window, int]:
-        """Integrate 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m].
+        """Insert 1 to `MAX_STAMP - 1` scans, shape (n, num_beams), float32 [m], into the map.
 
-        `poses` are base poses, shape (n, 3), float64, map frame. Returns the window of observed cells and the number of
-        new known cells of the last scan.
+        `poses`: base poses, shape (n, 3), float64, map frame. Returns the block of observed cells, and the number of
+        cells that only the last scan has observed.
         """
         window = self._make_room(ranges, poses)
         if self._stamp + len(ranges) > MAX_STAMP:
@@ -168,7 +170,7 @@ class LogOddsMap(GrowingMap):
         return window, count
 
     def take_cells(self, other: "LogOddsMap") -> None:
-        """Take the cells of another map, which becomes invalid; `grid` stays the same object."""
+        """Replace the cells by those of another map, which becomes invalid; `grid` stays the same object."""
         self.grid.data, self.grid.origin, self.corner = other.grid.data, other.grid.origin, other.corner
         self.words, self._coarser, self._stamp = other.words, other._coarser, other._stamp
 

@@ -1,5 +1,3 @@
-"""Monte Carlo scan matching of TinySLAM, and its observers."""
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple, Protocol
@@ -16,67 +14,66 @@ from .slam_params import TinySlamParams
 
 
 class SearchParams(NamedTuple):
-    """Spread and limits of a Monte Carlo search."""
+    """Sampling spread, limits and penalties of Monte Carlo scan matching."""
 
     sigma_xy: float
-    """Initial standard deviation of candidate positions [cells]."""
+    """Initial standard deviation of sampled positions [cells]."""
     sigma_theta: float
     max_failed: int
     max_tries: int
     unvisited: int
-    """Cell word of an unobserved cell."""
     position_penalty: float = 0.0
-    """Score penalty per squared distance from the prediction, fixed-point [1/cells^2]."""
+    """Score penalty per squared distance from the predicted pose [2^-18 / cells^2]."""
     heading_penalty: float = 0.0
-    """Score penalty per squared turn from the prediction, fixed-point [1/rad^2]."""
+    """Score penalty per squared turn from the predicted pose [2^-18 / rad^2]."""
 
 
 class Search(NamedTuple):
-    """Best pose of a search, from the map's corner [cells, cells, rad]."""
+    """Result of Monte Carlo scan matching: best pose, from the map's corner [cells, cells, rad]."""
 
     x: float
     y: float
     theta: float
     total: int
-    """Best score minus its penalty, fixed-point."""
     tried: int
     accepted: int
 
 
 class MatcherObserver(Protocol):
-    """Observer of the poses tested by the matcher.
+    """Observer of the poses tested in Monte Carlo scan matching, map frame [m, m, rad].
 
-    Cost is the number of hits minus the sum of their occupancies, plus the prior penalty.
+    Cost is the number of scan points minus the sum of map occupancies at the points, plus the prior penalty.
     """
 
     def on_matching_start(self, pose: Pose2D) -> None:
-        """Handle the predicted pose."""
+        """Receive the predicted pose before the search."""
         ...
 
     def on_scan_test(self, pose: Pose2D, cost: float) -> None:
-        """Handle a tested pose."""
+        """Receive a tested pose."""
         ...
 
     def on_pose_update(self, pose: Pose2D, cost: float) -> None:
-        """Handle a new best pose."""
+        """Receive a new best pose."""
         ...
 
     def on_matching_end(self, pose: Pose2D, cost: float) -> None:
-        """Handle the result of the search."""
+        """Receive the best pose after the search."""
         ...
 
 
 def search_params(params: TinySlamParams) -> SearchParams:
-    """Return the search parameters in map cells."""
+    """Convert TinySLAM parameters to scan-matching parameters in map cells."""
     spread, limits = (params.sigma_xy / params.resolution, params.sigma_theta), (params.max_failed, params.max_tries)
     return SearchParams(*spread, *limits, unvisited_word(params.unvisited))
 
 
 @njit(cache=True, error_model="numpy")
 def score(words, unvisited, points, num_points, x, y, theta, indices):
-    """Return the summed occupancy under the hits, fixed-point; see `match`.
+    """Return the sum of map occupancies at the scan points, in units of 2^-18, for a pose [cells, cells, rad].
 
-    Cells outside are unobserved. `indices` is scratch space.
+    Points outside the map count as unobserved. `words`: packed map cells. `points`: shape (2, >= num_points), float32,
+    base frame [cells]. `indices` is scratch space.
     """
     x32, y32 = np.float32(x), np.float32(y)
     c, s = np.float32(math.cos(theta)), np.float32(math.sin(theta))
@@ -106,19 +103,19 @@ def score(words, unvisited, points, num_points, x, y, theta, indices):
 
 @njit(cache=True, error_model="numpy")
 def penalty(params, pose, x, y, theta):
-    """Return a candidate's penalty by its distance from the predicted pose, fixed-point."""
+    """Return the penalty of a pose for its distance from the predicted pose, in units of 2^-18."""
     dx, dy, turn = x - pose[0], y - pose[1], theta - pose[2]
     return round(params.position_penalty * (dx * dx + dy * dy) + params.heading_penalty * turn * turn)
 
 
 @njit(cache=True, error_model="numpy")
 def match(words, points, num_points, pose, params, noise, trace):
-    """Search the best pose of a scan in a map by sampling around the best pose.
+    """Find the best pose of a scan in a map by sampling around the best pose so far.
 
-    An improvement after a third of the allowed failures halves the spread and resets the failures. `points` are hits,
-    shape (2, >= num_points), float32, base frame [cells]; `pose` is x, y from the map's corner [cells] and heading
-    [rad]; `noise` is standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags, shape
-    (max_tries + 1, 5).
+    An improvement after a third of the allowed failures halves the spread and resets the failures. `points`: scan
+    points, shape (2, >= num_points), float32, base frame [cells]. `pose`: x, y from the map's corner [cells] and
+    heading [rad]. `noise`: standard normal, shape (max_tries, 3). `trace` receives poses, scores and improvement flags,
+    shape (max_tries + 1, 5).
     """
     indices = np.empty(points.shape[1], dtype=np.uint32)
     best = score(words, params.unvisited, points, num_points, pose[0], pose[1], pose[2], indices)
@@ -147,9 +144,9 @@ def match(words, points, num_points, pose, params, noise, trace):
 
 @njit(cache=True, error_model="numpy")
 def match_scan(ranges, geometry, words, corner, pose, params, noise, points, trace):
-    """Match a scan to a map at a predicted pose, map frame [m, m, rad]; see `match`.
+    """Match a scan, shape (num_beams,), float32 [m], to a map by sampling around a predicted pose, map frame.
 
-    Returns pose, number of candidates, improvement flag, and number of hits.
+    Returns pose, number of samples, improvement flag, and number of scan points.
     """
     resolution = geometry.resolution
     count = project_hits(ranges, geometry, points)
@@ -164,7 +161,7 @@ def match_scan(ranges, geometry, words, corner, pose, params, noise, points, tra
 def notify(
     observers: Sequence[MatcherObserver], grid_map: GridMap, predicted: Pose2D, trace: np.ndarray, num_hits: int
 ) -> None:
-    """Notify observers from a search `trace`; `predicted` is in metres."""
+    """Report a finished search to observers: predicted pose, map frame [m, m, rad], and sampled poses in `trace`."""
 
     def send(event: str, *arguments: Pose2D | float) -> None:
         for observer in observers:

@@ -1,7 +1,7 @@
 """Relocalization of a lost or kidnapped robot on its own map.
 
-Scans since the loss are joined by odometry and matched to the whole map by branch and bound (Hess et al., Real-time
-loop closure in 2D lidar SLAM, 2016). A single scan is ambiguous.
+Scans since the loss are merged by odometry, because one scan is ambiguous, and matched to the whole map by branch and
+bound (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 """
 
 import math
@@ -23,75 +23,73 @@ from .scans import ScanGeometry
 from .slam_params import LoopClosureParams
 
 NUM_SCANS = 20
-"""Number of recent key scans matched together."""
+"""Maximum number of recent scans merged for a map search."""
 LEAST_SCANS, SEARCH_EVERY, MAX_INTERVAL = 4, 2, 8
-"""Key scans before the first search, interval of searches, and limit of the interval, which doubles after failures: a
-search costs a hundred matches."""
+"""Number of scans before the first map search and between searches, and maximum between searches after failures."""
 COARSE_CELL = 0.1
 """Cell side of the coarse search over the whole map [m]."""
 NUM_LEVELS = 6
-"""Levels of the coarse pyramid; the top level has maxima over 32 cells."""
+"""Number of branch-and-bound levels; a top-level cell is the maximum of 32 x 32 coarse cells."""
 MAX_POINTS, LEAST_POINTS = 300, 40
-"""Maximum and minimum number of points for a search."""
+"""Maximum and minimum number of scan points for a map search."""
 MAX_EVALUATIONS = 500_000
-"""Maximum branch-and-bound nodes scored per search."""
+"""Maximum number of branch-and-bound nodes scored per search."""
 FINE_WIDTH, FINE_ANGLE = 0.2, 0.04
 """Half width [m] and half angle [rad] of the fine search around a coarse result."""
 NEAR_DISTANCE = 2.0
-"""Distance from the odometry pose with lower required evidence [m]; maps bend more often than robots are kidnapped."""
+"""Distance from the odometry pose below which a found pose needs less evidence [m]."""
 NEAR_EVIDENCE, DISTANT_EVIDENCE, MAX_LEAD = 0.5, 1.0, 0.25
-"""Accumulated score margin over rivals to accept a nearby and a distant pose, and maximum margin counted per search."""
+"""Evidence to accept a nearby and a distant pose, and maximum evidence per search. Evidence is the score margin over
+the best alternative pose, summed over searches."""
 AGREEMENT_DISTANCE, AGREEMENT_ANGLE = 0.3, 0.1
-"""Maximum difference of two poses that agree [m], [rad]."""
+"""Maximum distance [m] and angle [rad] between found poses that agree."""
 RIVAL_DISTANCE, RIVAL_ANGLE, RIVAL_SCORE_MARGIN = 0.5, 0.2, 0.15
-"""Minimum distance [m] and angle [rad] of rivals from a coarse pose, and their maximum score deficit."""
+"""Minimum distance [m] or angle [rad] of an alternative pose from a found pose, and maximum score deficit."""
 LEAST_LEAD = 0.05
-"""Minimum margin in fit quality of the best pose over its best rival."""
+"""Minimum margin in fit quality of the best pose over the best alternative pose."""
 MAX_CROSSING, LEAST_JUDGED, CROSSING_SCANS = 0.52, 40, 3
-"""Fraction of at least `LEAST_JUDGED` beams that may pass through occupied cells; above it in `CROSSING_SCANS`
-consecutive key scans, a robot is lost. Real logs reach 0.5 before loop closures."""
+"""Maximum fraction of beams through occupied cells, minimum number of beams to judge this, and number of consecutive
+scans above the maximum that mean a lost robot."""
 RECOVERY_SCANS = 4
-"""Consecutive key scans matching at the odometry pose that end a loss, for example after people leave."""
+"""Number of consecutive scans that fit the map and end the lost state without relocalization."""
 SEARCH_HEADINGS = (0.0, 0.5 * math.pi, math.pi, -0.5 * math.pi)
-"""Central headings of four map searches [rad]; opposite sides of a room look alike on coarse cells."""
+"""Central headings of the four searches that cover all headings [rad]."""
 FOUND_STD = (0.1, 0.1, 0.03)
-"""Standard deviation of a relocalized pose [m, m, rad]."""
+"""Standard deviations of a relocalized pose [m, m, rad]."""
 ACCEPTANCE = LoopClosureParams(min_score=0.45, min_occupied=0.8, max_free=0.05, min_agreement=0.95)
-"""Acceptance criteria for a relocalized pose."""
+"""Minimum agreement of scan points with the map at a relocalized pose."""
 MAX_ACCEPTED_CROSSING = 0.08
-"""Maximum fraction of beams through occupied cells at an accepted pose."""
+"""Maximum fraction of beams through occupied cells at a relocalized pose."""
 
 
 class LocalizationMonitor:
-    """Monitor that detects a lost robot by mismatched scans and relocalizes it."""
+    """Monitor that detects a lost robot by scans that do not fit the map, and relocalizes the robot."""
 
     def __init__(self, lidar: LidarParams, lost_scans: int, has_odometry: bool = True) -> None:
-        """Create a monitor; `lost_scans` consecutive mismatches mean a lost robot.
+        """Create a monitor; `lost_scans` consecutive scans that do not fit the map mean a lost robot.
 
-        Relocalization or consecutive matches end a loss; without odometry, one match.
+        Relocalization or consecutive fitting scans end the lost state; without odometry, one fitting scan.
         """
         self._lost_scans, self._has_odometry = lost_scans, has_odometry
         self._geometry = ScanGeometry.of(lidar, 1.0)
         self._relocalizer = Relocalizer(lidar)
         self.meets_people = False
-        """Whether to ignore beams through occupied cells, because people may have left."""
+        """Whether to ignore beams through occupied cells, which people may have left."""
         self.reset()
 
     def reset(self) -> None:
-        """Set the state to localized."""
         self._mismatches = self._num_crossing = self._num_consistent = 0
         self.is_found = False
-        """Whether the last key scan relocalized the robot."""
+        """Whether the last scan ended the lost state."""
         self._relocalizer.reset()
 
     @property
     def has_mismatch(self) -> bool:
-        """Whether a scan mismatched and no later scan has matched."""
         return self._mismatches > 0
 
     @property
     def is_lost(self) -> bool:
-        """Whether consecutive mismatches reached the limit."""
+        """Whether too many consecutive scans did not fit the map."""
         return self._mismatches >= self._lost_scans
 
     def update(
@@ -102,10 +100,10 @@ class LocalizationMonitor:
         fits: bool | None,
         grid: OccupancyGrid,
     ) -> Pose2D | None:
-        """Process a key scan; return a pose to use instead of the match, or None to accept the match.
+        """Process a scan; return a pose that replaces the matched pose, or None to keep the matched pose.
 
-        `ranges` has shape (num_beams,), float32 [m]; `predicted` is the odometry pose and `pose` the matched pose, map
-        frame. `fits` is None if too few cells are known.
+        `ranges`: shape (num_beams,), float32 [m]. `predicted`: odometry pose; `pose`: matched pose; map frame. `fits`:
+        whether the scan fits the map, None if too few cells are known.
         """
         self.is_found = False
         if self.meets_people:
@@ -144,7 +142,7 @@ class LocalizationMonitor:
 
 
 class Relocalizer:
-    """Search for the pose of a lost robot on its map, by the scans since the loss."""
+    """Search for the pose of a lost robot on its map, with the scans since the loss."""
 
     def __init__(self, lidar: LidarParams) -> None:
         self._lidar, self._geometry = lidar, ScanGeometry.of(lidar, 1.0)
@@ -156,9 +154,9 @@ class Relocalizer:
         self._evidence, self._found = 0.0, (ORIGIN, ORIGIN)
 
     def update(self, ranges: np.ndarray, pose: Pose2D, grid: OccupancyGrid | None) -> Pose2D | None:
-        """Add a key scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, when due.
+        """Add a scan, shape (num_beams,), float32 [m], with its odometry pose; search the map, if any, at intervals.
 
-        Returns the pose, map frame, once consecutive searches agree without rivals; otherwise None.
+        Returns the pose, map frame, once consecutive searches agree; otherwise None.
         """
         self._scans.add(ranges, pose)
         if grid is None or len(self._scans) < self._next:
@@ -177,7 +175,7 @@ class Relocalizer:
         return found if self._evidence >= (NEAR_EVIDENCE if is_near else DISTANT_EVIDENCE) else None
 
     def search(self, grid: OccupancyGrid) -> tuple[Pose2D | None, float]:
-        """Return the pose at the last key scan, map frame, and its margin over rivals.
+        """Return the pose at the last scan, map frame, and its margin over the best alternative pose.
 
         The pose is None if unacceptable or ambiguous.
         """
@@ -227,7 +225,6 @@ class _Fit(NamedTuple):
 
 
 def _coarse_search(field: Field, points: np.ndarray) -> Callable[..., SearchResult]:
-    """Return a function that searches the map on coarse cells within 45 degrees of a heading [rad]."""
     block = max(1, round(COARSE_CELL / field.resolution))
     height, width = field.occupancy.shape
     padded = np.pad(field.occupancy, ((0, -height % block), (0, -width % block)), constant_values=-1)

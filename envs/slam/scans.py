@@ -1,5 +1,3 @@
-"""Lidar scans: validation, hits as points, and beam end points in a map."""
-
 import math
 from typing import NamedTuple, Self
 
@@ -10,12 +8,12 @@ from lidarnaut.envs.geometry import Pose2D, Window
 from lidarnaut.envs.robots import LidarParams
 
 SIDE_START = (1 << 31) - 1
-"""Initial sideways position in `walk`, just below half a cell (32 fractional bits): ties go to the cell nearer to the
-start."""
+"""Initial sideways position in a grid line traversal, just below half a cell (32 fractional bits). At ties, the line
+stays in its row or column."""
 
 
 class ScanGeometry(NamedTuple):
-    """Beam geometry and map resolution."""
+    """Lidar beam geometry and map resolution."""
 
     directions: np.ndarray
     """Cosine and sine of beam directions in the base frame, shape (2, num_beams), float64."""
@@ -25,9 +23,8 @@ class ScanGeometry(NamedTuple):
     range_max: float
     """Maximum range [m]; readings from this range on mean no return."""
     resolution: float
-    """Side of a map cell [m]."""
     skip_exceeding: bool = False
-    """Ignore beams without a return in mapping."""
+    """Whether mapping ignores beams without a return."""
 
     @classmethod
     def of(cls, lidar: LidarParams, resolution: float, skip_exceeding: bool = False) -> Self:
@@ -36,7 +33,7 @@ class ScanGeometry(NamedTuple):
 
 
 def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.ndarray:
-    """Return `ranges` as float32.
+    """Validate a scan and an odometry motion; return the ranges as float32.
 
     Raises:
         ValueError: if the number of beams is wrong, or `motion` is not finite.
@@ -51,9 +48,9 @@ def check_scan(ranges: np.ndarray, motion: Pose2D, lidar: LidarParams) -> np.nda
 
 @njit(cache=True, error_model="numpy")
 def project_hits(ranges, geometry, points):
-    """Write the hits of a scan to `points`, shape (2, num_beams), float32, base frame [cells]; return their number.
+    """Write scan points to `points`, shape (2, num_beams), float32, base frame [cells]; return the number of points.
 
-    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) are hits.
+    `ranges` has shape (num_beams,), float32 [m]; values in (0, range_max) give points.
     """
     count = 0
     for k in range(ranges.shape[0]):
@@ -67,11 +64,11 @@ def project_hits(ranges, geometry, points):
 
 @njit(cache=True, error_model="numpy")
 def beam_ends(ranges, pose, geometry, corner, ends):
-    """Return lidar position (x, y) [cells] and extent (col_min, row_min, col_max, row_max) of a scan in a map.
+    """Compute beam endpoints in a map; return lidar position (x, y) [cells] and extent of the scan.
 
-    `ranges` has shape (num_beams,), float32 [m], NaN for ignored beams; `pose` is the base pose, map frame [m, m, rad];
-    `corner` is column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and hit
-    flag, shape (num_beams, 3), float64.
+    `ranges`: shape (num_beams,), float32 [m], NaN for ignored beams. `pose`: base pose, map frame [m, m, rad].
+    `corner`: column and row of the map's first cell from the map frame's origin. `ends` receives x, y [cells] and
+    return flag, shape (num_beams, 3), float64. The extent is (col_min, row_min, col_max, row_max).
     """
     directions, range_max, resolution = geometry.directions, geometry.range_max, geometry.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -96,7 +93,7 @@ def beam_ends(ranges, pose, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def scans_window(ranges, poses, geometry, corner, ends):
-    """Return the `Window` of the cells that scans at `poses`, shape (n, 3), touch.
+    """Return the block of map cells that contains the beams of scans at base poses, shape (n, 3) [m, m, rad].
 
     `ranges` has shape (n, num_beams), or (1, num_beams) for one scan at all poses. See `beam_ends`.
     """
@@ -111,9 +108,9 @@ def scans_window(ranges, poses, geometry, corner, ends):
 
 @njit(cache=True, error_model="numpy")
 def walk(d_row, d_col, width):
-    """Return number of steps, sideways motion per step, and forward and sideways index increments of a line.
+    """Return the number of steps of a line between grid cells, its sideways motion per step, and index increments.
 
-    Sideways motion has 32 fractional bits; indices are those of a flattened map.
+    Sideways motion has 32 fractional bits. The increments of the flat cell index are for forward and sideways steps.
     """
     row_step, col_step = (width if d_row > 0 else -width), (1 if d_col > 0 else -1)
     d_row, d_col = abs(d_row), abs(d_col)

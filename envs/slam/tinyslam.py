@@ -1,5 +1,3 @@
-"""TinySLAM (Monte Carlo scan matching), and mapping with known poses."""
-
 from collections.abc import Sequence
 
 import numpy as np
@@ -19,16 +17,16 @@ from .scans import project_hits
 from .slam_params import TinySlamParams
 
 LOST_SCANS = 3
-"""Consecutive mismatched key scans after which the robot is lost."""
+"""Number of consecutive scans that do not fit the map after which the robot is lost."""
 WIDE_SPREAD = (0.3, 0.2)
-"""Standard deviation of candidates [m], [rad] in the second search, after a mismatch (wheel slip)."""
+"""Standard deviations of sampled poses [m], [rad] in a second search, after a poor match."""
 LEAST_KNOWN_HITS, LEAST_KNOWN_SCORE, LEAST_WIDE_SCORE = 20, 0.25, 0.7
-"""Minimum hits on known cells to judge a scan, and minimum mean occupancy of these cells in the first and second
-search."""
+"""Minimum number of scan points in known cells to judge a match, and minimum mean occupancy of these cells after the
+first and second search."""
 
 
 class KnownPoses(KeyScanSlam):
-    """Mapping at odometry or ground-truth poses, with the map parameters of `TinySlamParams`."""
+    """Mapping without scan matching: scans are inserted at odometry or ground-truth poses."""
 
     params: TinySlamParams
 
@@ -40,14 +38,14 @@ class KnownPoses(KeyScanSlam):
 
 
 class TinySlam(KnownPoses):
-    """TinySLAM of OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025); Steux and El Hamzaoui (2010).
+    """SLAM by Monte Carlo scan matching on one map (Steux and El Hamzaoui, tinySLAM, 2010).
 
-    If only key scans are matched, `belief.is_lost` is set after consecutive mismatches. Mismatched scans are not
-    integrated; a lost robot is searched on the whole map (`relocalization`).
+    Further sources: OSLL/tiny-slam-ros-cpp (2017); Nguyen et al. (2025). If only scans after a minimum motion are
+    matched, `belief.is_lost` is set after consecutive scans that do not fit the map. Such scans are not inserted. A
+    lost robot is searched on the whole map.
     """
 
     def __init__(self, lidar: LidarParams, params: TinySlamParams, observers: Sequence[MatcherObserver] = ()) -> None:
-        """Build a SLAM; `observers` are notified of each search."""
         self.observers = tuple(observers)
         self._search = search_params(params)
         self._wide_search = self._search._replace(
@@ -58,7 +56,6 @@ class TinySlam(KnownPoses):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: GridMap | None = None) -> Belief:
-        """Start at a known pose with a new or shared map; candidates are sampled from `rng`."""
         self._odometry = pose
         self._monitor.reset()
         return super().reset(rng, pose, map)
@@ -95,7 +92,7 @@ class TinySlam(KnownPoses):
         return Pose2D(x, y, wrap_angle(pose.theta + motion.theta))
 
     def _search_pose(self, ranges: np.ndarray, predicted: Pose2D, search: SearchParams | None = None) -> Pose2D:
-        """Return the best pose; the object `predicted` if no candidate is better."""
+        """Return the best sampled pose, or the object `predicted` if no sampled pose is better."""
         self.rng.standard_normal(out=self._noise)
         over = (self.map.geometry, self.map.words, self.map.corner, tuple(predicted))
         work = (search or self._weighted_search(predicted), self._noise, self._points, self._trace)

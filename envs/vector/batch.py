@@ -1,4 +1,4 @@
-"""Sub-environments stepped together by kernels."""
+"""Steps of many sub-environments in one call of a Numba function."""
 
 import itertools
 from collections.abc import Iterable, Sequence
@@ -18,14 +18,14 @@ from lidarnaut.envs.transition import pose_errors, record_positions, step_rows
 from .memory import SCALARS, Arrays, Records
 
 OWN_INFO = {"time", "rewards", "pose_error", "path_length", "collisions"}
-"""Entries of `info` common to all tasks."""
+"""Keys of `info` that are common to all tasks."""
 MOST_POSITIONS = 256
-"""Number of robot positions buffered before they are added to trails."""
+"""Number of positions buffered per robot before recorded paths are extended."""
 
 
 @njit(cache=True)
 def repeat(item, count):
-    """Return a Numba list with `count` references to an item."""
+    """Return a Numba list that contains `item` `count` times."""
     items = List()
     for _ in range(count):
         items.append(item)
@@ -34,27 +34,27 @@ def repeat(item, count):
 
 @njit(cache=True)
 def put(items, i, item):
-    """Set an item of a Numba list; cached, unlike list methods."""
+    """Set element `i` of a Numba list. Cached by Numba, unlike list methods."""
     items[i] = item
 
 
 class Batch:
-    """Environments stepped together by kernels; see `LidarEnv.is_fused`."""
+    """Sub-environments that are stepped together by Numba functions."""
 
     def __init__(self, envs: Sequence[Any], arrays: Arrays) -> None:
         self._envs, self._arrays = envs, arrays
         env = envs[0]
         self.robots = [robot for each in envs for robot in each.robots]
-        """Robots of all environments in order."""
+        """Robots of all sub-environments, ordered by environment."""
         self._num_robots, self._limits = len(env.robots), np.array([env.robot.max_v, env.robot.max_w])
         rows = [each.rows for each in envs]
         self.numbers, self.ranges, self._draws = (
             np.concatenate([getattr(each, name) for each in rows]) for name in ("numbers", "ranges", "draws")
         )
         self.memory = {name: np.concatenate([each.memory[name] for each in rows]) for name in rows[0].memory}
-        """Arrays of tasks and observations, one row per robot; see `Rows.memory`."""
+        """Arrays with data of tasks and observations by name, one row per robot."""
         self.active = np.ones(len(self.robots), dtype=np.bool_)
-        """Mask of robots that drove in the current control period."""
+        """Mask of robots that moved in the current control period, shape (n,), bool."""
         self._is_new = np.ones(len(self.robots), dtype=np.bool_)
         self._has_scanned = np.zeros(len(envs), dtype=np.bool_)
         self._is_behind, self._rests = np.zeros(len(envs), dtype=np.bool_), np.zeros(len(envs), dtype=np.bool_)
@@ -70,10 +70,10 @@ class Batch:
         self._names: Iterable[str] = ()  # names of reward quantities
         self._levels: dict[float, Any] = {}
         self.surroundings: Any = None
-        """Walls, circles and people of each environment, for kernels."""
+        """Numba list with walls, circles and people of each sub-environment."""
 
     def bind(self, indices: Sequence[int]) -> None:
-        """Update simulation state, worlds and time limits of environments with new objects."""
+        """Take over states, worlds and time limits of sub-environments after a reset."""
         envs, num_robots = self._envs, self._num_robots
         if self.surroundings is None:
             self.surroundings = repeat(_surroundings(envs[0]), len(envs))
@@ -100,10 +100,10 @@ class Batch:
         self._has_columns, self._updates_rows, self._has_no_maps = alike.tolist()
 
     def step(self, active: np.ndarray, is_last: np.ndarray, records: Records) -> np.ndarray:
-        """Step active environments, and write their rewards and `info`.
+        """Step the active sub-environments, and return the mask of ended episodes.
 
-        `is_last` marks environments that this step truncates. Returns the mask of ended episodes; `LidarEnv.outcome`
-        does the rest. Masks have shape (num_envs,), bool.
+        Writes rewards and `info` of episodes that continue. `LidarEnv.outcome` completes ended episodes. `is_last`
+        marks sub-environments that this step truncates. Masks have shape (num_envs,), bool.
         """
         self.active[:] = np.repeat(active, self._num_robots)
         self._drive(active)
@@ -136,7 +136,7 @@ class Batch:
         return is_over
 
     def catch_up(self) -> None:
-        """Update the Python objects of environments that only kernels have stepped."""
+        """Update the Python objects of sub-environments that only Numba functions have stepped."""
         self._finish(np.flatnonzero(self._is_behind).tolist())
         self._is_behind[:] = False
 
@@ -180,9 +180,9 @@ class Batch:
         self._is_new[:] = False
 
     def levels(self, resolution: float) -> tuple[Any, np.ndarray, np.ndarray, float]:
-        """Return the map pyramid levels of all robots for a crop resolution [m per pixel]; see `MapPyramid.level`.
+        """Return downscaled maps of all robots for image crops with pixels of side `resolution` [m].
 
-        Block words; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; block size [m].
+        Bit-packed maps; rows and columns, shape (n, 2), int64; map origins, shape (n, 2), float64 [m]; cell side [m].
         """
         side = 0.0
         if resolution not in self._levels:
@@ -204,7 +204,6 @@ class Batch:
         return words, sizes, origins, side
 
     def _judge(self, going: np.ndarray, chosen: list[int], columns: Any, records: Records) -> None:
-        """`columns`: quantities and metrics; None reads quantities from the `chosen` environments' objects."""
         tasks, numbers, where = [env.task for env in self._envs], self.numbers, slice(None) if going.all() else going
         rows = {} if columns else {i: tasks[i].quantities() for i in chosen}
         self._names = next(iter(rows.values()), self._names)
@@ -251,7 +250,6 @@ def _surroundings(env: Any) -> tuple[Any, ...]:
 
 
 def _has_own(thing: Any, by_rows: str, *one_by_one: str, of: str = "") -> bool:
-    """Return True if the first class with one of these methods defines `by_rows`, in a module that begins with `of`."""
     names = {by_rows, *one_by_one}
     kind = next((kind for kind in type(thing).__mro__ if names & vars(kind).keys()), object)
     return by_rows in vars(kind) and kind.__module__.startswith(of)

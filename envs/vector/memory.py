@@ -1,4 +1,4 @@
-"""Shared memory of vector environments, and records of `info`."""
+"""Shared arrays of vector environments, and storage of `info` in structured arrays."""
 
 import ctypes
 import math
@@ -9,36 +9,31 @@ import numpy as np
 from gymnasium import spaces
 
 Extras = dict[int, dict[str, Any]]
-"""Entries of `info` that records cannot hold, by sub-environment."""
+"""Entries of `info` that structured arrays cannot hold, by sub-environment."""
 WHOLE = ""
-"""Key of an observation that is not a `Dict`."""
+"""Key of the only array of an observation that is not a dictionary."""
 
 
 def parts_of(observation: Any) -> Mapping[str, Any]:
-    """Return observation parts, or their spaces, by name."""
+    """Return the arrays of an observation, or the spaces of an observation space, by name."""
     if isinstance(observation, spaces.Dict):
         return observation.spaces
     return observation if isinstance(observation, dict) else {WHOLE: observation}
 
 
 def whole_of(parts: Mapping[str, np.ndarray]) -> Any:
-    """Return the observation with these parts."""
+    """Return an observation, given its arrays by name."""
     return parts[WHOLE] if WHOLE in parts else dict(parts)
 
 
 class Arrays(NamedTuple):
-    """Arrays of a vector environment, one row per sub-environment."""
+    """Inputs and outputs of a vector environment as arrays, one row per sub-environment."""
 
     observations: dict[str, np.ndarray]
-    """Observations by name, shape (num_envs, ...)."""
     actions: np.ndarray
-    """Actions, shape (num_envs, ...)."""
     rewards: np.ndarray
-    """Rewards, shape (num_envs,), float64."""
     terminated: np.ndarray
-    """Termination flags, shape (num_envs,), bool."""
     truncated: np.ndarray
-    """Truncation flags, shape (num_envs,), bool."""
 
     def rows(self, share: slice) -> "Arrays":
         observations = {name: array[share] for name, array in self.observations.items()}
@@ -46,10 +41,9 @@ class Arrays(NamedTuple):
 
 
 class Memory:
-    """Memory of the arrays, shared between processes when pickled."""
+    """Buffers of observations, actions, rewards and flags, shared between processes."""
 
     def __init__(self, num_envs: int, observations: spaces.Space, actions: spaces.Space, context: Any = None) -> None:
-        """Allocate the arrays; ValueError if an observation is not an array."""
         parts = parts_of(observations)
         rows: list[tuple[Any, Any]] = [(space.shape, space.dtype) for space in (*parts.values(), actions)]
         if any(shape is None for shape, _ in rows):
@@ -69,15 +63,15 @@ class Memory:
 
 
 class Absent:
-    """Marker of a record missing in `info`."""
+    """Marker of an entry that is missing in `info`."""
 
 
 SCALARS: dict[type, str] = {kind: np.dtype(kind).str for kind in (float, bool, int, np.float64, np.float32, np.int64)}
-"""Type codes of scalars in records. `np.bool_` is excluded because Gymnasium puts it in object arrays."""
+"""NumPy type codes of scalars in structured arrays, without `np.bool_`, which Gymnasium puts in object arrays."""
 
 
 def kind_of(value: Any) -> Any:
-    """Return the record type of a value, an argument of `np.dtype`; None if records cannot hold the value."""
+    """Return the NumPy type of an `info` value, or None if structured arrays cannot hold the value."""
     if (code := SCALARS.get(type(value))) is not None:
         return None if type(value) is int and not -(2**63) <= value < 2**63 else code
     if isinstance(value, dict):
@@ -88,19 +82,19 @@ def kind_of(value: Any) -> Any:
 
 
 def kinds_of(info: Mapping[Any, Any]) -> list[tuple[str, Any]]:
-    """Return the record types of `info` by name."""
+    """Return name and NumPy type of each `info` entry that structured arrays can hold."""
     names = [name for name in info if type(name) is str and name != "final_obs" and name[:1] not in ("", "_")]
     return [(name, kind) for name in names if (kind := kind_of(info[name])) is not None]
 
 
 class Records:
-    """The `info` of sub-environments: records of entries with fixed types, and extras for the rest."""
+    """Storage of `info`: a structured array for entries with fixed types, and dictionaries for all other entries."""
 
     def __init__(self, num_envs: int, kinds: Sequence[tuple[str, Any]]) -> None:
         self.kinds, self.rows, self.extras = dict(kinds), np.zeros(num_envs, [*kinds]), Extras()
 
     def note(self, i: int, info: Mapping[str, Any], names: Iterable[str] | None = None) -> None:
-        """Store the named entries of `info`, or all."""
+        """Store entries of the `info` of sub-environment `i`. `names`: keys to store; None for all."""
         for name in dict.fromkeys([*self.kinds, *info]) if names is None else names:
             kind = self.kinds.get(name)
             if kind is not None and kind_of(info.get(name)) == kind:
@@ -114,7 +108,7 @@ def _to_record(value: Any, kind: Any) -> Any:
 
 
 def from_record(value: Any) -> Any:
-    """Return a value of a record in its original type."""
+    """Convert a value of a structured array to its original Python type."""
     if value.dtype.names:
         return {name: from_record(value[name]) for name in value.dtype.names}
     return value.item() if isinstance(value, np.bool_ | np.float64 | np.int64) else value

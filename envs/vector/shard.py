@@ -16,7 +16,7 @@ from .batch import Batch
 from .memory import Extras, Memory, Records, parts_of, whole_of
 
 _preparing = threading.Lock()
-"""Held during preparation of an episode and during forks, so that no fork inherits locks of the preparing thread."""
+"""Lock that prevents forks of the process while a thread samples the next world."""
 if hasattr(os, "register_at_fork"):
     os.register_at_fork(
         before=_preparing.acquire, after_in_parent=_preparing.release, after_in_child=_preparing.release
@@ -24,7 +24,7 @@ if hasattr(os, "register_at_fork"):
 
 
 class Shard:
-    """Sub-environments of one process. A thread draws their next worlds."""
+    """Sub-environments of one process. A thread samples their next worlds."""
 
     def __init__(
         self,
@@ -34,7 +34,7 @@ class Shard:
         autoreset_mode: AutoresetMode,
         max_episode_steps: int | None,
     ) -> None:
-        """Make the sub-environments. `share` selects their rows in `memory`."""
+        """Create the sub-environments. `share`: rows of the shared arrays for this process."""
         self.envs = [make_env() for _ in range(share.stop - share.start)]
         self._inner = [env.unwrapped for env in self.envs]
         for env in self._inner:  # separate spaces would each store pixel bounds
@@ -54,7 +54,10 @@ class Shard:
     def reset(
         self, seeds: Sequence[int | None], mask: Sequence[bool], options: dict[str, Any] | None
     ) -> tuple[np.ndarray, Extras]:
-        """Start episodes in `mask`; return records of `info`, shape (num_envs,), zero outside `mask`, and extras."""
+        """Start episodes in the sub-environments selected by `mask`.
+
+        Returns `info` as a structured array, shape (num_envs,), zero outside `mask`, and other entries as dictionaries.
+        """
         self._records.extras = {}
         for i, seed in enumerate(seeds):
             if mask[i]:
@@ -65,14 +68,14 @@ class Shard:
         return np.where(mask, rows, np.zeros_like(rows)), self._records.extras
 
     def fix_kinds(self, kinds: Sequence[tuple[str, Any]]) -> None:
-        """Set the record types after the first reset."""
+        """Set the types of `info` entries after the first reset."""
         first, self._records = self._records.extras, Records(len(self.envs), kinds)
         for i, info in first.items():
             self._records.note(i, info)
         self._bind(range(len(self.envs)))
 
     def step(self) -> tuple[np.ndarray, Extras]:
-        """Step every sub-environment; return values as for `reset`."""
+        """Step every sub-environment. Return `info` as a structured array, and other `info` entries as dictionaries."""
         arrays, records, ended = self._arrays, self._records, self._has_ended.copy()
         records.extras = {}
         self._steps += ~ended
@@ -106,7 +109,6 @@ class Shard:
         return env.outcome(is_last)
 
     def call(self, name: str, args: tuple[Any, ...], kwargs: Mapping[str, Any]) -> list[Any]:
-        """Call a method of every sub-environment, or return an attribute."""
         with self._objects():
             found = [env.get_wrapper_attr(name) for env in self.envs]
             return [value(*args, **kwargs) if callable(value) else value for value in found]
@@ -170,6 +172,5 @@ class Shard:
 
 
 def _prepare(env: Any) -> None:
-    """After an error, `reset` draws another world."""
     with _preparing, contextlib.suppress(Exception):
         env.prepare()

@@ -26,10 +26,10 @@ MAX_ENVS = 100_000
 
 
 class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarray, np.ndarray]):
-    """Vector environment of lidar robots.
+    """Vector environment of lidar robots, with worker processes.
 
-    Sub-environment i is identical to a single environment with seed + i. Observations are fresh arrays each step.
-    `info` holds arrays with masks, as in Gymnasium.
+    Sub-environment i behaves as a single environment with seed + i. Each step returns new observation arrays. `info`
+    holds arrays with masks, as in Gymnasium.
     """
 
     def __init__(
@@ -44,7 +44,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         env_wrappers: Sequence[Callable[[Any], Any]] = (),
         **arguments: Any,
     ) -> None:
-        """Start the workers.
+        """Create the sub-environments and start the worker processes.
 
         Args:
             make_env: class of the sub-environments, such as `LidarEnv`.
@@ -55,8 +55,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
             num_workers: number of processes, including the current one; 0 equals 1, None is the number of available
                 cores.
             context: start method, "fork", "forkserver" or "spawn"; None for Python's default.
-            env_wrappers: wrappers of each sub-environment, innermost first. `lidarnaut.envs.vector.make_vec` takes them
-                as `wrappers`.
+            env_wrappers: wrappers of each sub-environment, innermost first; called `wrappers` by `make_vec`.
             **arguments: arguments of the sub-environments.
 
         Raises:
@@ -92,7 +91,6 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         memory = Memory(num_envs, self.single_observation_space, self.single_action_space, shared_by)
         self._arrays = memory.arrays()
         self._dtype: np.dtype | None = None
-        """Record type of `info`; None before the first reset."""
         self._owner = os.getpid()
         self._has_begun = self._is_under_way = False
         bounds = np.linspace(0, num_envs, num_workers + 1).round().astype(int).tolist()
@@ -109,7 +107,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
     def reset(
         self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, np.ndarray], dict[str, Any]]:
-        """Start episodes.
+        """Start episodes in all or selected sub-environments.
 
         Args:
             seed: seed of sub-environment 0, seed + i for sub-environment i; or one seed each.
@@ -118,8 +116,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         Raises:
             ValueError: wrong number of seeds, or an empty mask.
             gymnasium.error.ResetNeeded: the mask excludes sub-environments without an episode.
-            gymnasium.error.ClosedEnvironmentError: after `close`.
-            RuntimeError: after an interrupted call.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
         seeds: list[Any] = [None] * self.num_envs
         if is_whole(seed):
@@ -155,7 +152,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         Raises:
             ValueError: wrong shape, or outside of the action space.
             gymnasium.error.ResetNeeded: no episode has begun, one has ended, or a step has failed.
-            gymnasium.error.ClosedEnvironmentError, RuntimeError: as `reset`.
+            gymnasium.error.ClosedEnvironmentError, RuntimeError: after `close` or an interrupted call.
         """
         self._check_open()
         if not self._has_begun:
@@ -174,29 +171,24 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         return self._observations(), arrays.rewards.copy(), arrays.terminated.copy(), arrays.truncated.copy(), info
 
     def render(self) -> tuple[np.ndarray, ...] | None:
-        """Return images of all sub-environments, shape (height, width, 3), uint8."""
         return self.call("render") if self.render_mode is not None else None
 
     def call(self, name: str, *args: Any, **kwargs: Any) -> tuple[Any, ...]:
-        """Call a method of every sub-environment, or return an attribute."""
         self._check_open()
         return tuple(itertools.chain.from_iterable(self._call("call", [(name, args, kwargs)] * len(self._shares))))
 
     @property
     def np_random_seed(self) -> Any:
-        """Seeds of the sub-environments."""
         return self.get_attr("np_random_seed")
 
     @property  # type: ignore[misc]
     def np_random(self) -> Any:
-        """Generators of the sub-environments; copies for worker processes."""
         return self.get_attr("np_random")
 
     def get_attr(self, name: str) -> tuple[Any, ...]:
         return self.call(name)
 
     def set_attr(self, name: str, values: Any) -> None:
-        """Set an attribute of every sub-environment, to one value or to a list of values."""
         values = list(values) if isinstance(values, list | tuple) else [values] * self.num_envs
         if len(values) != self.num_envs:
             raise ValueError(f"values must be one value or a list of {self.num_envs}, got {len(values)}")
@@ -204,7 +196,7 @@ class LidarVectorEnv(gymnasium.vector.VectorEnv[dict[str, np.ndarray], np.ndarra
         self._call("set_attr", [(name, values[share]) for share in self._shares])
 
     def __getstate__(self) -> dict[str, Any]:
-        """Raise TypeError, since a copy would close the connections to the workers."""
+        """Refuse copying and pickling with a TypeError."""
         raise TypeError(
             "a vector environment cannot be copied or pickled, since it has processes and threads; make another one "
             "with the same arguments"
@@ -291,7 +283,7 @@ def _make(make_env: Any, wrappers: Sequence[Any], max_episode_steps: int | None,
 
 
 def make_vec(id: str, num_envs: int = 1, *, wrappers: Sequence[Callable[[Any], Any]] = (), **arguments: Any) -> Any:
-    """Return `gymnasium.make_vec(...)` with wrapped sub-environments."""
+    """Create a vector environment by `gymnasium.make_vec`. `wrappers`: wrappers of each sub-environment."""
     if wrappers:
         arguments["env_wrappers"] = wrappers
     return gymnasium.make_vec(id, num_envs, **arguments)

@@ -21,7 +21,7 @@ from .memory import Extras
 from .shard import Shard
 
 SPIN_TIME = 0.002
-"""Time of busy waiting for a message [s]."""
+"""Maximum time of busy waiting for a message [s]."""
 UNGUARDED = "; on Windows, macOS and Python 3.14 workers import the script, which needs `if __name__ == '__main__':`"
 _processes = weakref.WeakSet[Any]()
 if hasattr(os, "register_at_fork"):  # a forked process would end its parent's workers at exit
@@ -29,7 +29,7 @@ if hasattr(os, "register_at_fork"):  # a forked process would end its parent's w
 
 
 class Worker:
-    """Process with a shard."""
+    """Worker process that steps a part of the sub-environments."""
 
     def __init__(self, context: Any, make_shard: Callable[[], Shard]) -> None:
         self._pipe, far_end = context.Pipe()
@@ -47,7 +47,7 @@ class Worker:
             self._pipe.send_bytes(request)
 
     def receive(self, dtype: np.dtype | None) -> Any:
-        """Return the result of the last request, or its error."""
+        """Return the result of the last request to the worker, or the raised exception."""
         try:
             answer = receive(self._pipe)
         except (EOFError, ConnectionResetError):
@@ -79,7 +79,7 @@ def _stop(pipe: Any, process: Any, owner: int) -> None:
 
 
 def receive(pipe: Connection) -> bytes:
-    """Return the next message, with busy waiting: waking up takes as long as a step."""
+    """Return the next message of a pipe. Waits actively for 2 ms, since waking up takes as long as a step."""
     if hasattr(select, "poll"):  # not on Windows
         poll = select.poll()
         poll.register(pipe.fileno(), select.POLLIN)
@@ -90,9 +90,9 @@ def receive(pipe: Connection) -> bytes:
 
 
 def serve(pipe: Connection, make_shard: Callable[[], Shard]) -> None:
-    """Serve requests in a worker process until b"q".
+    """Answer requests in a worker process until the request b"q".
 
-    First byte of an answer: "." records, "+" pickled result, "!" error.
+    The first byte of an answer is "." for `info` as a structured array, "+" for a pickled result, and "!" for an error.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # the parent handles Ctrl-C
     multiprocessing.current_process().daemon = False  # user code may start processes

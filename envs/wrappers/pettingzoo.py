@@ -1,4 +1,4 @@
-"""Teams as PettingZoo `ParallelEnv` and `AECEnv`; requires the extra `[pettingzoo]`."""
+"""Robot teams as PettingZoo environments; requires the extra `[pettingzoo]`."""
 
 import copy
 from collections.abc import Mapping
@@ -20,14 +20,12 @@ from lidarnaut.envs.tasks.explore import ExploreTeam
 
 Observation = dict[str, np.ndarray]
 PER_ROBOT = ("pose_error", "path_length", "collisions")
-"""Keys of `info` with one row per robot."""
+"""Keys of `info` with one value per robot."""
 OPTIONS = ("world", "start")
-"""Supported options of `reset`."""
+"""Keys of `options` that `reset` supports."""
 
 
 class _Team:
-    """Common methods of the PettingZoo interfaces."""
-
     env: Any
     agents: list[str]
     observation_spaces: dict[str, spaces.Space]
@@ -40,7 +38,6 @@ class _Team:
         return self.action_spaces[agent]
 
     def render(self) -> np.ndarray | None:
-        """Render; return an array (height, width, 3), uint8, for `rgb_array`."""
         return self.env.render()
 
     def close(self) -> None:
@@ -52,16 +49,15 @@ class _Team:
 
 
 class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
-    """`ExploreTeam-v0` with one agent per robot: "robot_0", "robot_1", ...
+    """Exploration by a robot team as a PettingZoo `ParallelEnv` with agents "robot_0", "robot_1", ...
 
-    Each agent has its own row of actions, observations and per-robot `info`. Reward (see `info["rewards"]`) and episode
-    end are common.
+    Wraps `ExploreTeam-v0` and takes the same arguments. Each agent has its own actions, observations and per-robot
+    `info`. Agents share reward (see `info["rewards"]`) and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**LidarEnv.metadata, "name": "lidarnaut_explore_team_v0"}
 
     def __init__(self, **arguments: Any) -> None:
-        """Create the team with arguments of `ExploreTeam-v0`."""
         self.env = LidarEnv(ExploreTeam, **arguments)
         self.render_mode = self.env.render_mode
         self.possible_agents = [f"robot_{k}" for k in range(self.env.task.num_robots)]
@@ -75,7 +71,10 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Observation], dict[str, dict[str, Any]]]:
-        """Start an episode; see `LidarEnv.reset`. Unknown options are ignored, as PettingZoo's API test requires."""
+        """Start an episode. `options`: `world` and `start`.
+
+        Unknown options are ignored, as PettingZoo's API test requires.
+        """
         self.agents = list(self.possible_agents)
         known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
@@ -84,10 +83,10 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
     def step(
         self, actions: dict[str, np.ndarray]
     ) -> tuple[dict[str, Observation], dict[str, float], dict[str, bool], dict[str, bool], dict[str, dict[str, Any]]]:
-        """Drive for one control period; each action has shape (2,).
+        """Apply one action (v, w) in [-1, 1] per agent for one control period.
 
         Raises:
-            ValueError: missing or unknown agents, or see `LidarEnv.step`.
+            ValueError: missing or unknown agents, or an invalid action.
             gymnasium.error.ResetNeeded: before `reset`, after the episode, or after a failed step.
         """
         self._check_begun()
@@ -106,7 +105,7 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
         return split, dict.fromkeys(agents, float(reward)), *ended, infos
 
     def state(self) -> np.ndarray:
-        """Return the shared map, shape (height, width), int8: -1 unknown, 0 to 100 % occupied; may grow."""
+        """Return the map of the team, shape (height, width), int8: -1 unknown, 0 to 100 % occupied; may grow."""
         return self.env.belief.grid.data.copy()
 
     def _split(self, observation: Observation) -> dict[str, Observation]:
@@ -118,9 +117,10 @@ class TeamParallelEnv(_Team, ParallelEnv[str, Observation, np.ndarray]):
 
 
 class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
-    """`ExploreTeamFrontiers-v0` with one agent per robot, selected when its decision is due.
+    """Exploration by a robot team as a PettingZoo `AECEnv`: robots choose frontiers in turn.
 
-    An agent's observation is from its last decision. Reward and episode end are common.
+    Wraps `ExploreTeamFrontiers-v0` and takes the same arguments. An agent is selected when its robot needs a frontier.
+    Agents share reward and episode end.
     """
 
     metadata: ClassVar[dict[str, Any]] = {
@@ -130,7 +130,6 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
     }
 
     def __init__(self, **arguments: Any) -> None:
-        """Create the team with arguments of `ExploreTeamFrontiers-v0`."""
         super().__init__()
         self.env = ExploreTeamFrontiersEnv(**arguments)
         self.render_mode = self.env.render_mode
@@ -140,7 +139,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self.agents = []
 
     def reset(self, seed: int | None = None, options: dict[str, Any] | None = None) -> None:
-        """Start an episode; see `TeamParallelEnv.reset`."""
+        """Start an episode. `options`: `world` and `start`."""
         known = {name: value for name, value in read_options(options).items() if name in OPTIONS}
         observation, info = self.env.reset(seed=seed, options=known)
         self.agents = list(self.possible_agents)
@@ -150,11 +149,11 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=False, truncated=False)
 
     def step(self, action: Any) -> None:
-        """Drive until the next decision.
+        """Apply the selected agent's action (index of a frontier), and drive until the next decision.
 
         Raises:
             ValueError: the action is not an integer from 0 to `max_candidates` - 1, or not None after the end.
-            gymnasium.error.ResetNeeded: as for `TeamParallelEnv.step`.
+            gymnasium.error.ResetNeeded: before `reset`, after the episode, or after a failed step.
         """
         self._check_begun()
         agent = self.agent_selection
@@ -168,7 +167,7 @@ class TeamFrontiersAECEnv(_Team, AECEnv[str, Observation, np.int64]):
         self._take(observation, info, terminated=terminated, truncated=truncated)
 
     def observe(self, agent: str) -> Observation:
-        """Return an agent's observation at its last decision; zeros before the first."""
+        """Return an agent's observation at its last decision; zeros before the first decision."""
         return self._seen[agent]
 
     def _take(self, observation: Observation, info: dict[str, Any], *, terminated: bool, truncated: bool) -> None:

@@ -20,28 +20,27 @@ from lidarnaut.envs.simulation import Twist
 MAP_PERIOD = 1.0
 """Minimum time between recorded maps [s]."""
 TRACKS, PEOPLE = "/tracks", "/ground_truth/people"
-"""Topics of tracked and true people (`visualization_msgs/MarkerArray`)."""
+"""ROS topics of tracked and true people (`visualization_msgs/MarkerArray`)."""
 _NO_PATH = np.empty((0, 2))
 
 
 class BagRecorder:
-    """Recorder of one single-robot episode as a ROS 2 bag; as a context manager, removes the bag after an exception.
+    """Recorder of one episode of a single robot as a ROS 2 bag.
 
-    Per control period: `/clock`, `/scan`, `/odom`, `/tf`, `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined),
-    `/tracks` (people) and `/ground_truth/people`. Per second: `/map`. Once: `/tf_static`. Times are since the reset.
-    `/odom` is always wheel odometry. Frames: `map`, `odom`, `base_footprint`, `base_link`, `laser`.
+    As a context manager, removes the bag after an exception. Per control period: `/clock`, `/scan`, `/odom`, `/tf`,
+    `/cmd_vel`, `/plan`, `/sensors/NAME` (user-defined), `/tracks` (people) and `/ground_truth/people`. Per second:
+    `/map`. Once: `/tf_static`. Times are since the reset. `/odom` is always wheel odometry. Frames: `map`, `odom`,
+    `base_footprint`, `base_link`, `laser`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Start recording; the next call must be `reset`.
+        """Start recording a (possibly wrapped) environment, whose next call must be `reset`.
 
-        Args:
-            env: environment, possibly wrapped.
-            path: bag file `NAME.mcap`, created when complete.
+        `path`: bag file `NAME.mcap`, created when complete.
 
         Raises:
             TypeError: the environment has no robot with a lidar.
-            ValueError: several robots, already being recorded, or another suffix.
+            ValueError: several robots, a running recording, or another file suffix.
             OSError: the bag cannot be written.
         """
         inner = lidar_env_of(env)
@@ -58,7 +57,7 @@ class BagRecorder:
         inner.on_period = self._record
 
     def close(self) -> None:
-        """Write the last map and finish the bag; without a reset, no bag is created. Idempotent."""
+        """Write the last map and complete the bag. Without a reset, no bag is created. Idempotent."""
         if not (self._is_open and self._is_started):
             self.discard()
             return
@@ -68,7 +67,7 @@ class BagRecorder:
         self._writer.close()
 
     def discard(self) -> None:
-        """Stop recording and remove the bag. No effect after `close`."""
+        """Stop recording and remove the bag, unless complete."""
         if self._is_open:
             self._stop()
             self._writer.discard()
@@ -124,13 +123,13 @@ def _topic(sensor: Sensor) -> str:
 
 
 class RecordBag(gymnasium.Wrapper[Any, Any, Any, Any], gymnasium.utils.RecordConstructorArgs):
-    """Records each episode as a ROS 2 bag `episode_<n>.mcap`, n from 0; see `BagRecorder`.
+    """Wrapper that records each episode as a ROS 2 bag `episode_<n>.mcap`, with n from 0.
 
     A bag is complete after the episode, the next reset, or `close`.
     """
 
     def __init__(self, env: gymnasium.Env[Any, Any], path: str | Path) -> None:
-        """Wrap a single-robot environment; `path` is a folder, where bags of equal names are overwritten."""
+        """Wrap a single-robot environment. `path`: folder of the bags; bags of equal names are overwritten."""
         gymnasium.utils.RecordConstructorArgs.__init__(self, path=path)
         super().__init__(env)
         self._folder = Path(path)

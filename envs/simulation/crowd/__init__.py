@@ -1,4 +1,4 @@
-"""Pedestrian crowds."""
+"""Simulation of pedestrian crowds."""
 
 from .crowd_params import CROWDS, Crowd, crowd_of
 from .people import People

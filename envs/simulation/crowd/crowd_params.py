@@ -22,28 +22,29 @@ Speed = Annotated[float, Field(ge=0.05, le=5.0)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, config=ConfigDict(extra="forbid", allow_inf_nan=False))
 class Crowd:
-    """Parameters of a pedestrian crowd; pairs (low, high) are sampled uniformly."""
+    """Parameters of a pedestrian crowd. A pair (low, high) is the range of a uniform distribution."""
 
     number: Number | tuple[Number, Number] = 10
-    """Number of people, at most 1,000; a pair (low, high) is sampled per episode."""
+    """Number of people, 0 to 1,000. A pair (low, high) is sampled per episode."""
     model: Literal["social_force", "orca"] = "social_force"
-    """Pedestrian model: Helbing and Molnar (1995), or van den Berg et al. (2011)."""
+    """Pedestrian model: social force (Helbing and Molnar, 1995) or ORCA (van den Berg et al., 2011)."""
     attentive: Share = 1.0
     """Probability that a person sees and avoids robots."""
     standing: Share = 0.0
     """Probability that a person stands still."""
     radius: tuple[Radius, Radius] = (0.3, 0.3)
-    """Radius of a person (low, high) [m]."""
+    """Radius of a person, range (low, high) [m]."""
     speed: tuple[Speed, Speed] = (1.2, 1.5)
-    """Desired walking speed (low, high) [m/s]."""
+    """Desired walking speed, range (low, high) [m/s]."""
     body: Literal["disc", "legs"] = "disc"
-    """Shape that lidars see of a person: a disc of its radius, or two swinging legs."""
+    """Shape of a person in lidar scans: a disc with the person's radius, or two swinging legs."""
     flow: Literal["anywhere", "along", "across"] = "anywhere"
-    """Walking directions: between points all over the world, between its two ends, or between its four sides."""
+    """Walking directions: between points anywhere in the world, along the world between its ends, or between opposite
+    sides."""
     forces: SocialForce = SocialForce()
     """Parameters of the social force model."""
     orca: Orca = Orca()
-    """Parameters of ORCA."""
+    """Parameters of the ORCA pedestrian model."""
 
     def __post_init__(self) -> None:
         for name in ("number", "radius", "speed"):
@@ -61,13 +62,14 @@ CROWDS = {
 }
 """Predefined crowds by name; all people avoid robots."""
 PeopleLike = int | tuple[int, int] | str | Crowd | Mapping[str, Any] | None
-"""Number of people, range (low, high), `Crowd` or name, or mapping of changes to the crowd under the key `crowd`.
+"""Values of the argument `people`: number, range (low, high), `Crowd`, name of a predefined crowd, or mapping of
+changed parameters.
 
-Text forms of mappings: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
+The key `crowd` names the crowd to change. Mappings as text: `dense?attentive=0.5`, `20?attentive=0.5,model=orca`."""
 
 
 def crowd_of(people: PeopleLike) -> Crowd | None:
-    """Return the crowd of a specification, or None without people.
+    """Convert the argument `people` to crowd parameters; None stands for no people.
 
     Raises:
         ValueError: the crowd or a parameter is unknown, or a value is invalid.

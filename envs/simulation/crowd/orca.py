@@ -1,7 +1,8 @@
 """ORCA pedestrian model.
 
 Van den Berg, Guy, Lin and Manocha, "Reciprocal n-body collision avoidance" (2011). Half-planes of permitted velocities
-are stored as (x, y, along_x, along_y): a point [m/s] and a unit vector with the permitted side on its left.
+are stored as (x, y, along_x, along_y): a border point [m/s], and the unit vector along the border with the permitted
+side on its left.
 """
 
 import math
@@ -18,18 +19,18 @@ from .walls import near_list, offset
 
 
 class Orca(NamedTuple):
-    """Parameters of ORCA."""
+    """Parameters of the ORCA pedestrian model."""
 
     horizon: Positive = 5.0
     """Time horizon for avoiding people and robots [s]."""
     wall_horizon: Positive = 0.5
     """Time horizon for avoiding walls [s]."""
     sight: Positive = 4.0
-    """Distance between centres within which people see each other and robots [m]."""
+    """Distance between centres above which people ignore each other and robots [m]."""
     margin: Positive = 0.05
-    """Clearance to people and robots [m]."""
+    """Clearance that people keep to other people and to robots [m]."""
     excess: Positive = 1.3
-    """Maximum speed as a multiple of the desired speed."""
+    """Maximum walking speed, divided by the desired speed."""
 
 
 NUM_ORCA = len(Orca._fields)
@@ -39,9 +40,9 @@ _EPSILON = 1e-9
 
 @njit(cache=True, error_model="numpy")
 def walk_by_orca(people, directions, robots, walls, model, dt):
-    """Move the walking people of the crowd by `dt` [s]; arguments as in `social_forces`.
+    """Move the walking people by one time step `dt` [s] with the ORCA model.
 
-    Two walking people share a velocity change. Walls have priority.
+    Two walking people share the velocity change. Avoiding walls has priority. `people`: state vectors, updated.
     """
     count, (near, grid) = people.shape[0], walls
     most = 0
@@ -95,11 +96,11 @@ def _add_walls(lines, people, i, near, grid, horizon, dt):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def avoid(lines, k, away, own, other, reach, horizon, dt, share):
-    """Write the half-plane of velocities that avoid a disc (equation 5) to row `k` of `lines`.
+    """Compute the half-plane of velocities that let a person avoid a moving disc (equation 5 of the ORCA paper).
 
-    `away`: position of the disc relative to the person [m]. `own`, `other`: velocities of person and disc [m/s].
-    `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with overlap [s]. `share`: person's
-    fraction of the velocity change.
+    `lines`: half-planes; row `k` is set. `away`: position of the disc relative to the person [m]. `own`, `other`:
+    velocities of person and disc [m/s]. `reach`: sum of the radii [m]. `horizon`, `dt`: time horizon without and with
+    overlap [s]. `share`: person's fraction of the velocity change.
     """
     px, py = away
     vx, vy = own[0] - other[0], own[1] - other[1]
@@ -124,10 +125,10 @@ def avoid(lines, k, away, own, other, reach, horizon, dt, share):
 
 @njit(cache=True, error_model="numpy")
 def best_velocity(lines, num_lines, num_hard, desired, limit):
-    """Return the permitted velocity closest to `desired` and no faster than `limit` [m/s].
+    """Return the permitted velocity (vx, vy) closest to `desired` and not faster than `limit` [m/s].
 
-    If none is permitted, the first `num_hard` half-planes hold and the remaining ones are violated least. Of `lines`,
-    shape (n, 4), float64, the first `num_lines` are used.
+    Permitted velocities lie in all half-planes. If there is none, the result lies in the first `num_hard` and violates
+    the rest least. Of `lines`, shape (n, 4), float64, the first `num_lines` are used.
     """
     scale = min(1.0, limit / max(math.sqrt(desired[0] ** 2 + desired[1] ** 2), 1e-300))
     x, y, failed = _nearest_allowed(lines, num_lines, desired[0] * scale, desired[1] * scale, limit, desired, False)
@@ -138,10 +139,6 @@ def best_velocity(lines, num_lines, num_hard, desired, limit):
 
 @njit(cache=True, error_model="numpy")
 def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
-    """Solve the 2D linear program for the velocity closest to, or farthest along, `target`.
-
-    Returns the solution (x, y) and the index of the first infeasible half-plane, or `num_lines`.
-    """
     for i in range(num_lines):
         px, py, ex, ey = lines[i, 0], lines[i, 1], lines[i, 2], lines[i, 3]
         if ex * (py - y) - ey * (px - x) <= 0.0:
@@ -175,7 +172,6 @@ def _nearest_allowed(lines, num_lines, x, y, limit, target, is_direction):
 
 @njit(cache=True, error_model="numpy")
 def _least_violation(lines, num_lines, num_hard, first, x, y, limit):
-    """Solve the 3D linear program that minimises the largest violation of soft half-planes."""
     depth = 0.0
     equal = np.empty_like(lines)
     for i in range(first, num_lines):

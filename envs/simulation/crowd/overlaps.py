@@ -9,29 +9,24 @@ from . import person_row as at
 from .walls import clearance, push_out
 
 MAX_OVERLAP = 0.02
-"""Maximum overlap of two people [m]."""
+"""Overlap above which two people return to their previous positions [m]."""
 _ROUNDS = 6
-"""Maximum number of separation passes."""
+"""Maximum number of passes that push overlapping people apart."""
 MAX_SPEED_RATIO = 1.5
-"""Maximum speed of a person when pushed, as a multiple of its desired speed."""
+"""Maximum speed of a pushed person, divided by the desired speed."""
 STOP_GAP = 1e-4
 """Gap between a person and the robot that stopped the person [m]."""
 _TOLERANCE = 2e-6
-"""Overlap with walls that is ignored [m]."""
+"""Overlap of a person with a wall that is ignored [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def resolve_overlaps(people, starts, robots, walls, dt):
     """Separate overlapping people, push people out of walls, and stop people at robots.
 
-    A person without room returns to its start. People on fixed routes do not avoid anyone.
-
-    Args:
-        people: rows of people at their desired positions; `BLOCKED` is written.
-        starts: positions before the step, shape (n, 2), float64 [m].
-        robots: see `social_forces`.
-        walls: `Walls`.
-        dt: time step [s].
+    People that still overlap return to `starts`, shape (n, 2), float64 [m]. People on fixed routes do not avoid anyone.
+    `people`: state vectors with desired positions, updated. `robots`: discs (x, y, vx, vy, radius), shape (m, 5),
+    float64 [m, m/s].
 
     Returns:
         Index of the robot that stopped each person, or -1: shape (n,), int64.
@@ -93,7 +88,6 @@ def _push_apart(people):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def _robot_ahead(people, i, starts, robots, dt):
-    """Return the index of the robot that person `i` would walk into, or -1."""
     for k in range(robots.shape[0]):
         dx, dy = robots[k, at.X] - people[i, at.X], robots[k, at.Y] - people[i, at.Y]
         reach = robots[k, at.RADIUS] + people[i, at.RADIUS]
@@ -117,7 +111,6 @@ def _share_until(person, start, robot):
 
 @njit(cache=True, error_model="numpy")
 def _take_back(people, starts, walls):
-    """Reset people that penetrate walls or people; return True if any was moved."""
     moved, (near, grid) = False, walls
     for i in range(people.shape[0]):
         walks = people[i, at.KIND] <= at.BLIND

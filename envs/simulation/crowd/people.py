@@ -1,4 +1,4 @@
-"""People of an episode, as arrays for kernels."""
+"""States of the simulated people in an episode, stored in arrays."""
 
 from collections.abc import Sequence
 
@@ -14,27 +14,25 @@ from .routes import plan_routes
 
 
 class People:
-    """People in a world: people on fixed routes, then a crowd that is sampled per episode."""
+    """Simulated people: first people on the fixed routes of a world, then a crowd that is sampled per episode."""
 
     def __init__(self, crowd: Crowd | None = None) -> None:
         self.crowd = crowd
         self.rows = np.empty((0, at.PERSON_SIZE))
-        """State of each person, shape (n, PERSON_SIZE), float64; see `records`."""
+        """State vectors of the people, shape (n, PERSON_SIZE), float64; columns: see module `person_row`."""
         self.points = np.empty((0, 3))
-        """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the next destination."""
+        """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the following destination or
+        -1 (random)."""
         self.fields = np.empty((0, 0, 0), dtype=np.float32)
-        """Cost-to-go to each destination of the crowd, shape (k, height, width), float32 [m]."""
+        """Cost-to-go from each grid cell to each destination of the crowd, shape (k, height, width), float32 [m]."""
         self.setup = np.zeros(at.WALLS)
-        """Parameters of pedestrian model and walls, shape (k,), float64; see `records`."""
+        """Parameters of the pedestrian model and static obstacles, packed into shape (k,), float64."""
 
     def reset(self, world: World, poses: Sequence[Pose2D], radius: float, rng: np.random.Generator | None) -> None:
         """Place people at the start of an episode.
 
-        Args:
-            world: world with fixed routes.
-            poses: start poses of the robots, world frame.
-            radius: radius of a robot [m].
-            rng: generator of the crowd.
+        `poses`: start poses of the robots, world frame. `radius`: footprint radius of a robot [m]. `rng`: random
+        generator of the crowd.
 
         Raises:
             ValueError: not all people fit into the world.
@@ -67,7 +65,7 @@ class People:
 
     @property
     def arrays(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """Arrays for kernels: rows, points, fields, setup."""
+        """Arguments of `step_people`: `rows`, `points`, `fields` and `setup`."""
         return self.rows, self.points, self.fields, self.setup
 
     @property

@@ -1,16 +1,16 @@
-"""Layout of a person's row of numbers."""
+"""Layout of the state vector (row) of a person."""
 
 X, Y, VX, VY, RADIUS, SPEED, KIND, GOAL, TRIP, SLOW, HEADING, PHASE, BLOCKED = range(13)
-"""Columns of a person's row.
+"""Columns of a person's state vector.
 
 World position [m] and velocity [m/s], radius [m], desired speed [m/s], kind, row of the destination in `People.points`,
 number of trips, time of slow progress [s], heading [rad], stride phase [rad], and speed towards a robot that stopped
 the person [m/s]."""
 DRAWS, NUM_DRAWS = 13, 64
-"""First column and number of uniform random numbers in [0, 1) for trips."""
+"""First column and number of random numbers, uniform in [0, 1), that decide a person's destinations."""
 PERSON_SIZE = DRAWS + NUM_DRAWS
 ATTENTIVE, BLIND, STANDING, FIXED_ROUTE = range(4)
-"""Kinds of people: avoiding robots, blind to robots, standing, on a fixed route; all kinds stop at robots."""
+"""Kinds of people: avoiding robots, ignoring robots, standing, and on a fixed route. All kinds stop at robots."""
 ORCA, LEGS, ORIGIN_X, ORIGIN_Y, ROWS, COLS, MODEL, WALLS = *range(7), 16
-"""Entries of `People.setup`: ORCA or not, legs or not, `Walls.grid`, start of the model's parameters and of
-`Walls.near`."""
+"""Indices in `People.setup`: flags of the ORCA model and of legs, origin, rows and columns of the obstacle grid, and
+first indices of pedestrian parameters and of obstacles."""

@@ -29,16 +29,9 @@ def draw_people(
     rng: np.random.Generator,
     world: World,
 ) -> np.ndarray:
-    """Sample people at rest in free space: rows, shape (n, PERSON_SIZE).
+    """Sample people at rest in free space, and return their state vectors, shape (n, PERSON_SIZE).
 
-    Args:
-        crowd: parameters of the crowd.
-        routes: free space and destinations.
-        robots: poses of the robots, world frame.
-        robot_radius: radius of a robot [m].
-        others: rows of people on fixed routes.
-        rng: random generator.
-        world: world of the people.
+    `robots`: start poses, world frame. `robot_radius`: footprint radius [m]. `others`: people on fixed routes.
 
     Raises:
         ValueError: not all people fit into the world.

@@ -1,4 +1,4 @@
-"""Destinations of a crowd, with cost-to-go fields."""
+"""Destinations of pedestrians, and cost-to-go fields."""
 
 import math
 from typing import NamedTuple
@@ -15,47 +15,50 @@ from . import person_row as at
 from .walls import WALL_RANGE, Walls, clearance, list_walls
 
 RESOLUTION = 0.15
-"""Cell size of cost-to-go fields [m]."""
+"""Cell size of pedestrian cost-to-go fields [m]."""
 NUM_DESTINATIONS = 8
-"""Number of destinations in `anywhere` mode."""
+"""Number of destinations if people walk anywhere in the world."""
 STRIP_WIDTH = 0.5
-"""Width of destination strips along the borders of a world [m]."""
+"""Width of the destination strips along the sides of a world [m]."""
 ARRIVAL_DISTANCE = 0.5
-"""Distance below which a destination is reached [m]."""
+"""Cost-to-go below which a person has reached the destination [m]."""
 MEAN_STUCK_TIME = 3.0
-"""Mean time of slow progress before a person changes its destination [s]; individual times vary by 50 %."""
+"""Mean time of slow progress before a person changes the destination [s]. Individual times vary by 50 %."""
 SLOW_FRACTION = 0.2
-"""Fraction of the desired speed below which progress is slow."""
+"""Speed towards the destination below which progress is slow, divided by the desired speed."""
 NEXT_BY_DRAW = -1.0
-"""Marker in `Routes.points` of a next destination chosen at random."""
+"""Entry in the last column of `Routes.points` for a randomly chosen next destination."""
 _PRECISION = 1e-3
-"""Smallest change of cost-to-go that is propagated [m]."""
+"""Smallest decrease of a cell's cost-to-go that is propagated [m]."""
 _GOLDEN = 0.5 * (math.sqrt(5.0) - 1.0)
-"""Golden ratio; its multiples modulo 1 are evenly spread."""
+"""Golden ratio (0.618). Its multiples modulo 1 are evenly spread."""
 _WALL_COST, _FREE_CLEARANCE = 3.0, 0.25
-"""Extra cost per metre at a wall, and clearance without extra cost [m]."""
+"""Extra cost per metre of walking along a wall, and gap to walls above which the extra cost is zero [m]."""
 _OUTSIDE_COST = 8.0
-"""Cost per metre outside of free space, to lead people back."""
+"""Cost per metre in free cells that are too close to walls for a person."""
 
 Costs = tuple[np.ndarray, np.ndarray]
 
 
 class Routes(NamedTuple):
-    """Destinations and free space of a crowd in a world."""
+    """Destinations, cost-to-go and free space of a crowd in a world."""
 
     points: np.ndarray
-    """Destinations, shape (k, 3), float64: x, y [m], and the row of the next destination or `NEXT_BY_DRAW`."""
+    """Destinations, shape (k, 3), float64: x, y in the world frame [m], and the row of the following destination or -1
+    (random)."""
     fields: np.ndarray
     """Cost-to-go from each cell to each destination, shape (k, height, width), float32 [m]; inf in obstacles."""
     room: np.ndarray
-    """Centres of connected free cells, shape (n, 2), float64 [m]."""
+    """Centres (x, y) of connected cells that have room for a person, shape (n, 2), float64, world frame [m]."""
     walls: Walls
-    """Obstacles, in a grid with the origin of the fields."""
+    """Static obstacles in a lookup grid with the origin of the cost-to-go fields."""
 
 
 @kept_with_world
 def plan_routes(world: World, radius: float, flow: str) -> Routes:
-    """Return the routes of people of a radius [m] for a walking direction `flow`, see `Crowd`.
+    """Compute destinations and cost-to-go fields of a crowd in a world.
+
+    `radius`: radius of the largest person [m]. `flow`: walking directions, see `Crowd`.
 
     Raises:
         ValueError: people of this radius do not fit into the world.
@@ -130,13 +133,13 @@ def _travel(costs: Costs, field: np.ndarray) -> np.ndarray:
 
 @njit(cache=True, error_model="numpy")
 def spread_costs(slowness, field):
-    """Solve the eikonal equation |grad field| = slowness from the finite cells of `field`.
+    """Compute the cost-to-go of all cells by solving the eikonal equation |grad field| = slowness.
 
     Fast sweeping (Zhao, 2005; Bak et al., 2010), also along diagonals.
 
     Args:
         slowness: cost per metre, shape (height, width), float32; inf in obstacles and on the border.
-        field: cost-to-go, shape (height, width), float32 [m]; written.
+        field: cost-to-go, shape (height, width), float32 [m], updated; finite at destinations.
     """
     height, width = field.shape
     is_open = np.zeros((height, width), dtype=np.bool_)
@@ -194,7 +197,7 @@ def _clearances(free, walls):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def descent(fields, k, grid, x, y):
-    """Return the unit vector of steepest descent of field `k` at (x, y), and the cost-to-go there [m]."""
+    """Return the unit vector of steepest descent of cost-to-go field `k` at (x, y), and the cost-to-go [m]."""
     across, up = (x - grid[0]) / RESOLUTION - 0.5, (y - grid[1]) / RESOLUTION - 0.5
     row, col = min(max(int(up), 0), fields.shape[1] - 2), min(max(int(across), 0), fields.shape[2] - 2)
     across, up = across - col, up - row
@@ -215,9 +218,9 @@ def descent(fields, k, grid, x, y):
 
 @njit(cache=True, error_model="numpy")
 def choose_directions(people, points, fields, grid, dt, directions):
-    """Compute the directions of the crowd's walking people, and change destinations if due.
+    """Compute walking directions of the crowd. People that have arrived or are stuck get new destinations.
 
-    `people`: rows; `GOAL`, `TRIP` and `SLOW` are written. `points`, `fields`: see `People`. `grid`: see `Walls`. `dt`:
+    `people`: state vectors, updated. `points`, `fields`: destinations and cost-to-go. `grid`: origin of `fields`. `dt`:
     time step [s]. `directions`: output, shape (n, 2), float64, unit vectors.
     """
     first = points.shape[0] - fields.shape[0]
@@ -242,7 +245,6 @@ def choose_directions(people, points, fields, grid, dt, directions):
 
 @njit(cache=True, error_model="numpy")
 def _next_goal(person, goal, draw, points, fields, grid, away):
-    """Return the row in `points` of the next destination; a person blocked in direction `away` turns back."""
     count = fields.shape[0]
     first = points.shape[0] - count
     if points[goal, 2] != NEXT_BY_DRAW:

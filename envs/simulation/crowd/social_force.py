@@ -19,49 +19,44 @@ Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
 class SocialForce(NamedTuple):
-    """Parameters of the social force model; forces are accelerations."""
+    """Parameters of the social force model. Forces are accelerations."""
 
     strength: Positive = 7.0
     """Repulsion between two people in contact [m/s2]."""
     reach: Positive = 0.3
     """Distance over which repulsion between people falls by the factor e [m]."""
     behind: Share = 0.5
-    """Anisotropy lambda: weight of people behind, relative to people ahead."""
+    """Weight of repulsion from people behind, relative to people ahead (anisotropy lambda)."""
     sideways: Share = 0.3
-    """Fraction of the repulsion that acts sideways, to the right."""
+    """Sideways force to the right, divided by the repulsion."""
     braking: Positive = 1.0
-    """Maximum braking by other people, relative to the driving force; 1 stops a person (speed-density relation of
+    """Maximum braking by repulsion of people, divided by the driving force; 1 stops a person (speed-density relation of
     Weidmann, 1993)."""
     wall_strength: Positive = 6.0
-    """Repulsion of a wall at contact [m/s2]."""
+    """Repulsion of a wall on a person in contact [m/s2]."""
     wall_reach: Positive = 0.12
     """Distance over which wall repulsion falls by the factor e [m]."""
     relaxation: Positive = 0.5
     """Relaxation time tau towards the desired velocity [s]."""
     excess: Positive = 1.3
-    """Maximum speed as a multiple of the desired speed."""
+    """Maximum walking speed, divided by the desired speed."""
     max_acceleration: Positive = 12.0
     """Maximum acceleration [m/s2]."""
 
 
 NUM_FORCES = len(SocialForce._fields)
 SIDE_SWITCH_TIME = 0.5
-"""Time of slow progress after which a person evades to the left [s]."""
+"""Time of slow progress after which a person evades to the left instead of the right [s]."""
 MIN_PUSH_RATIO = 1e-3
-"""Fraction of the contact repulsion below which repulsion is ignored."""
+"""Largest neglected repulsion between two bodies, divided by the repulsion in contact."""
 
 
 @njit(cache=True, error_model="numpy")
 def social_forces(people, directions, robots, walls, model, forces):
-    """Compute the accelerations of all people.
+    """Compute the accelerations of people by the social force model.
 
-    Args:
-        people: rows of people.
-        directions: walking directions, shape (n, 2), float64, unit vectors.
-        robots: shape (m, 5), float64, laid out as the first columns of `people`.
-        walls: `Walls`.
-        model: `SocialForce`.
-        forces: output, shape (n, 2), float64, world frame [m/s2].
+    `people`: state vectors. `directions`: walking directions, shape (n, 2), float64, unit vectors. `robots`: discs (x,
+    y, vx, vy, radius), shape (m, 5), float64 [m, m/s]. `forces`: output, shape (n, 2), float64, world frame [m/s2].
     """
     count, (near, grid) = people.shape[0], walls
     cutoff = -model.reach * math.log(MIN_PUSH_RATIO)
@@ -113,7 +108,7 @@ def _add(forces, i, push, nx, ny, people, directions, model):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def wall_force(near, grid, x, y, radius, model):
-    """Return the repulsion (ax, ay) of walls on a person at (x, y) [m/s2].
+    """Return the repulsion (ax, ay) of walls on a person at (x, y), as an acceleration [m/s2].
 
     Only the strongest repulsion towards +x, -x, +y and -y counts.
     """
@@ -129,7 +124,7 @@ def wall_force(near, grid, x, y, radius, model):
 
 @njit(cache=True, error_model="numpy")
 def walk_by_forces(people, directions, robots, walls, model, dt):
-    """Move the walking people of the crowd by `dt` [s] (semi-implicit Euler); arguments as in `social_forces`."""
+    """Move the walking people by one time step `dt` [s] (semi-implicit Euler). `people`: state vectors, updated."""
     forces = np.empty((people.shape[0], 2))
     social_forces(people, directions, robots, walls, model, forces)
     for i in range(people.shape[0]):

@@ -1,4 +1,4 @@
-"""Step of all people, and the circles that represent people."""
+"""Motion of people, and the circles that represent people in contacts and scans."""
 
 import math
 
@@ -19,15 +19,15 @@ from .walls import Walls
 SUBSTEP, ORCA_SUBSTEP = 0.05, 0.1
 """Maximum time steps of the social force model and of ORCA [s]."""
 LEG_RADIUS, LEG_OFFSET, STRIDE = 0.06, 0.1, 0.35
-"""Radius of a leg, distance of legs from the body's centre, and stride length [m]."""
+"""Radius of a leg, sideways distance of a leg from the body's centre, and stride length [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def step_people(people, points, fields, setup, robots):
     """Move people by one control period, before the robots move.
 
-    `people`, `points`, `fields`, `setup`: see `People`; `people` is written. `robots`: rows of robots; `TOUCHED` is
-    written for robots that people walk into.
+    `people`, `points`, `fields`, `setup`: arrays of `People`; `people` is updated. `robots`: state vectors; `TOUCHED`
+    is set for robots that people walk into.
     """
     period, radius, count = robots[0, robots_at.PERIOD], robots[0, robots_at.ROBOT], people.shape[0]
     discs = np.empty((robots.shape[0], 5))
@@ -96,7 +96,7 @@ def _follow_route(person, points, dt):
 
 @njit(cache=True, error_model="numpy")
 def with_people(circles, people):
-    """Return circles, shape (m, 3) [m], followed by one circle per person."""
+    """Return obstacle circles (x, y, radius) [m], followed by one circle per person."""
     count = circles.shape[0]
     extended = with_room(circles, people.shape[0])
     for i in range(people.shape[0]):
@@ -107,7 +107,7 @@ def with_people(circles, people):
 
 @njit(cache=True, error_model="numpy")
 def with_bodies(circles, people, setup):
-    """Return circles, shape (m, 3) [m], followed by the circles of people for lidars: bodies or swinging legs."""
+    """Return obstacle circles (x, y, radius) [m], followed by circles for people's bodies or swinging legs."""
     if setup[at.LEGS] == 0.0:
         return with_people(circles, people)
     count = circles.shape[0]

@@ -7,20 +7,20 @@ import numpy as np
 from numba import njit
 
 WALL_RANGE = 0.4
-"""Maximum gap between a person and a listed obstacle [m]."""
+"""Maximum gap between a person and an obstacle that affects the person [m]."""
 CELL = 0.25
-"""Cell size of the lookup grid [m]."""
+"""Cell size of the obstacle lookup grid [m]."""
 _MAX_PUSHES = 12
 _TOLERANCE = 1e-6
-"""Overlap that is ignored [m]."""
+"""Overlap of a person with an obstacle that is ignored [m]."""
 
 
 class Walls(NamedTuple):
-    """Static obstacles listed by grid cell."""
+    """Lookup table of the static obstacles near each grid cell."""
 
     near: np.ndarray
-    """Start of each cell's list and end of the last, lists of obstacle indices, and obstacles (x0, y0, x1, y1, radius)
-    [m]: shape (k,), float64."""
+    """Packed lists, shape (k,), float64: start index of each cell's list and end of the last, obstacle indices of all
+    lists, and obstacles (x0, y0, x1, y1, radius) [m]."""
     grid: tuple[float, float, float, float]
     """Origin (x, y) of the grid [m], and number of rows and columns."""
 
@@ -28,13 +28,10 @@ class Walls(NamedTuple):
 def list_walls(
     segments: np.ndarray, circles: np.ndarray, bounds: tuple[float, float, float, float], radius: float
 ) -> Walls:
-    """List the obstacles near each cell of a grid.
+    """Return a lookup table of the obstacles near each cell of a grid.
 
-    Args:
-        segments: shape (n, 4), float64 [m].
-        circles: shape (m, 3), float64 [m].
-        bounds: bounds of the grid (x_min, y_min, x_max, y_max) [m].
-        radius: radius of the largest person [m].
+    `segments`, `circles`: obstacles, shapes (n, 4) and (m, 3), float64 [m]. `bounds`: grid area (x_min, y_min, x_max,
+    y_max) [m]. `radius`: radius of the largest person [m].
     """
     x_min, y_min, x_max, y_max = bounds
     rows, cols = math.ceil((y_max - y_min) / CELL) + 1, math.ceil((x_max - x_min) / CELL) + 1
@@ -48,7 +45,7 @@ def list_walls(
 
 @njit(cache=True, error_model="numpy", inline="always")
 def offset(near, item, x, y):
-    """Return the unit vector from the nearest point of an obstacle to (x, y), and the distance [m]."""
+    """Return the unit vector from the nearest point of an obstacle to the point (x, y), and the distance [m]."""
     ex, ey = near[item + 2] - near[item], near[item + 3] - near[item + 1]
     dx, dy = x - near[item], y - near[item + 1]
     along = min(max((dx * ex + dy * ey) / max(ex * ex + ey * ey, 1e-300), 0.0), 1.0)
@@ -77,7 +74,7 @@ def _pairs(bodies, near, reach, origin_x, origin_y, rows, cols):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def near_list(near, grid, x, y):
-    """Return start and end in `Walls.near` of the list of obstacles near (x, y); empty outside the grid."""
+    """Return start and end index of the list of obstacles near the point (x, y); equal outside the grid."""
     row, col = math.floor((y - grid[1]) / CELL), math.floor((x - grid[0]) / CELL)
     if not (0 <= row < grid[2] and 0 <= col < grid[3]):
         return 0, 0
@@ -87,7 +84,7 @@ def near_list(near, grid, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def clearance(near, grid, x, y):
-    """Return the distance from (x, y) to the nearest listed obstacle [m], inf without any."""
+    """Return the distance from the point (x, y) to the nearest static obstacle [m], or inf without obstacles nearby."""
     first, end = near_list(near, grid, x, y)
     nearest = np.inf
     for k in range(first, end):
@@ -97,7 +94,7 @@ def clearance(near, grid, x, y):
 
 @njit(cache=True, error_model="numpy", inline="always")
 def push_out(near, grid, x, y, radius):
-    """Push a disc out of overlapping obstacles; return its centre (x, y) [m], and whether the overlap is resolved."""
+    """Push a disc out of overlapping obstacles. Return its centre (x, y) [m], and True if no overlap remains."""
     for _ in range(_MAX_PUSHES):
         first, end = near_list(near, grid, x, y)
         deepest, push_x, push_y = _TOLERANCE, 0.0, 0.0

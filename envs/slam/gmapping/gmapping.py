@@ -1,5 +1,3 @@
-"""GMapping: particle filter with scan-matched proposals and a map per particle."""
-
 import math
 
 import numpy as np
@@ -23,7 +21,7 @@ from .proposal import Proposals, draw_poses, propose, take_better
 
 
 def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
-    """Return normalized weights, shape (n,), float64, from log weights."""
+    """Return weights with sum 1, shape (n,), float64, from log weights."""
     weights: np.ndarray = np.exp(log_weights - log_weights.max())
     return weights / weights.sum()
 
@@ -31,16 +29,16 @@ def normalized_weights(log_weights: np.ndarray) -> np.ndarray:
 def systematic_resample(weights: np.ndarray, offset: float) -> np.ndarray:
     """Return particle indices by systematic resampling (Kitagawa, Monte Carlo filter and smoother, 1996).
 
-    `weights` are normalized, shape (n,); `offset` is uniform in [0, 1). Indices have shape (n,), int64, ascending.
+    `weights` have sum 1, shape (n,); `offset` is uniform in [0, 1). Indices have shape (n,), int64, ascending.
     """
     n = len(weights)
     return np.minimum(np.searchsorted(np.cumsum(weights), (np.arange(n) + offset) / n, side="right"), n - 1)
 
 
 def spread(poses: np.ndarray, weights: np.ndarray, reference: np.ndarray) -> np.ndarray:
-    """Return the covariance of weighted poses, shape (n, 3), about their mean, shape (3, 3), float64 [m, rad].
+    """Return the covariance, shape (3, 3), float64 [m^2, rad^2], of weighted poses, shape (n, 3) [m, m, rad].
 
-    Headings are relative to `reference`, which avoids wrap-around.
+    Headings relative to `reference` avoid wrap-around.
     """
     apart = poses - reference
     apart[:, 2] = (apart[:, 2] + math.pi) % (2.0 * math.pi) - math.pi
@@ -53,13 +51,13 @@ class GMapping(KeyScanSlam):
     """SLAM by a Rao-Blackwellised particle filter.
 
     Grisetti, Stachniss and Burgard, Improved techniques for grid mapping with Rao-Blackwellized particle filters, 2007.
-    A particle is a trajectory with its map. At key scans, particle poses are sampled around scan matches and weighted
-    by the scan likelihood; a low effective sample size triggers resampling.
+    A particle is a trajectory with its map. After a minimum motion, particle poses are sampled around scan matches and
+    weighted by the scan likelihood. A low effective sample size triggers resampling.
 
-    The belief has pose and map of the best particle, which has the most likely trajectory and takes proposal modes
+    `belief` has pose and map of the best particle, which has the most likely trajectory and takes proposal means
     instead of samples. When another particle becomes best, the map is redrawn, and `belief.path` is its trajectory.
-    `belief.is_lost` is set after consecutive mismatches or at high position spread. A lost robot is searched on the
-    best map (`relocalization`).
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position spread. A lost robot is
+    searched on the best map.
     """
 
     params: GMappingParams
@@ -72,7 +70,7 @@ class GMapping(KeyScanSlam):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: None = None) -> Belief:
-        """Start at a known pose with an unknown map.
+        """Restart at a known pose with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -81,13 +79,11 @@ class GMapping(KeyScanSlam):
             raise ValueError("gmapping has a map for each particle, and cannot continue a given map")
         count = self.params.num_particles
         self.poses = np.tile(np.array(pose, dtype=np.float64), (count, 1))
-        """Particle poses at the last key scan, shape (num_particles, 3), float64, map frame [m, m, rad]."""
+        """Particle poses at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]."""
         self.log_weights = np.zeros(count)
-        """Log importance weights since the last resampling, shape (num_particles,), float64."""
         self.log_likelihoods = np.zeros(count)
-        """Log likelihoods of the particles' trajectories since the reset, shape (num_particles,), float64."""
         self.best = 0
-        """Index of the best particle."""
+        """Index of the particle with the most likely trajectory."""
         self.num_switches = self.num_resamplings = 0
         self._proposals, self._retried = Proposals.make(count), Proposals.make(count)
         # Tree of poses at key scans, with parent particles.
@@ -98,7 +94,7 @@ class GMapping(KeyScanSlam):
         return super().reset(rng, pose)
 
     def finish(self) -> None:
-        """Write the best particle's trajectory to `belief.path`, one pose per key scan."""
+        """Write the best particle's trajectory, one pose per matched scan, to `belief.path`."""
         particles, particle = np.empty(len(self._poses), dtype=np.int64), self.best
         for k in range(len(particles) - 1, -1, -1):
             particles[k], particle = particle, self._parents.rows[k, particle]
@@ -106,7 +102,7 @@ class GMapping(KeyScanSlam):
 
     @property
     def anchor(self) -> Anchor | None:
-        """Robot pose relative to the last key scan; None before the first key scan."""
+        """Robot pose relative to the last matched scan; None before the first."""
         if self.last_key_pose is None:
             return None
         return Anchor(len(self._poses) - 1, self.last_key_pose.between(self.belief.pose))
@@ -139,7 +135,6 @@ class GMapping(KeyScanSlam):
         return Pose2D(*best.tolist()), 1.0 if fallback_pose is None else None
 
     def _propose(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Update the proposals; return whether the scan fits the best map."""
         params, resolution = self.params, self.params.resolution
         travelled = distance(motion.x, motion.y)
         stds = motion_stds(self._matcher.odometry_noise, travelled, motion.theta)

@@ -1,5 +1,3 @@
-"""Particle maps and the occupancy grid of the best particle."""
-
 import math
 
 import numpy as np
@@ -28,7 +26,6 @@ from .tiles import (
 )
 
 FIRST_CAPACITY = 1024
-"""Initial number of slots in the tile pool; untouched pages use no memory."""
 ROW_BITS = 32
 """Number of column bits in a combined cell index, row * 2^32 + column."""
 _COLUMN = (1 << ROW_BITS) - 1
@@ -36,7 +33,6 @@ _COLUMN = (1 << ROW_BITS) - 1
 
 @njit(cache=True, error_model="numpy")
 def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp, level):
-    """Integrate a scan into one level; return False if the pool is full, and the scan can be integrated again."""
     bits, start, cells, scale = TILE_BITS - level, level_start(level), pool.words.shape[1], 0.5**level
     mask = (1 << bits) - 1
     # Passing arrays to a function costs more than the work for a cell or an owned tile.
@@ -76,9 +72,10 @@ def _integrate_level(pool, index, tiles_wide, lidar, ends, model, number, stamp,
 
 @njit(cache=True, error_model="numpy")
 def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, number, stamp, ends, first):
-    """Integrate a scan into selected `Maps` from `first` on; return the first incomplete map, or the number of maps.
+    """Insert a scan into the maps of selected particles from index `first` on; return the number of particles.
 
-    The result is an incomplete map if the pool is full. See `log_odds_map.integrate_scans`.
+    If the pool of map tiles is full, return the index of the particle whose map is incomplete. Other arguments as in
+    `log_odds_map.integrate_scans`.
     """
     for p in range(first, maps.slots.shape[0]):
         if is_integrated[p]:
@@ -92,10 +89,10 @@ def integrate_into_maps(maps, ranges, poses, geometry, model, is_integrated, num
 
 @njit(cache=True, error_model="numpy")
 def render_tiles(maps, particle, shown, after, occupancy, new_cells):
-    """Update an occupancy grid by the tiles that differ from a particle's map.
+    """Copy changed tiles of a particle's map to an occupancy grid; return the number of new known cells and a block.
 
-    `shown` are the drawn slots, shape (num_tiles,), int32, and `after` the last drawn scan. Writes `new_cells`; returns
-    their number, and (col_min, row_min, col_max, row_max) of updated tiles.
+    The block contains all changed tiles. `shown`: slots of the tiles in the grid, shape (num_tiles,), int32. `after`:
+    number of the last scan in the grid. `new_cells` receives row and column.
     """
     pool, wide = maps.pool, maps.tiles_wide
     num_new = 0
@@ -119,7 +116,7 @@ def render_tiles(maps, particle, shown, after, occupancy, new_cells):
 
 
 class ParticleMaps(GrowingMap):
-    """Particle maps with shared tiles; `grid` shows the last rendered particle."""
+    """Maps of all particles in tiles (square blocks of cells); `grid` is the last rendered map."""
 
     def __init__(self, params: GMappingParams, lidar: LidarParams) -> None:
         super().__init__(params, lidar, block=TILE)
@@ -134,12 +131,12 @@ class ParticleMaps(GrowingMap):
 
     @property
     def maps(self) -> Maps:
-        """Maps for scan matching; invalid after the next integration."""
+        """Maps for scan matching, invalid after the next inserted scan."""
         wide = self._tiles[1]
         return Maps(self._pool, self._slots, wide, self._num_levels, self.corner, self.grid.resolution)
 
     def occupancy(self, particle: int, level: int = 0) -> np.ndarray:
-        """Return a particle's map at one level, shape of `grid` / 2^level, int8 [percent]."""
+        """Return a particle's map at one resolution, shape (height, width) / 2^level, int8 [percent]."""
         maps = self.maps
         out = np.full([size >> level for size in self.grid.data.shape], UNKNOWN, dtype=np.int8)
         flat, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -147,13 +144,13 @@ class ParticleMaps(GrowingMap):
         return out
 
     def resample(self, parents: np.ndarray) -> None:
-        """Replace particle maps by copies of their parents, shape (num_particles,), int64."""
+        """Replace each particle's map by a copy of its parent's map."""
         copy_maps(self._pool, self._slots, parents)
 
     def integrate(self, ranges: np.ndarray, poses: np.ndarray, is_integrated: np.ndarray) -> None:
-        """Integrate a scan, shape (num_beams,), float32 [m], into maps with `is_integrated` set.
+        """Insert a scan, shape (num_beams,), float32 [m], into the maps of particles with `is_integrated` set.
 
-        `poses` are base poses, shape (num_particles, 3), float64, map frame [m, m, rad].
+        `poses`: base poses, shape (num_particles, 3), map frame [m, m, rad].
         """
         self._make_room(ranges[None], poses)
         if self._stamp == MAX_STAMP:
@@ -166,7 +163,7 @@ class ParticleMaps(GrowingMap):
             self._pool = enlarge_pool(self._pool)
 
     def render(self, particle: int, is_switched: bool) -> MapUpdate:
-        """Update `grid` to a particle's map; `is_switched` marks the whole map as redrawn."""
+        """Copy a particle's map to `grid`; return the changed cells, or all if `is_switched`."""
         data, new_cells, origin = self.grid.data, self._new_cells, self.grid.origin
         count, window = render_tiles(self.maps, particle, self._shown, self._shown_number, data, new_cells)
         self._shown_number = self._number

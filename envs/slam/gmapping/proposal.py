@@ -1,8 +1,8 @@
 """Proposal distribution and importance weight of each particle.
 
-The pose posterior is a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mode and
-Hessian come from Gauss-Newton matching instead of samples, for speed. With motion covariance P, hit residuals r_i of
-variance k, and distance d of the mode from odometry,
+The pose posterior is a Gaussian around the scan match (Grisetti, Stachniss and Burgard, 2007, section IV.B). Mean and
+Hessian H come from Gauss-Newton matching instead of samples, for speed. With motion covariance P, residuals r_i of
+variance k, and distance d of the mean from odometry,
 
     S = (P^-1 + H / k)^-1,    log w = -sum r_i^2 / 2k  -  d^T P^-1 d / 2  +  log(det S / det P) / 2,
 
@@ -25,44 +25,42 @@ from .tiles import TileMap, TilePool
 
 
 class Maps(NamedTuple):
-    """Maps of all particles for matching kernels."""
+    """Maps of all particles, as tiles (square blocks of cells) in a shared pool."""
 
     pool: TilePool
     slots: np.ndarray
-    """Pool slots of tiles by particle, shape (num_particles, num_tiles), int32."""
+    """Pool slot of each particle's map tiles, shape (num_particles, num_tiles), int32."""
     tiles_wide: int
     num_levels: int
     corner: tuple[int, int]
-    """Column and row of the first cell, relative to the map frame's origin."""
     resolution: float
 
 
 class Proposals(NamedTuple):
-    """Proposal distributions and importance weights of all particles."""
+    """Gaussian proposal distributions and importance weights of all particles."""
 
     modes: np.ndarray
-    """Proposal modes, shape (num_particles, 3), float64, map frame [m, m, rad]."""
+    """Proposal means, shape (num_particles, 3), map frame [m, m, rad]."""
     covariances: np.ndarray
-    """Proposal covariances, shape (num_particles, 3, 3), float64 [m, rad]."""
+    """Proposal covariances, shape (num_particles, 3, 3) [m^2, rad^2]."""
     log_likelihoods: np.ndarray
-    """Log importance weights up to a common constant, shape (num_particles,), float64."""
+    """Log importance weights of the scan, up to a common constant."""
     num_known: np.ndarray
-    """Number of hits in known cells, shape (num_particles,), int64."""
+    """Number of scan points in known cells of each particle's map."""
     known_scores: np.ndarray
-    """Mean occupancy of known cells under the hits, shape (num_particles,), float64."""
+    """Mean occupancy of known cells at the scan points, from 0 to 1."""
     fits: np.ndarray
-    """Whether the scan matches at the mode, shape (num_particles,), bool."""
+    """Whether the scan fits each particle's map."""
 
     @classmethod
     def make(cls, count: int) -> "Proposals":
-        """Return zero-filled proposals for `count` particles."""
         numbers = np.zeros(count), np.zeros(count, dtype=np.int64), np.zeros(count), np.zeros(count, dtype=np.bool_)
         return cls(np.zeros((count, 3)), np.zeros((count, 3, 3)), *numbers)
 
 
 @njit(cache=True, error_model="numpy")
 def prior_cost(prior, x, y, theta):
-    """Return d^T W d for the difference d between a pose [cells, cells, rad] and a `PosePrior`."""
+    """Return d^T W d for the difference d between a pose [cells, cells, rad] and a Gaussian prior with weight W."""
     dx, dy, turn = x - prior.x, y - prior.y, theta - prior.theta
     own = prior.w_xx * dx * dx + prior.w_yy * dy * dy + prior.w_tt * turn * turn
     return own + 2.0 * (prior.w_xy * dx * dy + prior.w_xt * dx * turn + prior.w_yt * dy * turn)
@@ -83,11 +81,11 @@ def _propose(map, num_levels, points, num_points, start, prior, params, max_corr
 
 @njit(cache=True, error_model="numpy")
 def propose(maps, poses, motion, start_motion, stds, points, num_points, params, out):
-    """Compute proposal and importance weight of every particle, and write them to `out`.
+    """Write the proposal distribution and importance weight of every particle to `out`.
 
-    `poses` are at the last key scan, shape (num_particles, 3), map frame [m, m, rad]. `motion` is the odometry motion
-    since then, `start_motion` the motion to the start of matching. `stds` are odometry standard deviations of position
-    [m] and heading [rad]. `points` are hits, shape (2, >= num_points), float32, base frame [cells].
+    `poses`: particles at the last matched scan, shape (num_particles, 3), map frame [m, m, rad]. `motion`: odometry
+    since then. `start_motion`: motion to the initial pose of matching. `stds`: odometry standard deviations [m], [rad].
+    `points`: scan points, shape (2, >= num_points), float32, base frame [cells].
     """
     resolution, (col, row) = maps.resolution, maps.corner
     occupancy, cells = maps.pool.occupancy.ravel(), maps.pool.occupancy.shape[1]
@@ -115,7 +113,7 @@ def propose(maps, poses, motion, start_motion, stds, points, num_points, params,
 
 
 def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> None:
-    """Replace proposals by matching alternatives with a summed occupancy higher by `least_gain`."""
+    """Replace proposals by alternatives that fit the map and raise the occupancy sum at scan points by `least_gain`."""
     before, after = (each.num_known * each.known_scores for each in (proposals, others))
     is_better = others.fits & (after > before + least_gain)
     for own, other in zip(proposals, others):
@@ -123,9 +121,9 @@ def take_better(proposals: Proposals, others: Proposals, least_gain: float) -> N
 
 
 def draw_poses(proposals: Proposals, noise: np.ndarray) -> np.ndarray:
-    """Return sampled poses, shape (num_particles, 3), float64, map frame [m, m, rad].
+    """Sample a pose from each particle's proposal, shape (num_particles, 3), float64, map frame [m, m, rad].
 
-    A sample is mode + L z, with standard normal `noise` z and Cholesky factor L of the covariance.
+    `noise`: standard normal, shape (num_particles, 3).
     """
     drawn = np.einsum("pij,pj->pi", np.linalg.cholesky(proposals.covariances), noise)
     poses: np.ndarray = proposals.modes + drawn

@@ -1,7 +1,7 @@
 """Tiled maps with copy-on-write.
 
-A pool with reference counts stores all tiles; a map is an index of pool slots. A tile holds `TILE` x `TILE`
-finest-level cells, then the coarser levels of the same square.
+A pool with reference counts stores tiles (square blocks of cells) in numbered slots. A map is an array of slot numbers.
+A tile holds `TILE` x `TILE` cells of the finest resolution, then the coarser resolutions of the same square.
 """
 
 from typing import NamedTuple
@@ -16,36 +16,36 @@ from ..matching.gauss_newton import at_level, neighbours
 
 TILE_BITS = 5
 TILE = 1 << TILE_BITS
-"""Side of a tile [cells of the finest level]."""
+"""Side of a map tile [cells of the finest resolution]."""
 EMPTY = 0
-"""Pool slot of the unknown tile, shared and read-only."""
+"""Slot number of the tile of unknown cells, shared and read-only."""
 
 
 class TilePool(NamedTuple):
-    """Pool that stores map tiles in numbered slots."""
+    """Storage of map tiles (square blocks of cells) in numbered slots."""
 
     words: np.ndarray
-    """Cell words, shape (capacity, cells), int32."""
+    """Packed cells (log-odds and scan number) of each tile, shape (capacity, cells), int32."""
     occupancy: np.ndarray
-    """Occupancies, shape (capacity, cells), int8: -1 unknown, 0 to 100 percent."""
+    """Occupancies of each tile, shape (capacity, cells), int8 [percent]."""
     references: np.ndarray
-    """Number of maps using each slot, shape (capacity,), int32; 0 for `EMPTY`."""
+    """Number of maps that use each slot, shape (capacity,), int32; 0 for the unknown tile."""
     written: np.ndarray
-    """Last scan integrated into each slot, shape (capacity,), int64."""
+    """Number of the last scan inserted into each slot, shape (capacity,), int64."""
     free: np.ndarray
-    """Stack of unused slots, shape (capacity,), int32, with `num_free[0]` valid entries."""
+    """Stack of unused slot numbers, shape (capacity,), int32, with `num_free[0]` valid entries."""
     num_free: np.ndarray
 
 
 @njit(cache=True, error_model="numpy")
 def level_start(level):
-    """Return the index of a level's first cell in a tile."""
+    """Return the index of a map resolution's first cell in a tile."""
     whole = 4 << (2 * TILE_BITS)
     return (whole - (whole >> (2 * level))) // 3
 
 
 def make_pool(capacity: int, num_levels: int) -> TilePool:
-    """Return a pool with the `EMPTY` tile only."""
+    """Create a pool for `capacity` map tiles that contains only the unknown tile."""
     cells = level_start(num_levels)
     words, occupancy = np.empty((capacity, cells), dtype=np.int32), np.empty((capacity, cells), dtype=np.int8)
     words[EMPTY], occupancy[EMPTY] = 0, UNKNOWN
@@ -55,7 +55,7 @@ def make_pool(capacity: int, num_levels: int) -> TilePool:
 
 
 def enlarge_pool(pool: TilePool) -> TilePool:
-    """Return a copy of the pool with twice the capacity."""
+    """Return a copy of a tile pool with twice the capacity."""
     capacity, num_free = len(pool.words), int(pool.num_free[0])
     words, occupancy, references, written = (np.concatenate([each, np.zeros_like(each)]) for each in pool[:4])
     free = np.empty(2 * capacity, dtype=np.int32)
@@ -66,9 +66,9 @@ def enlarge_pool(pool: TilePool) -> TilePool:
 
 @njit(cache=True, error_model="numpy")
 def own_tile(pool, index, tile, number):
-    """Return a writable slot for a tile of a map, copying a shared tile; -1 if the pool is full.
+    """Return a slot for changing a map tile, after a copy if other maps share the tile; -1 if the pool is full.
 
-    `index` are the map's slots, shape (num_tiles,), int32; `number` is the scan to integrate.
+    `index`: slot numbers of the map, shape (num_tiles,), int32. `number`: number of the scan to insert.
     """
     slot = index[tile]
     if slot == EMPTY or pool.references[slot] > 1:
@@ -86,9 +86,9 @@ def own_tile(pool, index, tile, number):
 
 
 def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
-    """Replace maps by copies of the maps with indices `parents`, shape (num_maps,), int64.
+    """Replace each map by a copy of map `parents[i]`.
 
-    `index` holds the slots of all maps, shape (num_maps, num_tiles), int32.
+    `index`: slot numbers of all maps, shape (num_maps, num_tiles), int32. `parents`: shape (num_maps,), int64.
     """
     index[:] = index[parents]
     used = pool.references > 0
@@ -100,14 +100,11 @@ def copy_maps(pool: TilePool, index: np.ndarray, parents: np.ndarray) -> None:
 
 
 class TileMap(NamedTuple):
-    """Read-only map of a particle."""
+    """Read-only map of a particle in tiles (square blocks of cells)."""
 
     occupancy: np.ndarray
-    """Flattened occupancies of the pool, shape (capacity * cells,), int8."""
     cells: int
-    """Number of cells per tile, over all levels."""
     slots: np.ndarray
-    """Pool slot of each tile, shape (num_tiles,), int32."""
     tiles_wide: int
 
 
@@ -160,7 +157,7 @@ def _neighbours_in_tiles(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def unpack_level(map, level, out):
-    """Write a level's occupancies to `out`, int8, initially -1 (unknown)."""
+    """Write a tiled map at one resolution to `out`, shape (height, width), int8, initially -1 (unknown)."""
     bits, start = TILE_BITS - level, level_start(level)
     side = TILE >> level
     for tile in range(map.slots.shape[0]):

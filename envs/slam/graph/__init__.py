@@ -1,1 +1,1 @@
-"""Graph SLAM: submaps, a pose graph over them, and loop closures."""
+"""Graph SLAM: submaps, loop closures, and a pose graph."""

@@ -1,5 +1,3 @@
-"""Graph SLAM: submaps, loop closures, and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016)."""
-
 from functools import cache
 
 import numpy as np
@@ -21,19 +19,19 @@ from .loop_search import NUM_SKIPPED_SUBMAPS, Confirmation, LoopSearch
 from .nodes import MapRendering, NodeStore, any_pose_moved, refine_poses, replace_cells
 
 FINAL_ITERATIONS = 10
-"""Maximum number of iterations of the last optimisation."""
+"""Maximum iterations of the last pose-graph optimisation."""
 
 
 class GraphSlam(Hector):
-    """SLAM with loop closures on a pose graph of submaps.
+    """SLAM with submaps, loop closures and a pose graph (Hess et al., Real-time loop closure in 2D lidar SLAM, 2016).
 
-    Work per key scan is bounded: one loop-closure search, and one optimisation iteration or some map rendering. Pose
-    and map change together, after the corrected map is complete.
+    The robot pose comes from scan matching on one map. For graph constraints, local SLAM matches scans to submaps (maps
+    of some tens of scans) without loop-closure corrections. Work per matched scan is bounded: one loop-closure search,
+    and one optimisation iteration or part of the corrected map. Pose and map change together when this map is complete.
 
-    The robot's pose is Hector's in the live map. Local SLAM, which is never corrected, matches scans to submaps for
-    graph constraints. `belief.is_lost` is set after consecutive mismatches or at high position uncertainty. A lost
-    robot adds no nodes; after relocalization, the next node is constrained to the nearest node. `belief.covariance` is
-    relative to the live map.
+    `belief.is_lost` is set after consecutive scans that do not fit the map, or at high position uncertainty. A lost
+    robot adds no nodes; after relocalization, the next node is constrained to the nearest one. `belief.covariance` is
+    relative to the current map.
     """
 
     shares_maps = False
@@ -45,7 +43,7 @@ class GraphSlam(Hector):
         super().__init__(lidar, params)
 
     def reset(self, rng: np.random.Generator, pose: Pose2D = ORIGIN, map: LogOddsMap | None = None) -> Belief:
-        """Start at a known pose, map frame, with a new map.
+        """Restart at a known pose with an unknown map.
 
         Raises:
             ValueError: if a map is given.
@@ -53,9 +51,7 @@ class GraphSlam(Hector):
         if map is not None:
             raise ValueError("graph SLAM cannot continue a given map: it renders maps from the scans of a pose graph")
         self.graph = PoseGraph()
-        """Pose graph of nodes and submaps, map frame."""
         self.nodes = NodeStore(self._lidar)
-        """Scans and poses of nodes, local frame (origin at the start pose)."""
         self.local = LocalSlam(self.params, self._lidar, self.nodes)
         self.search = LoopSearch(self.params, self._lidar, self.nodes, self.graph)
         self._confirmation = Confirmation()
@@ -68,7 +64,7 @@ class GraphSlam(Hector):
 
     @property
     def loop_closures(self) -> int:
-        """Number of active loop closures in the graph."""
+        """Number of loop closures in the pose graph, without outliers."""
         constraints = self.graph.arrays.constraints
         return int(np.count_nonzero(constraints.is_loop & constraints.is_active))
 
@@ -79,7 +75,7 @@ class GraphSlam(Hector):
 
     @property
     def anchor(self) -> Anchor | None:
-        """Robot pose relative to the newest node; None before the first node."""
+        """Robot pose relative to the newest graph node (scan in the map); None before the first."""
         if len(self.nodes) == 0:
             return None
         node = len(self.nodes) - 1
@@ -87,7 +83,6 @@ class GraphSlam(Hector):
         return Anchor(node, pose.between(self.belief.pose))
 
     def process_key_scan(self, ranges: np.ndarray, predicted: Pose2D) -> Belief:
-        """Match and integrate a scan, then continue loop closure or map correction."""
         belief = super().process_key_scan(ranges, predicted)
         belief.path = None
         if self._monitor.has_mismatch:
@@ -102,7 +97,7 @@ class GraphSlam(Hector):
         return belief
 
     def finish(self) -> None:
-        """Complete searches and optimisation, and render the final map; `belief.path` holds node poses."""
+        """Complete loop-closure searches, optimisation and corrected map; write node poses to `belief.path`."""
         while self.search.num_waiting:
             self._close_loop()
         self._iterations = FINAL_ITERATIONS
@@ -164,7 +159,6 @@ class GraphSlam(Hector):
             self.graph.add_constraint(node, submap, frame.between(local.pose), covariance)
 
     def _relate(self, node: int, pose: Pose2D) -> None:
-        """Constrain the first node after relocalization to the submap of the nearest node."""
         mapped, arrays = self._mapped.rows, self.graph.arrays
         near = int(np.argmin(np.hypot(*(mapped[:, :2] - pose[:2]).T)))
         submap = int(self.nodes.home[near])
@@ -215,7 +209,7 @@ class GraphSlam(Hector):
 
 @cache
 def load_kernels() -> None:
-    """Compile loop-closure kernels once per process, before the first scan."""
+    """Compile the loop-closure kernels once per process."""
     lidar, params = LidarParams(num_beams=16, range_max=2.0), GraphSlamParams(loop_scans=2)
     nodes, graph = NodeStore(lidar), PoseGraph()
     local, search = LocalSlam(params, lidar, nodes), LoopSearch(params, lidar, nodes, graph)

@@ -1,5 +1,3 @@
-"""Local SLAM: uncorrected scan-to-submap matching."""
-
 import dataclasses
 
 import numpy as np
@@ -16,17 +14,20 @@ from lidarnaut.envs.slam.slam_params import GraphSlamParams
 from .nodes import NodeStore
 
 SUBMAP_RANGE = 12.0
-"""Lidar range for the initial size of a submap [m]."""
+"""Maximum lidar range assumed for the initial size of a submap [m]."""
 
 
 def submap_params(params: GraphSlamParams, lidar: LidarParams) -> GraphSlamParams:
-    """Return the parameters of a submap's grid."""
+    """Return graph SLAM parameters with the initial map size of a submap."""
     side = 2.0 * (min(lidar.range_max, SUBMAP_RANGE) + params.submap_spacing * params.min_travel_distance)
     return dataclasses.replace(params, map_width=side, map_height=side)
 
 
 class LocalSlam:
-    """Local SLAM: matches scans to submaps, and builds nodes and submaps in the local frame."""
+    """Scan matching to submaps (maps of some tens of scans) without loop-closure corrections.
+
+    Poses are in the local frame, whose origin is the start pose.
+    """
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore) -> None:
         self._params, self._lidar, self._nodes = params, lidar, nodes
@@ -34,17 +35,17 @@ class LocalSlam:
         self._submap_params = submap_params(params, lidar)
         self._points = np.empty((2, lidar.num_beams), dtype=np.float32)
         self.pose = Pose2D(0.0, 0.0, 0.0)
-        """Base pose at the last matched scan, local frame."""
+        """Base pose at the last matched scan, without loop-closure corrections."""
         self.travelled = 0.0
         self.active: list[int] = []
-        """Indices of unfinished submaps, oldest first; scans are matched to the oldest."""
+        """Indices of unfinished submaps, oldest first. Scans are matched to the oldest."""
         self._maps: dict[int, LogOddsMap] = {}
         self._covariances: dict[int, np.ndarray] = {}
 
     def match(self, ranges: np.ndarray, motion: Pose2D) -> bool | None:
-        """Update the pose by a scan, shape (num_beams,), float32 [m]; return the result of `fits_map`.
+        """Match a scan, shape (num_beams,), float32 [m], to the oldest unfinished submap; return whether the scan fits.
 
-        `motion` is the odometry motion since the last matched scan.
+        `motion`: odometry since the last matched scan. The result is None if too few cells are known.
         """
         before = self.pose
         self.pose = predicted = before.compose(motion)
@@ -74,12 +75,12 @@ class LocalSlam:
         return fits_map(submap.grid, points, (match.x, match.y, match.theta), LEAST_SUBMAP_SHARE)
 
     def relocate(self, pose: Pose2D) -> None:
-        """Continue at another pose, local frame, with a new submap."""
+        """Continue at a relocalized pose, local frame of scan matching, with a new submap."""
         self.pose, self.active, self._maps, self._covariances = pose, [], {}, {}
         self._nodes.break_off()
 
     def add_node(self, ranges: np.ndarray) -> int:
-        """Add a node to the active submaps; start and finish submaps when due."""
+        """Add a scan at the current pose to all unfinished submaps; start and finish submaps when due."""
         nodes = self._nodes
         if not self.active or len(nodes) % self._params.submap_spacing == 0:
             self.active = [*self.active[-1:], nodes.add_submap(self.travelled)]
@@ -91,7 +92,7 @@ class LocalSlam:
         return node
 
     def constraint_covariance(self, submap: int) -> np.ndarray:
-        """Return the covariance of the last node in a submap, shape (3, 3), float64, submap frame [m^2, rad^2]."""
+        """Return the covariance of the last node pose in a submap, shape (3, 3), float64, submap frame [m^2, rad^2]."""
         params = self._params
         least = np.array([params.node_sigma_xy, params.node_sigma_xy, params.node_sigma_theta])
         return params.correlation * self._covariances[submap] + np.diag(least**2)

@@ -1,5 +1,3 @@
-"""Loop-closure search between nodes and finished submaps."""
-
 import dataclasses
 from collections import deque
 from typing import Any, NamedTuple
@@ -23,45 +21,46 @@ from .local_slam import submap_params
 from .nodes import NodeStore
 
 HALF_WIDTH, HALF_WIDTH_GROWTH, MAX_HALF_WIDTH = 0.5, 0.06, 4.0
-"""Half width of search windows: minimum [m], growth per metre of path, maximum [m]."""
+"""Half width of a loop-closure search: minimum [m], growth per metre of path between the scans, maximum [m]."""
 HALF_ANGLE, HALF_ANGLE_GROWTH, MAX_HALF_ANGLE = 0.1, 0.015, 0.6
-"""Half angle of search windows: minimum [rad], growth per metre of path [rad/m], maximum [rad]."""
+"""Half angle of a loop-closure search: minimum [rad], growth per metre of path between the scans [rad/m], maximum
+[rad]."""
 MAX_DISTANCE = 4.0
-"""Maximum distance between a node and a submap for a search, apart from pose uncertainty [m]."""
+"""Maximum distance between node and submap for a loop-closure search, without allowance for pose uncertainty [m]."""
 MAX_UNCONFIRMED = 0.25
-"""Maximum loop-closure correction accepted without confirmation [m]."""
+"""Maximum position correction of a loop closure that needs no confirmation [m]."""
 CONFIRMATION_NODES, CONFIRMATION_DISTANCE, CONFIRMATION_ANGLE = 25, 0.2, 0.05
-"""Maximum difference between confirming loop closures: nodes, distance [m], angle [rad]."""
+"""Maximum difference between two loop closures that confirm each other: nodes, distance [m], angle [rad]."""
 NUM_LEVELS = 5
-"""Levels of the search pyramid; the top level has maxima over 16 cells."""
+"""Number of branch-and-bound levels. A top-level cell is the maximum of 16 x 16 grid cells."""
 MAX_RANGE, MAX_POINTS = 12.0, 1200
-"""Maximum range [m] and number of matched points."""
+"""Maximum range [m] and maximum number of scan points matched in a loop-closure search."""
 SEARCH_SHARE = 0.8
-"""Minimum search score before refinement, relative to the acceptance score."""
+"""Minimum score in branch and bound, divided by the minimum score of a loop closure."""
 NUM_SKIPPED_SUBMAPS = 2
-"""Newest finished submaps to skip, because the robot has just left them."""
+"""Number of newest finished submaps to skip, because the robot has just left them."""
 FIELD_PARAMS: dict[str, Any] = {"num_levels": 1, "skip_exceeding": True, "occupied_prob": 0.9002, "empty_prob": 0.3989}
-"""Map parameters for searched submaps; log-odds of 2.2 and -0.41."""
+"""Map parameters of submaps in loop-closure search; log-odds of 2.2 and -0.41."""
 NO_PRIOR = PosePrior(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 class Loop(NamedTuple):
-    """Loop closure between a node and a submap."""
+    """Loop closure between a graph node (scan) and a submap."""
 
     node: int
     submap: int
     relative: Pose2D
-    """Measured pose of the node in the submap frame."""
+    """Measured node pose in the submap frame [m, m, rad]."""
     covariance: np.ndarray
-    """Covariance of `relative`, shape (3, 3), submap frame [m^2, rad^2]."""
+    """Covariance of the measured node pose, shape (3, 3), submap frame [m^2, rad^2]."""
     before: Pose2D
-    """Pose of the node before the loop closure, map frame."""
+    """Node pose before the loop closure, map frame [m, m, rad]."""
     after: Pose2D
-    """Pose of the node after the loop closure, map frame."""
+    """Node pose after the loop closure, map frame [m, m, rad]."""
 
 
 def window_size(path_length: float) -> tuple[float, float]:
-    """Return half width [m] and half angle [rad] of a search window by path length in the graph [m]."""
+    """Return half width [m] and half angle [rad] of a loop-closure search, for a path length in the graph [m]."""
     return (
         min(HALF_WIDTH + HALF_WIDTH_GROWTH * path_length, MAX_HALF_WIDTH),
         min(HALF_ANGLE + HALF_ANGLE_GROWTH * path_length, MAX_HALF_ANGLE),
@@ -70,10 +69,10 @@ def window_size(path_length: float) -> tuple[float, float]:
 
 @njit(cache=True, error_model="numpy")
 def path_lengths(constraints, home, travelled, source):
-    """Return the shortest path length in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
+    """Return shortest path lengths in the graph from a submap to all submaps, shape (num_submaps,), float64 [m].
 
-    Successive submaps are connected by the travelled distance, loop constraints have length 0. See `NodeStore` for
-    `home` and `travelled`.
+    Successive submaps are connected by the travelled distance; loop closures have length 0. `home`: newest submap of
+    each node. `travelled`: distance at the start of each submap [m].
     """
     num_submaps = travelled.shape[0]
     lengths = np.abs(travelled - travelled[source])
@@ -98,14 +97,14 @@ def path_lengths(constraints, home, travelled, source):
 def least_distances(nodes: np.ndarray, spans: np.ndarray, node: int) -> np.ndarray:
     """Return the distance from a node to the nearest node of each submap [m].
 
-    `nodes` has shape (num_nodes, 3); `spans` is from `NodeStore`.
+    `nodes`: poses, shape (num_nodes, 3). `spans`: first node and end of each submap, shape (num_submaps, 2).
     """
     far = np.hypot(*(nodes[:, :2] - nodes[node, :2]).T)
     return np.minimum.reduceat(np.append(far, np.inf), spans.ravel())[::2]
 
 
 class LoopSearch:
-    """Queue of loop-closure searches, one submap per call."""
+    """Queue of loop-closure searches, each between a scan and a submap."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, graph: PoseGraph) -> None:
         self._params, self._lidar, self._nodes, self._graph = params, lidar, nodes, graph
@@ -146,7 +145,10 @@ class LoopSearch:
         return [(submap, window) for _, submap, window in sorted(near)[: params.max_candidates]]
 
     def match(self, node: int, submap: int, window: tuple[float, float]) -> Loop | None:
-        """Search a node in a submap; `window` is half width [m] and half angle [rad]."""
+        """Match recent scans of a node to a submap; return the loop closure if accepted.
+
+        `window`: half width [m] and half angle [rad].
+        """
         params, loops = self._params, self._params.loops
         points = self._nodes.recent_points(node, params.loop_scans, MAX_RANGE, MAX_POINTS)
         if len(points) == 0:
@@ -179,7 +181,10 @@ class LoopSearch:
 
 
 def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: int) -> Pose2D:
-    """Refine a pose in a field by Gauss-Newton without prior; `points` has shape (n, 2), float32, base frame [m]."""
+    """Refine a pose on an occupancy grid by Gauss-Newton scan matching without prior.
+
+    `points`: scan points, shape (n, 2), float32, base frame [m].
+    """
     x, y, resolution = field[1:]
     start = (pose.x - x) / resolution, (pose.y - y) / resolution, pose.theta
     cells = np.ascontiguousarray(points.T / np.float32(resolution))
@@ -189,13 +194,13 @@ def refine_in_field(field: Field, points: np.ndarray, pose: Pose2D, iterations: 
 
 
 class Confirmation:
-    """Filter that delays large corrections until confirmed."""
+    """Filter that holds a large loop closure back until another agrees."""
 
     def __init__(self) -> None:
         self._pending: list[Loop] = []
 
     def add(self, loop: Loop) -> list[Loop]:
-        """Return the loop closures accepted now: none, `loop`, or `loop` and an earlier one."""
+        """Return the loop closures accepted now: none, `loop`, or an earlier one and `loop`."""
         self._pending = [each for each in self._pending if loop.node - each.node <= CONFIRMATION_NODES]
         if distance(loop.after.x - loop.before.x, loop.after.y - loop.before.y) <= MAX_UNCONFIRMED:
             return [loop]

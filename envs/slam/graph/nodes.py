@@ -1,5 +1,3 @@
-"""Scans and submaps of nodes, and map rendering."""
-
 import numpy as np
 
 from lidarnaut.envs.estimation import Correction, MapUpdate
@@ -15,15 +13,16 @@ from lidarnaut.envs.slam.scans import project_hits
 from lidarnaut.envs.slam.slam_params import GraphSlamParams
 
 MAX_BATCH = 256
-"""Maximum number of nodes integrated at once."""
+"""Maximum number of scans inserted into the map at once."""
 FINAL_STDS = np.array([0.05, 0.05, 0.01])
-"""Standard deviations of node poses before the final matching [m, m, rad]."""
+"""Standard deviations of the pose prior in the final matching [m, m, rad]."""
 
 
 class NodeStore(KeyScans):
-    """Scans of all nodes, and node ranges of submaps.
+    """Scans of all graph nodes, and node ranges of submaps.
 
-    The local frame is the uncorrected frame of scan matching. A submap frame has its origin at the first node.
+    Poses are in the local frame (scan matching without loop-closure corrections). A submap frame has its origin at the
+    first node.
     """
 
     def __init__(self, lidar: LidarParams) -> None:
@@ -39,17 +38,17 @@ class NodeStore(KeyScans):
 
     @property
     def home(self) -> np.ndarray:
-        """Newest submap of each node, shape (num_nodes,), int32."""
+        """Index of the newest submap that contains each node, shape (num_nodes,), int32."""
         return self._home.rows
 
     @property
     def spans(self) -> np.ndarray:
-        """First node and end of each submap's node range, shape (num_submaps, 2), int64."""
+        """Index of the first node of each submap, and index after the last, shape (num_submaps, 2), int64."""
         return self._submaps.rows
 
     @property
     def travelled(self) -> np.ndarray:
-        """Travelled distance at the start of each submap, shape (num_submaps,), float64 [m]."""
+        """Distance travelled until the start of each submap, shape (num_submaps,), float64 [m]."""
         return self._travelled.rows
 
     def break_off(self) -> None:
@@ -57,43 +56,47 @@ class NodeStore(KeyScans):
         self._first_joined = len(self)
 
     def add_submap(self, travelled: float) -> int:
-        """Start a submap at the next node; return its index."""
+        """Start a submap at the next node; return the submap index. `travelled`: distance before [m]."""
         self._travelled.append(travelled)
         return self._submaps.append((len(self), len(self)))
 
     def add_node(self, ranges: np.ndarray, pose: Pose2D, submaps: list[int]) -> int:
-        """Add a node at a local-frame pose to `submaps`, newest last; return its index."""
+        """Store a scan and its base pose, local frame, as a node of `submaps`, newest last; return the node index."""
         node = self.add(ranges, pose)
         self._home.append(submaps[-1])
         self.spans[submaps, 1] = node + 1
         return node
 
     def submap_pose(self, submap: int) -> Pose2D:
-        """Return the pose of a submap, local frame."""
+        """Return the pose of a submap frame, with heading 0, in the local frame."""
         x, y, _ = self.poses[self.spans[submap, 0]].tolist()
         return Pose2D(x, y, 0.0)
 
     def submap_scans(self, submap: int) -> tuple[np.ndarray, np.ndarray]:
-        """Return scans, shape (n, num_beams), float32, and poses, shape (n, 3), submap frame, of a submap."""
+        """Return scans of a submap, shape (n, num_beams), float32 [m], and base poses, shape (n, 3), submap frame."""
         first, last = self.spans[submap].tolist()
         return self.ranges[first:last], self.poses[first:last] - np.array(self.submap_pose(submap))
 
     def recent_points(self, node: int, count: int, max_range: float, max_points: int) -> np.ndarray:
-        """Return joined points of up to `count` nodes up to `node` that odometry connects; see `joined_points`."""
+        """Merge the points of up to `count` scans up to a node, shape (n, 2), float32, base frame of the node [m].
+
+        Only scans connected by odometry are used. Limits: range `max_range` [m], and `max_points`.
+        """
         return self.joined_points(min(max(node - count + 1, self._first_joined, 0), node), node, max_range, max_points)
 
 
 class MapRendering:
-    """Incremental map rendering from nodes."""
+    """Map that is rebuilt from the scans of all nodes in several calls."""
 
     def __init__(self, params: GraphSlamParams, lidar: LidarParams) -> None:
         self.map = LogOddsMap(params, lidar)
         self.count = 0
 
     def add(self, nodes: NodeStore, poses: np.ndarray, num_cells: float) -> bool:
-        """Integrate the next nodes, with up to `num_cells` beam cells but at least one node; return True when complete.
+        """Insert the next scans into the map; return True if all scans are inserted.
 
-        `poses` has shape (num_nodes, 3), map frame.
+        `num_cells` limits the cells along beams, but at least one scan is inserted. `poses`: shape (num_nodes, 3), map
+        frame.
         """
         geometry = self.map.geometry
         ranges = nodes.ranges[self.count : self.count + MAX_BATCH]
@@ -111,14 +114,14 @@ class MapRendering:
 
 
 def replace_cells(live: LogOddsMap, other: LogOddsMap, correction: Correction) -> MapUpdate:
-    """Replace the cells of a map by another map's; return the map update."""
+    """Replace the cells of map `live` by those of another map; return the changed cells."""
     live.take_cells(other)
     window = Window(0, 0, *live.grid.data.shape)
     return MapUpdate(known_cells(live.grid.data), window, redrawn=True, origin=live.grid.origin, correction=correction)
 
 
 def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, max_angle: float) -> bool:
-    """Return True if any pose, shape (n, 3), moved more than a distance [m] or angle [rad]."""
+    """Return True if any pose, shape (n, 3) [m, m, rad], moved more than a distance [m] or angle [rad]."""
     if len(before) == 0:
         return False
     moved = after - before
@@ -127,7 +130,7 @@ def any_pose_moved(before: np.ndarray, after: np.ndarray, max_distance: float, m
 
 
 def refine_poses(params: GraphSlamParams, lidar: LidarParams, nodes: NodeStore, poses: np.ndarray) -> np.ndarray:
-    """Return node poses, shape (num_nodes, 3), map frame [m, m, rad], matched to the map of all nodes."""
+    """Match the scans of all nodes to their common map; return poses, shape (num_nodes, 3), map frame [m, m, rad]."""
     map, refined = MapRendering(params, lidar).add_all(nodes, poses), np.array(poses)
     points, resolution = np.empty((2, lidar.num_beams), dtype=np.float32), params.resolution
     covariance, variance = np.diag(FINAL_STDS**2), params.residual_variance

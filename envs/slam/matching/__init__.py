@@ -1,1 +1,1 @@
-"""Scan matchers that work on log-odds maps."""
+"""Scan matchers for log-odds occupancy maps."""

@@ -1,7 +1,7 @@
-"""Branch-and-bound scan matching to an occupancy field.
+"""Branch-and-bound scan matching to an occupancy grid.
 
-Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of 2^l x
-2^l offsets; level l of a pyramid of maxima gives an upper bound of its scores.
+Hess et al., Real-time loop closure in 2D lidar SLAM, 2016, section V. A search node is a heading with a square of
+position offsets. Occupancy maxima over such squares of cells give an upper bound of its scores.
 """
 
 import math
@@ -16,44 +16,41 @@ from lidarnaut.envs.geometry.lookup import load
 from .fields import FULL_PERCENT, Pyramid
 
 NO_EXCLUSION = (0.0, 0.0, 0.0, -1.0, -1.0)
-"""Empty exclusion region: x, y [m], heading [rad], radius [m], half angle [rad]."""
+"""Exclusion region without poses: x, y [m], heading [rad], radius [m], half angle [rad]."""
 NO_RANK = np.iinfo(np.int64).max
 
 
 class SearchWindow(NamedTuple):
-    """Pose window of a branch-and-bound search."""
+    """Offsets and headings tested in a branch-and-bound search."""
 
     half_width: float
     """Maximum offset along x and y [m]."""
     half_angle: float
-    """Maximum change of heading [rad]."""
+    """Maximum difference from the initial heading [rad]."""
     angle_step: float
-    """Step between headings [rad]."""
 
 
 class SearchResult(NamedTuple):
-    """Result of a branch-and-bound search."""
+    """Result of branch-and-bound scan matching."""
 
     pose: Pose2D | None
-    """Best pose, frame of the field; None if below the minimum score."""
+    """Best pose, frame of the grid; None if below the minimum score."""
     score: float
-    """Mean field value at the points, from 0 to 1."""
+    """Mean occupancy at the scan points, from 0 to 1."""
     evaluations: int
     is_complete: bool
-    """False if the evaluation limit ended the search."""
+    """False if the limit of scored nodes ended the search."""
 
 
 class Grid(NamedTuple):
-    """Point cells at each heading of a search window."""
+    """Grid cells of the scan points at each tested heading."""
 
     cells: np.ndarray
-    """Cell index of each point that may hit the field, shape (num_headings, n), int32."""
+    """Flat cell index of each scan point that can reach the grid, shape (num_headings, n), int32."""
     counts: np.ndarray
-    """Number of valid columns of `cells` per heading, shape (num_headings,), int64."""
+    """Number of valid cell indices for each heading, shape (num_headings,), int64."""
     reach: int
-    """Maximum offset [cells]."""
     num_turns: int
-    """Maximum change of heading [steps]."""
 
 
 class _Best(NamedTuple):
@@ -65,9 +62,9 @@ class _Best(NamedTuple):
 
 
 def angle_step(points: np.ndarray, resolution: float) -> float:
-    """Return the heading step that moves three quarters of the points by at most 1.5 cells [rad].
+    """Return the heading step [rad] that moves three quarters of the scan points by at most 1.5 cells.
 
-    `points` has shape (n, 2), float32, base frame [m].
+    `points`: shape (n, 2), float32, base frame [m].
     """
     if len(points) == 0:
         return 0.03
@@ -77,7 +74,7 @@ def angle_step(points: np.ndarray, resolution: float) -> float:
 
 @njit(cache=True, error_model="numpy")
 def discretise(pyramid, points, pose, window, shift):
-    """Return the cells of points around a pose, shifted by `-shift` cells."""
+    """Return the grid cells of scan points at each tested heading, after subtraction of `shift` cells."""
     reach = round(window.half_width / pyramid.resolution)
     num_turns = math.floor(window.half_angle / window.angle_step + 1e-9)
     if reach > pyramid.reach:
@@ -103,7 +100,7 @@ def discretise(pyramid, points, pose, window, shift):
 
 @njit(cache=True, error_model="numpy")
 def total_at(level, grid, turn, offset):
-    """Return the sum of the level cells, shape (n,), uint8, at points moved by `offset` cells."""
+    """Return the sum of grid values (uint8) at the scan points for a heading index and a shift of flat cell indices."""
     total = 0
     cells = grid.cells[turn]
     for k in range(grid.counts[turn]):
@@ -121,7 +118,6 @@ def _rank(grid, turn, row, col):
 
 @njit(cache=True, error_model="numpy")
 def _score_top(levels, width, grid, least, limit):
-    """Return top-level nodes (total, turn, row, column), number of scored nodes, and completeness."""
     top = levels.shape[0] - 1
     side = 1 << top
     per_axis = 2 * grid.reach // side + 1
@@ -205,11 +201,11 @@ def search(
     max_evaluations: int,
     excluded: tuple[float, float, float, float, float] = NO_EXCLUSION,
 ) -> SearchResult:
-    """Search a window for the pose where points fit a field best.
+    """Return the pose in a window where scan points fit an occupancy grid best.
 
     Poses have steps of one cell and `window.angle_step`; ties go to the pose nearest to the predicted `pose`, frame of
-    the field. `points` has shape (n, 2), float32, base frame [m]. `min_score` is the minimum mean field value at the
-    points, from 0 to 1; `max_evaluations` limits scored nodes; `excluded` is a region to skip.
+    the grid. `points`: shape (n, 2), float32, base frame [m]. `min_score`: minimum mean occupancy at the points, from 0
+    to 1. `max_evaluations` limits scored nodes; `excluded` is a region to skip.
 
     Raises:
         ValueError: if the window exceeds the reach of the pyramid.

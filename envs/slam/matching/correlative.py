@@ -9,26 +9,24 @@ from numba import njit
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_HITS = 60
-"""Maximum number of hits scored per pose, evenly chosen."""
+"""Maximum number of scan points scored per pose, evenly chosen."""
 TURN_STEP = 0.03
-"""Step between headings [rad]."""
 PENALTY = 0.01
-"""Score penalty per squared standard deviation from the predicted pose."""
+"""Score penalty per squared deviation from the predicted pose, in standard deviations."""
 
 
 class CorrelativeWindow(NamedTuple):
-    """Pose window of a correlative search, in cells of the finest map."""
+    """Tested poses and prior of a correlative search."""
 
     distance: float
-    """Maximum offset along each axis [cells]."""
+    """Maximum offset along each axis [cells of the finest map]."""
     angle: float
-    """Maximum change of heading [rad]."""
+    """Maximum difference from the predicted heading [rad]."""
     position_std: float
-    """Standard deviation of the predicted position [cells]."""
+    """Standard deviation of the predicted position [cells of the finest map]."""
     heading_std: float
-    """Standard deviation of the predicted heading [rad]."""
     unknown: int
-    """Assumed occupancy of unknown cells [percent]."""
+    """Occupancy assumed for unknown cells [percent]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -55,11 +53,11 @@ def _total(occupancy, cells, up, right, unknown):
 
 @njit(cache=True, error_model="numpy")
 def search_window(occupancy, scale, points, num_points, pose, window):
-    """Return the pose in a window with the highest mean occupancy under the hits, minus a prior penalty.
+    """Return the pose near a prediction with the highest mean occupancy at the scan points, minus a prior penalty.
 
-    `occupancy` has shape (height, width), int8 [percent], with `scale` cells per cell of the finest map, the unit of
-    other arguments. `points` are hits, base frame. `pose` is the predicted x, y from the map's corner and heading
-    [rad], like the result.
+    `occupancy`, shape (height, width), int8 [percent], has `scale` cells per cell of the finest map. Other arguments
+    are in cells of the finest map. `points`: scan points, base frame. `pose`: predicted x, y from the map's corner and
+    heading [rad], like the result.
     """
     height, width = occupancy.shape
     flat = occupancy.ravel()

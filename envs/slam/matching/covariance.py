@@ -1,5 +1,3 @@
-"""Pose covariance: prediction by odometry, correction by scan matching."""
-
 import math
 from typing import NamedTuple, Self
 
@@ -9,11 +7,11 @@ from numba import njit
 from lidarnaut.envs.robots import OdometryNoise
 
 NOISE_PER_HIT = 0.02
-"""Share of map noise in the eigenvalues of the translational Hessian, per hit [1/cells^2]."""
+"""Part of the Hessian's position eigenvalues due to map noise, per scan point [1/cells^2]."""
 
 
 class NoiseRecord(NamedTuple):
-    """`OdometryNoise` as a named tuple for kernels."""
+    """Odometry noise model as a named tuple for Numba kernels."""
 
     position_std: float
     position_per_metre: float
@@ -28,16 +26,16 @@ class NoiseRecord(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def motion_stds(noise, travelled, turn):
-    """Return standard deviations of position [m] and heading [rad] after a distance [m] and a turn [rad]."""
+    """Return odometry standard deviations of position [m] and heading [rad] after a distance [m] and turn [rad]."""
     heading_std = noise.heading_std + noise.heading_per_radian * abs(turn) + noise.heading_per_metre * travelled
     return noise.position_std + noise.position_per_metre * travelled, heading_std
 
 
 @njit(cache=True, error_model="numpy")
 def without_noise(h_xx, h_xy, h_xt, h_yy, h_yt, noise):
-    """Return Hessian entries xx, xy, xt, yy, yt without the information from map noise.
+    """Return the Hessian entries xx, xy, xt, yy, yt without the information from map noise.
 
-    Noise gradients would constrain positions along corridors. `noise` is subtracted from both position eigenvalues.
+    Noise would constrain positions along corridors. `noise` is subtracted from both position eigenvalues.
     """
     mean, half = 0.5 * (h_xx + h_yy), 0.5 * (h_xx - h_yy)
     spread = math.sqrt(half * half + h_xy * h_xy)
@@ -79,7 +77,7 @@ def invert(p, out):
 
 @njit(cache=True, error_model="numpy")
 def predict_covariance(p, dx, dy, position_std, heading_std):
-    """Propagate a pose covariance by a motion (dx, dy) [m], map frame, in place.
+    """Propagate a pose covariance by an odometry motion (dx, dy) [m], map frame, in place.
 
     P <- F P F^T + diag(position_std^2, position_std^2, heading_std^2), with motion Jacobian F.
     """
@@ -95,10 +93,10 @@ def predict_covariance(p, dx, dy, position_std, heading_std):
 
 @njit(cache=True, error_model="numpy")
 def correct_covariance(p, fit, num_points, residual_variance, resolution):
-    """Correct a predicted pose covariance by a match, in place: P <- (P^-1 + H / k)^-1.
+    """Correct a pose covariance by a scan match, in place: P <- (P^-1 + H / k)^-1.
 
-    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns the ratio of
-    determinants, after to before.
+    H is the Hessian of `fit`, k the residual variance, `resolution` the cell side [m]. Returns det P after divided by
+    det P before.
     """
     xx, xy, xt, yy, yt = without_noise(fit.h_xx, fit.h_xy, fit.h_xt, fit.h_yy, fit.h_yt, NOISE_PER_HIT * num_points)
     information = p.copy()
@@ -114,6 +112,6 @@ def correct_covariance(p, fit, num_points, residual_variance, resolution):
 
 
 def position_std(covariance: np.ndarray) -> float:
-    """Return the largest position standard deviation over all directions [m]."""
+    """Return the position standard deviation in the most uncertain direction [m]."""
     (xx, xy, _), (_, yy, _), _ = covariance.tolist()
     return math.sqrt(0.5 * (xx + yy) + math.hypot(0.5 * (xx - yy), xy))

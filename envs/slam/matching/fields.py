@@ -1,5 +1,3 @@
-"""Occupancy fields, and consistency checks between scans and maps."""
-
 import math
 from typing import NamedTuple, Self
 
@@ -11,32 +9,33 @@ from lidarnaut.envs.geometry import OccupancyGrid
 from ..slam_params import LoopClosureParams
 
 FULL_PERCENT = 100
-"""Field value with score 1 [percent]."""
+"""Occupancy that counts as matching score 1 [percent]."""
 UNKNOWN_PERCENT, OCCUPIED_PERCENT = 50, 65
-"""Occupancy thresholds [percent]: occupied above 50, certainly occupied above 65 as in ROS, otherwise free."""
+"""Occupancy above which a cell is occupied, and certainly occupied as in ROS [percent]."""
 LEAST_HITS = 40
-"""Minimum number of hits on known cells for `fits_map`."""
+"""Minimum number of scan points near known cells to judge whether a scan fits a map."""
 LEAST_MAP_SHARE, LEAST_SUBMAP_SHARE = 0.6, 0.68
-"""Minimum fraction of hits near occupied cells, for a map, which may bend, and for a submap."""
+"""Minimum fraction of scan points near occupied cells in a map, which may bend, and in a submap."""
 
 
 GRAZING_LENGTH = 0.3
-"""Length of the beam end that `count_crossings` skips [m]; grazing beams touch wall cells before their hit."""
+"""Length at the end of a beam that is not tested for occupied cells [m]. Grazing beams touch wall cells before their
+endpoint."""
 
 
 class Field(NamedTuple):
-    """Occupancy array with its position in a map frame."""
+    """Occupancy grid with its position in a map or submap frame."""
 
     occupancy: np.ndarray
     """Occupancies, shape (height, width), int8 [percent], -1 unknown."""
     x: float
-    """Corner of cell (0, 0) along x [m]."""
+    """x coordinate of the corner of cell (0, 0) [m]."""
     y: float
     resolution: float
 
     @classmethod
     def of(cls, grid: OccupancyGrid) -> Self:
-        """Return the known part of a grid; one unknown cell if nothing is known."""
+        """Crop an occupancy grid to its known cells; return one unknown cell if none is known."""
         known = grid.data >= 0
         rows, cols = np.flatnonzero(known.any(axis=1)), np.flatnonzero(known.any(axis=0))
         if len(rows) == 0:
@@ -48,22 +47,22 @@ class Field(NamedTuple):
 
 
 class HitShares(NamedTuple):
-    """Fractions of hits by the occupancy around them."""
+    """Agreement of scan points with an occupancy grid."""
 
     score: float
-    """Mean occupancy under the hits, from 0 to 1; free and unknown cells count as 0."""
+    """Mean occupancy at the scan points, from 0 to 1; free and unknown cells count as 0."""
     occupied: float
-    """Fraction of hits on or next to an occupied cell."""
+    """Fraction of scan points on or next to occupied cells."""
     free: float
-    """Fraction of hits in free cells without an occupied neighbour."""
+    """Fraction of scan points in free cells without occupied neighbours."""
 
 
 @njit(cache=True, error_model="numpy")
 def count_hits(field, points, pose):
-    """Count hits near occupied cells, and hits in free cells without an occupied neighbour.
+    """Count scan points on or next to occupied cells, and in free cells without occupied neighbours.
 
-    `points` has shape (n, 2), float32, base frame [m]; `pose` is in the frame of the field [m, m, rad]. The third
-    result is the sum of occupied values under the hits [percent].
+    `points`: shape (n, 2), float32, base frame [m]. `pose`: frame of the grid [m, m, rad]. The third result is the sum
+    of occupied cell values at the points [percent].
     """
     occupancy = field.occupancy
     height, width = occupancy.shape
@@ -87,7 +86,10 @@ def count_hits(field, points, pose):
 
 
 def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float]) -> HitShares:
-    """Return the `HitShares` of points; see `count_hits`."""
+    """Return the fractions of scan points in occupied and free cells, and their mean occupancy.
+
+    Arguments as in `count_hits`.
+    """
     occupied, free, total = count_hits(field, points, tuple(pose))
     n = max(len(points), 1)
     return HitShares(total / (FULL_PERCENT * n), occupied / n, free / n)
@@ -96,9 +98,10 @@ def hit_shares(field: Field, points: np.ndarray, pose: tuple[float, float, float
 def fits_map(
     grid: OccupancyGrid, points: np.ndarray, pose: tuple[float, float, float], least_share: float
 ) -> bool | None:
-    """Return True if at least `least_share` of the known hits lie near occupied cells; None below `LEAST_HITS`.
+    """Return True if at least a fraction `least_share` of the scan points in known surroundings is near occupied cells.
 
-    `points` has shape (2, n), float32, base frame [cells]; `pose` is in the map frame [m, m, rad].
+    The result is None for fewer than `LEAST_HITS` such points. `points`: shape (2, n), float32, base frame [cells].
+    `pose`: map frame [m, m, rad].
     """
     (x, y), side = grid.origin, grid.resolution
     in_cells = (pose[0] - x) / side, (pose[1] - y) / side, pose[2]
@@ -110,8 +113,8 @@ def fits_map(
 def count_crossings(field, ranges, geometry, pose):
     """Count beams through certainly occupied cells, and all beams that cross mostly known cells.
 
-    At a wrong pose, beams cross walls even if hits fall on walls. `ranges` has shape (num_beams,), float32 [m]; `pose`
-    is in the frame of the field [m, m, rad].
+    At a wrong pose, beams cross walls even if their endpoints are on walls. `ranges`: shape (num_beams,), float32 [m].
+    `pose`: frame of the grid [m, m, rad].
     """
     occupancy, side = field.occupancy, field.resolution
     c, s = math.cos(pose[2]), math.sin(pose[2])
@@ -138,7 +141,7 @@ def count_crossings(field, ranges, geometry, pose):
 
 
 def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
-    """Return True if hits agree with a map well enough for loop closure or relocalization."""
+    """Return True if scan points agree with a map well enough for loop closure or relocalization."""
     return (
         shares.score >= params.min_score
         and shares.occupied >= params.min_occupied
@@ -148,17 +151,16 @@ def is_accepted(shares: HitShares, params: LoopClosureParams) -> bool:
 
 
 class Pyramid(NamedTuple):
-    """Maxima of a field over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
+    """Occupancy maxima over squares of growing size, for branch and bound (Hess et al., 2016, section V.B)."""
 
     levels: np.ndarray
-    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l cells of the
-    field from (i, j) on. The field has a border of zeros."""
+    """Maxima by level, shape (num_levels, height, width), uint8: cell (i, j) of level l covers 2^l x 2^l grid cells
+    from (i, j) on. The grid has a border of zeros."""
     x: float
-    """Corner of cell (0, 0) along x, frame of the field [m]."""
     y: float
     resolution: float
     reach: int
-    """Maximum half width of a search window [cells]."""
+    """Maximum half width of a search [cells]."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -171,7 +173,10 @@ def _write_greatest(a, b, c, d, out):
 
 @njit(cache=True, error_model="numpy")
 def build_pyramid(field, num_levels, reach):
-    """Return the `Pyramid` of a `Field` for windows up to a half width `reach` [m]; free and unknown cells are 0."""
+    """Return maxima of an occupancy grid for branch-and-bound searches up to a half width `reach` [m].
+
+    Free and unknown cells are 0.
+    """
     occupancy, resolution = field.occupancy, field.resolution
     side = 1 << (num_levels - 1)
     cells = math.ceil(reach / resolution)

@@ -2,10 +2,10 @@
 
 Minimises over the pose
 
-    sum over the hits of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
+    sum over scan points of (1 - M(q))^2  +  (pose - prior)^T W (pose - prior),
 
-with hits q in the map and interpolated occupancy M, from 0 to 1. The original has no prior. Lengths are in cells of the
-finest map.
+with scan points q in the map and interpolated occupancy M, from 0 to 1. The original has no prior. Lengths are in cells
+of the finest map.
 """
 
 import math
@@ -19,15 +19,15 @@ from numba.extending import overload
 from lidarnaut.envs.geometry.lookup import load
 
 MAX_TURN = 0.2
-"""Maximum turn per step [rad]."""
+"""Maximum heading change per Gauss-Newton step [rad]."""
 SMALL_STEP = 1e-2
-"""Convergence threshold on the finest map, for the shift of position and farthest hit [cells]."""
+"""Convergence threshold on the finest map, for the shift of position and farthest scan point [cells]."""
 COARSE_STEP = 0.05
 """Convergence threshold on coarser maps [cells of that map]."""
 
 
 class PosePrior(NamedTuple):
-    """Prior pose, x, y [cells] and heading [rad], with weight matrix W."""
+    """Pose prior: x, y [cells] and heading [rad], with entries of the weight matrix W."""
 
     x: float
     y: float
@@ -41,37 +41,36 @@ class PosePrior(NamedTuple):
 
 
 class Fit(NamedTuple):
-    """Gauss-Newton sums over the hits at a pose."""
+    """Gauss-Newton sums over the scan points at a pose: Hessian, right-hand side, residuals."""
 
     h_xx: float
-    """Hessian entry: sum over hits of g g^T, with the gradient g of the occupancy by the pose."""
+    """Hessian entry: sum of g g^T, with the gradient g of the occupancy with respect to the pose."""
     h_xy: float
     h_xt: float
     h_yy: float
     h_yt: float
     h_tt: float
     b_x: float
-    """Right-hand side entry: sum over hits of gradient times residual."""
+    """Right-hand side entry: sum of occupancy gradient times residual."""
     b_y: float
     b_t: float
     total: float
-    """Sum of occupancies under the hits."""
+    """Sum of occupancies at the scan points."""
     squares: float
     """Sum of squared residuals, (1 - occupancy)^2."""
 
 
 class Level(NamedTuple):
-    """Flattened map at one resolution."""
+    """Flattened occupancy grid at one resolution."""
 
     occupancy: np.ndarray
-    """Occupancies, shape (height * width,), int8 [percent], -1 unknown."""
     height: int
     width: int
 
 
 @singledispatch
 def at_level(map, level):
-    """Return a map level with flattened `occupancy`, `height` and `width`.
+    """Return a map at one resolution: flattened `occupancy`, `height` and `width`.
 
     A map is a tuple of arrays, shape (height, width), int8, finest first, or a type that overloads `at_level` and
     `neighbours`, as in `gmapping.tiles`.
@@ -81,7 +80,7 @@ def at_level(map, level):
 
 @singledispatch
 def neighbours(view, row, col):
-    """Return flat indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
+    """Return flat map indices of cells (row, col), (row, col + 1), (row + 1, col), (row + 1, col + 1)."""
     corner = np.uint64(row * view.width + col)
     above = corner + np.uint64(view.width)
     return corner, corner + np.uint64(1), above, above + np.uint64(1)
@@ -99,9 +98,9 @@ def _neighbours_in_array(view, row, col):
 
 @njit(cache=True, error_model="numpy")
 def evaluate(map, level, points, num_points, x, y, theta):
-    """Return the `Fit` of a scan at x, y from the map's corner [cells] and heading theta [rad].
+    """Return the Gauss-Newton sums of a scan at x, y from the map's corner [cells] and heading theta [rad].
 
-    Cell sides double per `level`; unknown cells count as 0.5. `points` are hits, shape (2, >= num_points), float32,
+    Cell sides double per `level`; unknown cells count as 0.5. `points`: scan points, shape (2, >= num_points), float32,
     base frame [cells].
     """
     view, scale = at_level(map, level), 0.5**level
@@ -148,7 +147,10 @@ def evaluate(map, level, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def known_score_at(map, points, num_points, x, y, theta):
-    """Return the number of hits in known finest-level cells, and their mean occupancy from 0 to 1; see `evaluate`."""
+    """Return the number of scan points in known cells, and the mean occupancy of these cells from 0 to 1.
+
+    Arguments as in `evaluate`.
+    """
     view = at_level(map, 0)
     c, s = math.cos(theta), math.sin(theta)
     count = total = 0
@@ -165,7 +167,7 @@ def known_score_at(map, points, num_points, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def solve(fit, prior, x, y, theta):
-    """Return the Gauss-Newton step (dx, dy, turn); zeros if the pose is undetermined."""
+    """Return the Gauss-Newton step (dx, dy, turn) [cells, cells, rad]; zeros if singular."""
     a, b, c = fit.h_xx + prior.w_xx, fit.h_xy + prior.w_xy, fit.h_xt + prior.w_xt
     d, e, f = fit.h_yy + prior.w_yy, fit.h_yt + prior.w_yt, fit.h_tt + prior.w_tt
     dx, dy, turn = prior.x - x, prior.y - y, prior.theta - theta
@@ -187,10 +189,11 @@ def solve(fit, prior, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def refine(map, num_levels, points, num_points, pose, prior, iterations, coarse_iterations):
-    """Refine a pose by Gauss-Newton steps from the coarsest to the finest level; return x, y, heading and `Fit`.
+    """Refine a pose by Gauss-Newton steps, coarsest map first; return x, y, heading and Gauss-Newton sums.
 
-    `pose` is the initial x, y from the map's corner [cells] and heading [rad]; the heading of `prior` lies within pi of
-    it, unwrapped. `iterations` applies to the finest level, `coarse_iterations` to each other level. See `evaluate`.
+    `pose`: initial x, y from the map's corner [cells] and heading [rad]. The heading of `prior` lies within pi of the
+    initial one, unwrapped. `iterations` applies to the finest map, `coarse_iterations` to each other map. Other
+    arguments as in `evaluate`.
     """
     x, y, theta = pose
     reach = 1.0

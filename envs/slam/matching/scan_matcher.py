@@ -1,5 +1,3 @@
-"""Scan matching to a log-odds map: correlative search, Gauss-Newton refinement, covariance."""
-
 import math
 from typing import Any, NamedTuple, Self
 
@@ -16,13 +14,13 @@ from .covariance import NoiseRecord, correct_covariance, invert, motion_stds, pr
 from .gauss_newton import Fit, PosePrior, known_score_at, refine
 
 WINDOW_STDS = 2.0
-"""Half width of search windows, in standard deviations of the prediction."""
+"""Half width of correlative search windows, in standard deviations of the predicted pose."""
 UNKNOWN_POSE_STD = 1e6
-"""Standard deviation of a pose without odometry [m] or [rad]."""
+"""Standard deviation of a predicted pose, without odometry [m] or [rad]."""
 
 
 class MatcherParams(NamedTuple):
-    """`MatchingParams` as a named tuple for kernels, with infinity instead of None."""
+    """Scan matching parameters for Numba kernels, with infinity instead of None."""
 
     odometry_noise: NoiseRecord
     uses_odometry: bool
@@ -49,23 +47,24 @@ class Match(NamedTuple):
     """Result of matching a scan to a map."""
 
     x: float
-    """Matched x, map frame [m]."""
     y: float
     theta: float
     is_judged: bool
-    """Whether enough hits fall in known cells to judge the match."""
+    """Whether enough scan points are in known cells to judge the match."""
     fits: bool
-    """Whether the score is high enough, or cannot be judged."""
+    """Whether the scan fits the map; True if the match cannot be judged."""
     num_hits: int
     fit: Fit
-    """Gauss-Newton sums at the matched pose."""
     is_far: bool
-    """Whether the wider search found the pose."""
+    """Whether the second, wider search found the pose."""
 
 
 @njit(cache=True, error_model="numpy")
 def make_prior(pose, covariance, residual_variance, resolution):
-    """Return the prior of a predicted pose [cells, cells, rad] from its covariance [m, rad]: W = k P^-1."""
+    """Return the prior of a predicted pose [cells, cells, rad] from its covariance P [m, rad]: W = k P^-1.
+
+    k is the residual variance.
+    """
     w = np.empty((3, 3))
     invert(covariance, w)
     k, mixed, square = residual_variance, residual_variance * resolution, residual_variance * resolution * resolution
@@ -75,11 +74,11 @@ def make_prior(pose, covariance, residual_variance, resolution):
 
 @njit(cache=True, error_model="numpy")
 def match_to_levels(ranges, geometry, levels, corner, last, predicted, params, covariance, points):
-    """Return the `Match` of a scan, shape (num_beams,), float32 [m], with a map.
+    """Match a scan, shape (num_beams,), float32 [m], to a map by correlative search and Gauss-Newton.
 
-    `levels` are occupancies, finest first; `corner` is that of `beam_ends`. `last` is the pose of the last matched
-    scan, `predicted` the odometry pose, map frame [m, m, rad]. `covariance`, shape (3, 3), float64 [m, rad], is updated
-    to the match, or to the prediction after a mismatch.
+    `levels`: occupancy grids, finest first. `corner`: column and row of the first cell from the map frame's origin.
+    `last`: pose at the last matched scan; `predicted`: odometry pose; map frame [m, m, rad]. `covariance`, shape (3,
+    3), float64 [m, rad], is updated to the match, or to the prediction if the scan does not fit.
     """
     resolution = geometry.resolution
     dx, dy, turn = predicted[0] - last[0], predicted[1] - last[1], wrap_angle(predicted[2] - last[2])

@@ -1,7 +1,7 @@
 """Covariance of a scan match from scores of nearby poses (Olson, 2009, section III.C).
 
-Scores are log-likelihoods, and their second moments the covariance. A match that can slide, as along a corridor, gets a
-long ellipse, which the curvature at the optimum would not show.
+Scores are log-likelihoods, and their second moments the covariance. A match that can slide along a corridor gets a long
+ellipse, which the curvature at the optimum would not show.
 """
 
 from functools import cache
@@ -17,17 +17,17 @@ from .fields import FULL_PERCENT, Pyramid
 MAX_SURFACE, STEP = 1.0, 0.1
 """Maximum offset and step of scored positions, x and y [m]."""
 NUM_TURNS, TURN_STEP = 2, 0.02
-"""Scored headings on each side of the match, and their step [rad]."""
+"""Number of scored headings on each side of the match, and their step [rad]."""
 POINT_STEP = 4
-"""Stride of scored points."""
+"""Stride of scored scan points: every fourth is used."""
 TEMPERATURE = 0.03
 """Score difference for a likelihood ratio of e."""
 STEP_STDS = np.array([0.06, 0.06, 0.015])
-"""Standard deviations caused by the step size [m, m, rad], subtracted as variances."""
+"""Standard deviations due to steps between scored poses [m, m, rad], subtracted from a match's variances."""
 LEAST_STDS = np.array([0.03, 0.03, 0.008])
-"""Minimum standard deviations [m, m, rad], added as variances."""
+"""Minimum standard deviations of a match [m, m, rad], added to the variances."""
 MAX_SHARE = 0.99
-"""Maximum variance relative to a flat score surface."""
+"""Maximum variance of a match, divided by the variance for equal scores."""
 
 
 @njit(cache=True, error_model="numpy")
@@ -44,8 +44,8 @@ def _totals(pyramid, grid, reach, stride):
 def surface_scores(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
     """Return scores of poses around a match, shape (num_headings, num_rows, num_columns), float64, from 0 to 1.
 
-    Level 1 of the pyramid is used, because positions could skip walls one cell thick. `points` has shape (n, 2),
-    float32, base frame [m]; `pose` is in the frame of the field; `half_width` is the maximum offset [m].
+    Maxima over 2 x 2 cells are used, because positions could skip thin walls. `points`: scan points, shape (n, 2),
+    float32, base frame [m]. `pose`: frame of the grid. `half_width`: maximum offset [m].
 
     Raises:
         ValueError: if offsets exceed the reach of the pyramid.
@@ -68,7 +68,10 @@ def _offsets(shape: tuple[int, ...], step: float, turn_step: float) -> np.ndarra
 
 
 def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP) -> np.ndarray:
-    """Return second moments of the pose about the match, shape (3, 3), from scores at position step `step` [m]."""
+    """Return second moments of the pose about a match, shape (3, 3), from scores of nearby poses.
+
+    `step` [m], `turn_step` [rad]: distances between scored poses.
+    """
     weights = np.exp((scores.ravel() - scores.max()) / TEMPERATURE)
     d = _offsets(scores.shape, step, turn_step)
     moments: np.ndarray = (d * weights) @ d.T / weights.sum()
@@ -76,10 +79,11 @@ def second_moments(scores: np.ndarray, step: float, turn_step: float = TURN_STEP
 
 
 def match_covariance(pyramid: Pyramid, points: np.ndarray, pose: Pose2D, half_width: float) -> np.ndarray:
-    """Return the covariance of a match, shape (3, 3), float64, frame of the field [m^2, rad^2].
+    """Return the covariance of a scan match, shape (3, 3), float64, frame of the grid [m^2, rad^2].
 
-    Second moments are corrected for the step size and the finite window: P <- (P^-1 - U^-1)^-1, with moments U of a
-    flat surface. Otherwise, uninformative matches would add up to false information. See `surface_scores`.
+    Second moments P of the scores are corrected for step size and finite window: P <- (P^-1 - U^-1)^-1, with moments U
+    for equal scores. Otherwise, uninformative matches would add up to false information. Arguments as in
+    `surface_scores`.
     """
     step = max(round(STEP / pyramid.resolution), 1) * pyramid.resolution
     scores = surface_scores(pyramid, points, pose, half_width)

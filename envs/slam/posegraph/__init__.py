@@ -1,4 +1,4 @@
-"""Pose graph of nodes, submaps and constraints, with its optimisation."""
+"""Pose graph of scans and submaps, with its optimisation."""
 
 from .graph import Constraints, Graph, GrowingArray, PoseGraph, PoseGraphView
 from .optimise import chi_squares, drop_outliers, optimise, optimise_step

@@ -11,34 +11,32 @@ from numpy.typing import ArrayLike, DTypeLike
 
 
 class Constraints(NamedTuple):
-    """Measured node poses in submap frames."""
+    """Constraints of a pose graph: node poses measured in submap frames."""
 
     node: np.ndarray
-    """Node indices, shape (n,), int32."""
     submap: np.ndarray
-    """Submap indices, shape (n,), int32."""
     relative: np.ndarray
     """Measured node poses, shape (n, 3), float64, submap frame [m, m, rad]."""
     information: np.ndarray
-    """Inverse covariances of `relative`, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
+    """Inverse covariances of measured poses, shape (n, 3, 3), float64, submap frame [1/m^2, 1/rad^2]."""
     is_loop: np.ndarray
-    """Loop-closure flags, shape (n,), bool; loop closures have robust weights, because of outliers."""
+    """Loop-closure flags, shape (n,), bool. Loop closures have robust weights against outliers."""
     is_active: np.ndarray
-    """False for dropped constraints, shape (n,), bool."""
+    """False for constraints excluded as outliers, shape (n,), bool."""
 
 
 class Graph(NamedTuple):
-    """Arrays of a pose graph, map frame [m, m, rad]; the optimiser updates poses."""
+    """Poses and constraints of a pose graph, map frame [m, m, rad]; the optimiser updates the poses."""
 
     submaps: np.ndarray
-    """Submap poses, shape (num_submaps, 3), float64; the first is fixed."""
+    """Submap poses, shape (num_submaps, 3), float64, map frame; the first is fixed."""
     nodes: np.ndarray
-    """Node poses, shape (num_nodes, 3), float64."""
+    """Node poses, shape (num_nodes, 3), float64, map frame."""
     constraints: Constraints
 
 
 class GrowingArray:
-    """Array with appendable rows and doubling capacity."""
+    """Array with appendable rows, whose capacity doubles when full."""
 
     def __init__(self, row_shape: tuple[int, ...], dtype: DTypeLike, capacity: int) -> None:
         self._rows = np.zeros((capacity, *row_shape), dtype=dtype)
@@ -56,12 +54,12 @@ class GrowingArray:
 
     @property
     def rows(self) -> np.ndarray:
-        """View of the rows, valid until the next append."""
+        """View of the appended rows, valid until the next append."""
         return self._rows[: self._count]
 
 
 class PoseGraph:
-    """Pose graph that grows; poses are in the map frame [m, m, rad]."""
+    """Growing pose graph of nodes, submaps and constraints, map frame [m, m, rad]."""
 
     def __init__(self, capacity: int = 64) -> None:
         self._submaps = GrowingArray((3,), np.float64, capacity)
@@ -72,7 +70,7 @@ class PoseGraph:
 
     @property
     def arrays(self) -> Graph:
-        """Writable views of all arrays, valid until the graph grows."""
+        """Writable views of poses and constraints, valid until the graph grows."""
         return Graph(self._submaps.rows, self._nodes.rows, Constraints(*(each.rows for each in self._constraints)))
 
     @property
@@ -92,7 +90,7 @@ class PoseGraph:
     def add_constraint(
         self, node: int, submap: int, relative: ArrayLike, covariance: ArrayLike, is_loop: bool = False
     ) -> int:
-        """Add a constraint; return its index. See `Constraints`.
+        """Add a measured node pose `relative`, submap frame [m, m, rad], as a constraint; return its index.
 
         Raises:
             ValueError: if the node or submap does not exist, or the covariance is not positive definite.
@@ -116,7 +114,7 @@ class PoseGraph:
 
 @dataclass(frozen=True, slots=True)
 class PoseGraphView:
-    """Pose graph without dropped constraints, for files and plots."""
+    """Pose graph without excluded outliers, for files and plots."""
 
     graph: Graph
 
@@ -127,7 +125,7 @@ class PoseGraphView:
 
     @property
     def edges(self) -> list[tuple[int, int, np.ndarray, np.ndarray]]:
-        """Edges from submaps to nodes for `lidarnaut.envs.logs.runs.save_g2o`."""
+        """Constraints for g2o files: submap index, node index, relative pose, and information in the node frame."""
         constraints, num_submaps = self.graph.constraints, len(self.graph.submaps)
         edges = []
         for k in np.flatnonzero(constraints.is_active).tolist():
@@ -141,7 +139,7 @@ class PoseGraphView:
 
     @property
     def loops(self) -> np.ndarray:
-        """Submap and node position of each loop closure, shape (k, 2, 2), float64, map frame [m]."""
+        """Positions of submap and node of each loop closure, shape (k, 2, 2), float64, map frame [m]."""
         constraints = self.graph.constraints
         found = constraints.is_loop & constraints.is_active
         ends = self.graph.submaps[constraints.submap[found], :2], self.graph.nodes[constraints.node[found], :2]

@@ -1,6 +1,6 @@
 """Gauss-Newton optimisation of a pose graph.
 
-Nodes, which are constrained only to submaps, are eliminated by the Schur complement (Triggs et al., 2000, section 6.1).
+Nodes have constraints only to submaps, and are eliminated by the Schur complement (Triggs et al., 2000, section 6.1).
 """
 
 import math
@@ -17,27 +17,27 @@ from .skyline import factorise, row_starts, solve
 
 
 class Linearised(NamedTuple):
-    """Active constraints sorted by node, linearised at the current poses, map frame."""
+    """Linearised constraints, sorted by node, map frame; without excluded outliers."""
 
     starts: np.ndarray
-    """First constraint of each node, shape (num_nodes + 1,), int64."""
+    """Index of the first constraint of each node, shape (num_nodes + 1,), int64."""
     submap: np.ndarray
-    """Unknown submap of each constraint, shape (n,), int64; -1 if fixed."""
+    """Index of each constraint's submap among the optimised submaps, shape (n,), int64; -1 if fixed."""
     information: np.ndarray
-    """Weighted information of each constraint, shape (n, 3, 3), float64."""
+    """Weighted information matrix of each constraint, map axes, shape (n, 3, 3), float64."""
     product: np.ndarray
-    """Information times Jacobian of the predicted node pose by the submap pose, shape (n, 3, 3), float64."""
+    """Information matrix times Jacobian of the node pose with respect to the submap pose, shape (n, 3, 3), float64."""
     gradient: np.ndarray
-    """Gradient of half the weighted chi-square by the node pose, shape (n, 3), float64."""
+    """Gradient of half the weighted chi-square with respect to the node pose, shape (n, 3), float64."""
     lever: np.ndarray
-    """Node position relative to the submap, shape (n, 2), float64 [m]."""
+    """Node position minus submap position, map axes, shape (n, 2), float64 [m]."""
 
 
 @njit(cache=True, error_model="numpy")
 def residual(submap, node, relative):
-    """Return the residual of a constraint, submap frame [m, m, rad].
+    """Return the error of a measured node pose, submap frame [m, m, rad].
 
-    `submap` and `node` are poses, map frame; `relative` is the measured node pose, submap frame.
+    `submap`, `node`: poses, map frame. `relative`: measured node pose, submap frame.
     """
     c, s = math.cos(submap[2]), math.sin(submap[2])
     dx, dy = node[0] - submap[0], node[1] - submap[1]
@@ -47,7 +47,7 @@ def residual(submap, node, relative):
 
 @njit(cache=True, error_model="numpy")
 def chi_square(information, x, y, theta):
-    """Return the squared Mahalanobis distance of a residual."""
+    """Return the squared Mahalanobis distance of an error x, y [m], theta [rad]."""
     return (
         information[0, 0] * x * x
         + information[1, 1] * y * y
@@ -58,7 +58,10 @@ def chi_square(information, x, y, theta):
 
 @njit(cache=True, error_model="numpy")
 def robust_weight(chi2, phi):
-    """Return the weight of a loop constraint by dynamic covariance scaling (Agarwal et al., 2013, eq. 15)."""
+    """Return the weight of a loop closure by dynamic covariance scaling (Agarwal et al., 2013, eq. 15).
+
+    The weight is below 1 for a chi-square above `phi`.
+    """
     if chi2 <= phi:
         return 1.0
     scale = 2.0 * phi / (phi + chi2)
@@ -67,7 +70,6 @@ def robust_weight(chi2, phi):
 
 @njit(cache=True, error_model="numpy")
 def _rotate_information(information, c, s, weight, out):
-    """Write weight B^T information B, with rotation B from map to submap axes."""
     xx, xy, yy = information[0, 0], information[0, 1], information[1, 1]
     xt, yt = information[0, 2], information[1, 2]
     out[0, 0] = weight * (c * c * xx - 2.0 * c * s * xy + s * s * yy)
@@ -80,10 +82,10 @@ def _rotate_information(information, c, s, weight, out):
 
 @njit(cache=True, error_model="numpy")
 def _linearise(graph, phi, order, starts):
-    """Linearise the constraints of a `Graph`.
+    """Linearise the constraints of a pose graph at the current poses.
 
-    The Jacobian by the submap pose is -B T, with node Jacobian B, T = [[1, 0, -dy], [0, 1, dx], [0, 0, 1]], and lever
-    (dx, dy).
+    The residual's Jacobian by the submap pose is -B T, with Jacobian B by the node pose, T = [[1, 0, -dy], [0, 1, dx],
+    [0, 0, 1]], and node position (dx, dy) relative to the submap.
     """
     constraints, n = graph.constraints, order.shape[0]
     submap, gradient, lever = np.empty(n, dtype=np.int64), np.empty((n, 3)), np.empty((n, 2))
@@ -108,7 +110,6 @@ def _linearise(graph, phi, order, starts):
 
 @njit(cache=True, error_model="numpy")
 def _eliminate_nodes(linearised, num_nodes):
-    """Return inverse information, shape (num_nodes, 3, 3), and its product with the gradient, for each node."""
     inverse, shift, total = np.zeros((num_nodes, 3, 3)), np.zeros((num_nodes, 3)), np.empty((3, 3))
     for j in range(num_nodes):
         first, last = linearised.starts[j], linearised.starts[j + 1]
@@ -127,7 +128,6 @@ def _eliminate_nodes(linearised, num_nodes):
 
 @njit(cache=True, error_model="numpy")
 def _reduce(linearised, inverses, shifts, first, starts):
-    """Return skyline matrix and right-hand side of the submaps' normal equations."""
     values, rhs, half = np.zeros(starts[-1]), np.zeros(3 * first.shape[0]), np.empty((3, 3))
     for j in range(linearised.starts.shape[0] - 1):
         inverse, shift = inverses[j], shifts[j]
@@ -206,8 +206,8 @@ def _step(graph, phi, order, starts, first, rows):
 def optimise_step(graph: Graph, phi: float) -> float:
     """Run one Gauss-Newton iteration; return the largest change of a pose coordinate [m or rad].
 
-    The first submap is fixed; unconstrained poses do not move. `phi` is that of `robust_weight`; inf for plain least
-    squares.
+    The first submap and unconstrained poses do not move. Loop closures with a chi-square above `phi` have less weight;
+    inf for plain least squares.
     """
     constraints, num_unknown = graph.constraints, max(len(graph.submaps) - 1, 0)
     active = np.flatnonzero(constraints.is_active)
@@ -224,7 +224,7 @@ def optimise_step(graph: Graph, phi: float) -> float:
 
 
 def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) -> int:
-    """Iterate until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
+    """Optimise a pose graph until pose changes are below `tolerance` [m or rad]; return the number of iterations."""
     for k in range(max_iterations):
         if optimise_step(graph, phi) < tolerance:
             return k + 1
@@ -233,7 +233,7 @@ def optimise(graph: Graph, phi: float, max_iterations: int, tolerance: float) ->
 
 @njit(cache=True, error_model="numpy")
 def chi_squares(graph):
-    """Return the chi-square of all constraints, including dropped ones, shape (n,), float64."""
+    """Return the chi-square of all constraints, including excluded outliers, shape (n,), float64."""
     constraints = graph.constraints
     values = np.empty(constraints.node.shape[0])
     for k in range(values.shape[0]):
@@ -244,7 +244,7 @@ def chi_squares(graph):
 
 
 def drop_outliers(graph: Graph, max_chi2: float) -> int:
-    """Drop loop constraints with chi-square above `max_chi2`; return their number."""
+    """Exclude loop closures with a chi-square above `max_chi2`; return the number excluded."""
     constraints = graph.constraints
     is_wrong = constraints.is_loop & constraints.is_active & (chi_squares(graph) > max_chi2)
     constraints.is_active[is_wrong] = False

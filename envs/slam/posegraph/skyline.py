@@ -11,11 +11,14 @@ import numpy as np
 from numba import njit
 
 LEAST_PIVOT = 1e-11
-"""Pivot threshold for undetermined unknowns, relative to the diagonal entry."""
+"""Pivot, divided by the diagonal entry, below which an unknown is undetermined."""
 
 
 def row_starts(first: np.ndarray) -> np.ndarray:
-    """Return start indices of block rows and total length, shape (n + 1,), int64."""
+    """Return start indices of block rows in skyline storage, and the total length, shape (n + 1,), int64.
+
+    `first`: index of the first nonzero block of each row.
+    """
     return np.concatenate([[0], np.cumsum(9 * (np.arange(len(first)) + 1 - first))])
 
 
@@ -60,9 +63,9 @@ def _factorise_diagonal(block, diagonal):
 
 @njit(cache=True, error_model="numpy")
 def factorise(values, first, starts):
-    """Factorise a positive semidefinite matrix in place; return the number of undetermined unknowns.
+    """Factorise a positive semidefinite matrix in place (Cholesky); return the number of undetermined unknowns.
 
-    `values` is the skyline, shape (starts[n],), float64; see `row_starts`.
+    `values`: skyline storage, shape (starts[n],), float64. `starts`: start indices from `row_starts`.
     """
     block, diagonal = np.empty((3, 3)), np.empty(3)
     undetermined = 0
@@ -96,7 +99,7 @@ def factorise(values, first, starts):
 
 @njit(cache=True, error_model="numpy")
 def solve(values, first, starts, x):
-    """Solve for the right-hand side `x`, shape (3 n,), float64, in place; undetermined unknowns are 0."""
+    """Replace the right-hand side `x`, shape (3 n,), float64, by the solution; undetermined unknowns are 0."""
     n = first.shape[0]
     for i in range(n):
         width = 3 * (i + 1 - first[i])
