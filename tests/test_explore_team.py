@@ -161,6 +161,7 @@ def test_robots_that_collide_both_report_contact(physics):
         assert tuple(second) == start[1]
         assert math.dist(first[:2], second[:2]) >= 2 * BURGER.radius - 1e-5
     else:
+        # The robot that was hit rolls on.
         assert second.x > start[1][0] + 0.01
         assert math.dist(first[:2], second[:2]) > BURGER.radius
     env.close()

@@ -161,8 +161,8 @@ def test_a_robot_in_one_of_two_equal_rooms_looks_on_until_it_knows_which(room):
     [
         *(({"goal": wrong}, "goal must be") for wrong in ("kitchen", None, (0.0,), (0.0, math.nan))),
         ({"start": (0.0, 0.0, 0.0)}, "not collision-free"),
-        ({"goal": (0.0, 0.0, 0.0)}, "is not reachable by the robot"),
-        ({"goal": (9.0, 0.0, 0.0)}, "is not reachable by the robot"),
+        ({"goal": (0.0, 0.0, 0.0)}, "is not reachable by the robot"),  # a pillar
+        ({"goal": (9.0, 0.0, 0.0)}, "is not reachable by the robot"),  # outside of the walls
     ],
 )
 def test_starts_and_goals_that_no_robot_can_take_are_refused(options, culprit):

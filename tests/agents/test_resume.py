@@ -74,7 +74,7 @@ def test_keys_that_may_change_are_applied(tiny_run, tiny_data, tmp_path):
 
 
 def test_code_that_a_run_no_longer_names_is_trusted_on_the_command_line(tiny_data, tmp_path, capsys):
-    """The checkpoint still names it."""
+    """The checkpoint still names the code."""
     data = {**tiny_data, "environment": {**tiny_data["environment"], "reward": "tests.own_code:Circling"}}
     run = train(parse_config({**data, "total_steps": 128}, "mem"), run=tmp_path / "run", progress=False)
     words = ["--resume", str(run), "--environment.reward", "None", "--total-steps", "256", "--trust"]

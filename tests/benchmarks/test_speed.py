@@ -150,7 +150,7 @@ def test_a_run_measures_all_and_writes_what_is_documented(tmp_path, monkeypatch)
         naive = rows[6 * (row["slam"] == "truth")]
         assert row["ratio"] == pytest.approx(row["steps_per_second"] / naive["steps_per_second"])
         assert 5 < row["steps_per_second"] < 1e6
-    assert rows[1]["ratio"] > 3
+    assert rows[1]["ratio"] > 3  # the kinematic environment, independent of the load
     assert all(0 < row["us"] < row["NumPy us"] for row in written["kernels"])
     further = written["memory"][0]["MiB of a further sub-environment"]
     assert 0.8 < further < 4.0

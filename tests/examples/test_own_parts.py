@@ -1,4 +1,4 @@
-"""The parts are listed in docs/customize/index.md."""
+"""User-defined parts of the examples; docs/customize/index.md has the table of parts."""
 
 import csv
 import sys

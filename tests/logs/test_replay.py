@@ -137,7 +137,7 @@ def test_replay_runs_the_slam_that_it_names(log, tmp_path):
     main(Options(log, slam=name, change={"resolution": "0.25"}, out=tmp_path))
     trajectory = np.loadtxt(tmp_path / "trajectory_0.tum")
     np.testing.assert_allclose(trajectory[:, 1][[1, 3]], 5.0)
-    assert abs(trajectory[3, 6]) == pytest.approx(1.0)
+    assert abs(trajectory[3, 6]) == pytest.approx(1.0)  # half a turn
     summary = read_summary(tmp_path)
     assert (summary["slam"], summary["params"]) == (name, None)
     with pytest.raises(ValueError, match="has no parameters hole_width"):

@@ -63,7 +63,7 @@ def test_map_matches_the_slow_reference(changes):
         assert not new & known
         known |= new
         assert known == set(reference.cells)
-    assert grid_map.words.shape > (30, 10)
+    assert grid_map.words.shape > (30, 10)  # the map has grown
     rows, cols = (np.array(list(reference.cells)) - corner[::-1]).T
     values = probabilities(grid_map.words)
     np.testing.assert_allclose(values[rows, cols], [value for value, _ in reference.cells.values()], atol=2e-4)

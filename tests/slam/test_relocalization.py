@@ -62,7 +62,7 @@ def test_without_odometry_one_scan_that_fits_ends_a_loss(grid):
 
 
 def test_a_robot_that_sees_through_walls_is_lost_however_well_hits_fit(grid):
-    tracker, outside = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0)
+    tracker, outside = LocalizationMonitor(LIDAR, 3), Pose2D(2.6, -1.6, 0.0)  # in a corner
     inside = scan(STAY)
     lost = []
     for ranges in [inside] * 2 + [scan(outside)] + [inside] * 6:
@@ -83,7 +83,7 @@ def test_among_people_beams_through_what_the_map_shows_are_no_loss_and_scans_tha
 
 def test_a_pose_is_taken_only_where_no_other_one_is_like_it():
     steps, found = [Pose2D(0.1 * k - 0.5, 0.1 * (k % 3), 0.5 * k) for k in range(14)], []
-    for width in (1.0, 1.3):  # second room at 12 m; the first room has 1.0 m
+    for width in (1.0, 1.3):  # width of a second room at 12 m, relative to the first room
         map = LogOddsMap(HectorParams(map_width=40.0, map_height=20.0), LIDAR)
         for pose in steps:
             map.integrate(scan(pose), pose)

@@ -182,6 +182,7 @@ def test_unknown_is_solid_and_the_spawn_lies_deepest():
     data[:, 20:] = -1
     data[5, 5] = 100
     world = world_from_map(OccupancyGrid(data, 0.1, (0.0, 0.0)), "half")
+    # Around the free part, and around the one occupied cell.
     assert len(world.segments) == 4 + 4
     assert world.bounds == pytest.approx((0.0, 0.0, 2.0, 2.0))
     x, y, _ = world.spawns[0]

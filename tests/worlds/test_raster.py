@@ -141,4 +141,5 @@ def test_what_is_wrong_with_a_world_is_named(changes, complaint):
 def test_rasters_that_are_too_large_are_refused_at_once():
     with pytest.raises(ValueError, match=r"'test' spans 2 x 2 m, which is 4e\+10 cells of 1e-05 m"):
         rasterize(world_of(square()), 1e-5)
+    # A huge disc is drawn only within the raster, in little time.
     assert (rasterize(world_of([], [(0.0, 0.0, 1e7)]), 0.05).data == 100).all()

@@ -113,7 +113,7 @@ def test_a_scan_that_fits_nothing_leaves_the_motion_model():
     np.testing.assert_allclose(out.modes[0], motion, atol=1e-12)
     np.testing.assert_allclose(np.sqrt(np.diag(out.covariances[0])), [0.001, 0.001, 0.002])
     squares = evaluate(tile_map(tiles), 0, points, 60, *tiles.to_cells(0.2, 0.1), 0.3).squares
-    np.testing.assert_allclose(out.log_likelihoods[0], -squares)
+    np.testing.assert_allclose(out.log_likelihoods[0], -squares)  # 2 k = 1
 
 
 def test_poses_are_drawn_with_the_covariance():

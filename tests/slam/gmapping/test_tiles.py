@@ -48,7 +48,7 @@ def test_maps_that_share_tiles_equal_maps_that_are_copied(skip_exceeding):
             for level in range(3):
                 expected = cut(plain.levels[level], plain.corner, level)
                 assert cut(ours.occupancy(p, level), ours.corner, level) == expected
-    assert ours.grid.data.shape[1] > 64
+    assert ours.grid.data.shape[1] > 64  # the map has grown
 
 
 def test_the_grid_follows_the_particle_that_is_rendered():
